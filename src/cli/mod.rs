@@ -1,0 +1,51 @@
+//! The command line: one file per command.
+
+mod demo;
+mod openapi;
+mod optimise;
+mod serve;
+mod upload;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Tells the keepers of a map where the world has changed.
+#[derive(Debug, Parser)]
+#[command(name = "mapshift", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the service.
+    Serve(serve::Args),
+    /// Run the service with a simulated hall and vehicles that drive laps in it.
+    Demo(demo::Args),
+    /// Upload recorded drives to a running service; safe to repeat.
+    Upload(upload::Args),
+    /// Optimise a pose graph in a g2o file.
+    Optimise(optimise::Args),
+    /// Print the OpenAPI document.
+    Openapi(openapi::Args),
+}
+
+/// Parses the arguments, runs the command, and turns its error into an exit code.
+pub fn run() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Serve(args) => serve::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Upload(args) => upload::run(args),
+        Command::Optimise(args) => optimise::run(args),
+        Command::Openapi(args) => openapi::run(args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

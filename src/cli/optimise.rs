@@ -1,0 +1,13 @@
+//! `mapshift optimise`.
+
+/// Arguments of `mapshift optimise`.
+#[derive(Debug, clap::Args)]
+pub struct Args {}
+
+/// Runs the command.
+///
+/// # Errors
+/// Not built yet.
+pub fn run(_args: Args) -> anyhow::Result<()> {
+    anyhow::bail!("not built yet")
+}

@@ -1,0 +1,86 @@
+//! Information matrices of planar motions.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// A symmetric, positive semi-definite 3 × 3 matrix in the order (x, y, θ): the inverse of a
+/// covariance. Units: m⁻², m⁻¹rad⁻¹, rad⁻².
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Information(Matrix3<f64>);
+
+impl Information {
+    /// Ω = I, as in the paper's statistics (section 4.1).
+    pub fn identity() -> Self {
+        Self(Matrix3::identity())
+    }
+
+    /// Independent coordinates with the given standard deviations (metres, radians).
+    pub fn from_sigmas(sigma_xy_m: f64, sigma_theta_rad: f64) -> Self {
+        let xy = 1.0 / (sigma_xy_m * sigma_xy_m);
+        let theta = 1.0 / (sigma_theta_rad * sigma_theta_rad);
+        Self(Matrix3::from_diagonal(&Vector3::new(xy, xy, theta)))
+    }
+
+    /// The symmetric part of a matrix.
+    pub fn from_matrix(matrix: &Matrix3<f64>) -> Self {
+        Self((matrix + matrix.transpose()) * 0.5)
+    }
+
+    /// Row by row, upper triangle: (xx, xy, xθ, yy, yθ, θθ), as g2o writes it.
+    pub fn from_upper(upper: [f64; 6]) -> Self {
+        let [xx, xy, xt, yy, yt, tt] = upper;
+        Self(Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt))
+    }
+
+    /// Row by row, upper triangle: (xx, xy, xθ, yy, yθ, θθ).
+    pub fn upper(&self) -> [f64; 6] {
+        let m = &self.0;
+        [
+            m[(0, 0)],
+            m[(0, 1)],
+            m[(0, 2)],
+            m[(1, 1)],
+            m[(1, 2)],
+            m[(2, 2)],
+        ]
+    }
+
+    /// The full matrix.
+    pub fn matrix(&self) -> &Matrix3<f64> {
+        &self.0
+    }
+
+    /// eᵀΩe.
+    pub fn squared_norm(&self, error: &Vector3<f64>) -> f64 {
+        error.dot(&(self.0 * error))
+    }
+
+    /// Whether all entries are finite and no eigenvalue is below −10⁻⁹ of the largest.
+    pub fn is_positive_semidefinite(&self) -> bool {
+        if !self.0.iter().all(|v| v.is_finite()) {
+            return false;
+        }
+        let eigenvalues = self.0.symmetric_eigenvalues();
+        eigenvalues.min() >= -1e-9 * eigenvalues.max().abs().max(f64::MIN_POSITIVE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn upper_triangle_round_trip() {
+        let upper = [4.0, 0.5, -0.25, 3.0, 0.125, 9.0];
+        assert_eq!(Information::from_upper(upper).upper(), upper);
+    }
+
+    #[test]
+    fn semidefinite_is_told_from_indefinite() {
+        assert!(Information::from_sigmas(0.1, 0.01).is_positive_semidefinite());
+        assert!(Information::from_upper([1.0, 0.0, 0.0, 0.0, 0.0, 1.0]).is_positive_semidefinite());
+        assert!(
+            !Information::from_upper([1.0, 2.0, 0.0, 1.0, 0.0, 1.0]).is_positive_semidefinite()
+        );
+        assert!(!Information::from_upper([f64::NAN; 6]).is_positive_semidefinite());
+    }
+}

@@ -1,0 +1,11 @@
+//! Rigid motions of the plane, angles, and information matrices.
+
+mod angle;
+mod information;
+mod pose2;
+
+pub use angle::{angle_difference_rad, wrap_angle};
+pub use information::Information;
+pub use pose2::{EdgeError, Pose2, Tangent2};
+
+pub use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};

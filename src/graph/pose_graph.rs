@@ -1,0 +1,256 @@
+//! Nodes and edges with stable ids.
+
+use std::collections::BTreeMap;
+
+use crate::geometry::{Information, Pose2};
+use crate::ids::{EdgeId, NodeId};
+
+/// What made an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EdgeKind {
+    /// Two keyframes of one drive, one after the other.
+    Odometry,
+    /// A place seen again.
+    LoopClosure,
+}
+
+/// Whether an edge takes part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EdgeStatus {
+    /// It is optimised.
+    Active,
+    /// It contradicts an accepted change; kept for the record.
+    Retired,
+    /// It contradicts the rest of the graph beyond belief; kept for the record.
+    Quarantined,
+}
+
+/// A pose of the base in the map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Unique in the graph.
+    pub id: NodeId,
+    /// `map_from_base`.
+    pub pose: Pose2,
+}
+
+/// A measured motion between two nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Unique in the graph.
+    pub id: EdgeId,
+    /// Node i.
+    pub from: NodeId,
+    /// Node j.
+    pub to: NodeId,
+    /// `i_from_j`.
+    pub measurement: Pose2,
+    /// Of the measurement, in the order (x, y, θ).
+    pub information: Information,
+    /// What made it.
+    pub kind: EdgeKind,
+    /// Whether it is optimised.
+    pub status: EdgeStatus,
+}
+
+/// Why a node or an edge was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum GraphError {
+    /// The id is taken.
+    #[error("node {0} is in the graph already")]
+    DuplicateNode(NodeId),
+    /// The id is taken.
+    #[error("edge {0} is in the graph already")]
+    DuplicateEdge(EdgeId),
+    /// An edge's end is missing.
+    #[error("edge {edge} ends at node {node}, which is not in the graph")]
+    UnknownNode {
+        /// The edge.
+        edge: EdgeId,
+        /// The missing end.
+        node: NodeId,
+    },
+    /// An edge from a node to itself.
+    #[error("edge {0} joins a node to itself")]
+    SelfLoop(EdgeId),
+}
+
+/// A pose graph. Nodes and edges keep the order in which they were added.
+#[derive(Debug, Clone, Default)]
+pub struct PoseGraph {
+    nodes: Vec<Node>,
+    edges: Vec<Edge>,
+    incident: Vec<Vec<usize>>,
+    node_index: BTreeMap<NodeId, usize>,
+    edge_index: BTreeMap<EdgeId, usize>,
+}
+
+impl PoseGraph {
+    /// An empty graph.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a node.
+    ///
+    /// # Errors
+    /// [`GraphError::DuplicateNode`].
+    pub fn add_node(&mut self, node: Node) -> Result<(), GraphError> {
+        if self.node_index.contains_key(&node.id) {
+            return Err(GraphError::DuplicateNode(node.id));
+        }
+        self.node_index.insert(node.id, self.nodes.len());
+        self.nodes.push(node);
+        self.incident.push(Vec::new());
+        Ok(())
+    }
+
+    /// Adds an edge between two nodes that are there.
+    ///
+    /// # Errors
+    /// [`GraphError`]; the graph is unchanged then.
+    pub fn add_edge(&mut self, edge: Edge) -> Result<(), GraphError> {
+        if self.edge_index.contains_key(&edge.id) {
+            return Err(GraphError::DuplicateEdge(edge.id));
+        }
+        if edge.from == edge.to {
+            return Err(GraphError::SelfLoop(edge.id));
+        }
+        let end = |node| {
+            self.node_index
+                .get(&node)
+                .copied()
+                .ok_or(GraphError::UnknownNode {
+                    edge: edge.id,
+                    node,
+                })
+        };
+        let (from, to) = (end(edge.from)?, end(edge.to)?);
+        let index = self.edges.len();
+        self.edge_index.insert(edge.id, index);
+        self.edges.push(edge);
+        self.incident[from].push(index);
+        self.incident[to].push(index);
+        Ok(())
+    }
+
+    /// All nodes, in the order in which they were added.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// All edges, in the order in which they were added.
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// A node.
+    pub fn node(&self, id: NodeId) -> Option<&Node> {
+        self.node_index.get(&id).map(|&k| &self.nodes[k])
+    }
+
+    /// A node's place in [`PoseGraph::nodes`].
+    pub fn node_position(&self, id: NodeId) -> Option<usize> {
+        self.node_index.get(&id).copied()
+    }
+
+    /// An edge.
+    pub fn edge(&self, id: EdgeId) -> Option<&Edge> {
+        self.edge_index.get(&id).map(|&k| &self.edges[k])
+    }
+
+    /// The edges at a node, in the order in which they were added.
+    pub fn edges_at(&self, id: NodeId) -> impl Iterator<Item = &Edge> {
+        let indices = self
+            .node_index
+            .get(&id)
+            .map(|&k| self.incident[k].as_slice());
+        indices.unwrap_or_default().iter().map(|&k| &self.edges[k])
+    }
+
+    /// Moves a node; nothing happens if it is not there.
+    pub fn set_pose(&mut self, id: NodeId, pose: Pose2) {
+        if let Some(&k) = self.node_index.get(&id) {
+            self.nodes[k].pose = pose;
+        }
+    }
+
+    /// Changes whether an edge is optimised; nothing happens if it is not there.
+    pub fn set_edge_status(&mut self, id: EdgeId, status: EdgeStatus) {
+        if let Some(&k) = self.edge_index.get(&id) {
+            self.edges[k].status = status;
+        }
+    }
+
+    /// The error of an edge at the current poses, whatever its status.
+    pub fn error_of(&self, edge: &Edge) -> Option<nalgebra::Vector3<f64>> {
+        let (from, to) = (self.node(edge.from)?, self.node(edge.to)?);
+        Some(Pose2::edge_error(&from.pose, &to.pose, &edge.measurement))
+    }
+
+    /// F = Σ eᵀΩe over the active edges at the current poses (paper, equation 2; no factor ½).
+    pub fn cost(&self) -> f64 {
+        let active = self.edges.iter().filter(|e| e.status == EdgeStatus::Active);
+        active
+            .filter_map(|e| Some(e.information.squared_norm(&self.error_of(e)?)))
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edge(id: i64, from: i64, to: i64) -> Edge {
+        Edge {
+            id: EdgeId(id),
+            from: NodeId(from),
+            to: NodeId(to),
+            measurement: Pose2::new(1.0, 0.0, 0.0),
+            information: Information::identity(),
+            kind: EdgeKind::Odometry,
+            status: EdgeStatus::Active,
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_and_changes_nothing() {
+        let mut graph = PoseGraph::new();
+        for id in [3, 1] {
+            let pose = Pose2::new(id as f64, 0.0, 0.0);
+            graph
+                .add_node(Node {
+                    id: NodeId(id),
+                    pose,
+                })
+                .unwrap();
+        }
+        let again = Node {
+            id: NodeId(3),
+            pose: Pose2::IDENTITY,
+        };
+        assert_eq!(
+            graph.add_node(again),
+            Err(GraphError::DuplicateNode(NodeId(3)))
+        );
+        graph.add_edge(edge(7, 1, 3)).unwrap();
+        assert_eq!(
+            graph.add_edge(edge(7, 3, 1)),
+            Err(GraphError::DuplicateEdge(EdgeId(7)))
+        );
+        assert_eq!(
+            graph.add_edge(edge(8, 1, 1)),
+            Err(GraphError::SelfLoop(EdgeId(8)))
+        );
+        let unknown = GraphError::UnknownNode {
+            edge: EdgeId(8),
+            node: NodeId(9),
+        };
+        assert_eq!(graph.add_edge(edge(8, 1, 9)), Err(unknown));
+        assert_eq!(graph.edges().len(), 1);
+        assert_eq!(graph.edges_at(NodeId(3)).count(), 1);
+        assert!((graph.cost() - 1.0).abs() < 1e-12);
+        graph.set_edge_status(EdgeId(7), EdgeStatus::Retired);
+        assert_eq!(graph.cost(), 0.0);
+    }
+}

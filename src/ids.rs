@@ -1,0 +1,126 @@
+//! Typed identifiers and time stamps.
+
+use std::fmt;
+
+/// Longest client-chosen name, in characters.
+pub const NAME_LENGTH_MAX: usize = 64;
+
+/// Why a client-chosen name was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a name is 1 to {NAME_LENGTH_MAX} characters of A-Z a-z 0-9 . _ -, and neither \".\" nor \"..\""
+)]
+pub struct InvalidName;
+
+fn validate_name(name: &str) -> Result<(), InvalidName> {
+    let allowed = |c: u8| c.is_ascii_alphanumeric() || matches!(c, b'.' | b'_' | b'-');
+    let valid = (1..=NAME_LENGTH_MAX).contains(&name.len())
+        && name.bytes().all(allowed)
+        && name != "."
+        && name != "..";
+    if valid { Ok(()) } else { Err(InvalidName) }
+}
+
+macro_rules! name_type {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $name(String);
+
+        impl $name {
+            /// Checks a client-chosen name: `[A-Za-z0-9._-]{1,64}`.
+            ///
+            /// # Errors
+            /// [`InvalidName`] if it has another character or length.
+            pub fn new(name: impl Into<String>) -> Result<Self, InvalidName> {
+                let name = name.into();
+                validate_name(&name)?;
+                Ok(Self(name))
+            }
+
+            /// The name as it was chosen.
+            pub fn as_str(&self) -> &str {
+                &self.0
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(&self.0)
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = InvalidName;
+            fn from_str(name: &str) -> Result<Self, InvalidName> {
+                Self::new(name)
+            }
+        }
+    };
+}
+
+name_type!(
+    /// A route: one map, one pose graph.
+    RouteId
+);
+name_type!(
+    /// A vehicle; it carries one lidar.
+    VehicleId
+);
+name_type!(
+    /// One drive of one vehicle, in one odometry frame.
+    TripId
+);
+name_type!(
+    /// One upload; the key of idempotency.
+    BatchId
+);
+
+macro_rules! number_type {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $name(pub i64);
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                self.0.fmt(f)
+            }
+        }
+    };
+}
+
+number_type!(
+    /// A node of a route's pose graph; unique within the route, never used again.
+    NodeId
+);
+number_type!(
+    /// An edge of a route's pose graph; unique within the route, never used again.
+    EdgeId
+);
+number_type!(
+    /// A time: nanoseconds since the Unix epoch, UTC.
+    StampNs
+);
+
+impl StampNs {
+    /// Seconds since the Unix epoch.
+    pub fn seconds(self) -> f64 {
+        self.0 as f64 * 1e-9
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_bounded_and_plain() {
+        for good in ["line-4", "a", "A.b_c-9", &"x".repeat(64)] {
+            assert!(RouteId::new(good).is_ok(), "{good}");
+        }
+        for bad in ["", ".", "..", "a/b", "ü", "a b", "a\0", &"x".repeat(65)] {
+            assert_eq!(RouteId::new(bad), Err(InvalidName), "{bad:?}");
+        }
+    }
+}

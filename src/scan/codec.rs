@@ -1,0 +1,121 @@
+//! The compact form of a scan: postcard of the ticks' differences, compressed with zstd.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::{BEAMS_MAX, LaserScan, Lidar, LidarError, ScanError};
+use crate::geometry::Pose2;
+
+const COMPRESSION_LEVEL: i32 = 3;
+const DECODED_BYTES_MAX: usize = 128 + BEAMS_MAX * 4;
+
+#[derive(Serialize, Deserialize)]
+struct Record {
+    angle_min_rad: f64,
+    angle_increment_rad: f64,
+    range_min_m: f64,
+    range_max_m: f64,
+    mount: [f64; 3],
+    range_sigma_m: f64,
+    /// Each beam's ticks minus the beam's before it.
+    tick_steps: Vec<i32>,
+}
+
+/// Why bytes are not a scan.
+#[derive(Debug, thiserror::Error)]
+pub enum CodecError {
+    /// Not zstd, or longer than any scan.
+    #[error("the scan's bytes do not decompress")]
+    Compression(#[from] std::io::Error),
+    /// Not the record.
+    #[error("the scan's record does not decode")]
+    Record(#[from] postcard::Error),
+    /// A tick outside `u16`.
+    #[error("beam {0} is out of range")]
+    Tick(usize),
+    /// Refused geometry.
+    #[error(transparent)]
+    Lidar(#[from] LidarError),
+    /// Refused sweep.
+    #[error(transparent)]
+    Scan(#[from] ScanError),
+}
+
+/// The scan's bytes; [`decode_scan`] gives back an equal scan.
+///
+/// # Errors
+/// [`CodecError`] if the compressor fails.
+pub fn encode_scan(scan: &LaserScan) -> Result<Vec<u8>, CodecError> {
+    let lidar = scan.lidar();
+    let mut last = 0;
+    let steps = scan.ticks().iter().map(|&tick| {
+        let tick = i32::from(tick);
+        let step = tick - last;
+        last = tick;
+        step
+    });
+    let record = Record {
+        angle_min_rad: lidar.angle_min_rad,
+        angle_increment_rad: lidar.angle_increment_rad,
+        range_min_m: lidar.range_min_m,
+        range_max_m: lidar.range_max_m,
+        mount: [lidar.mount.x, lidar.mount.y, lidar.mount.theta],
+        range_sigma_m: lidar.range_sigma_m,
+        tick_steps: steps.collect(),
+    };
+    let plain = postcard::to_stdvec(&record)?;
+    Ok(zstd::bulk::compress(&plain, COMPRESSION_LEVEL)?)
+}
+
+/// The scan that [`encode_scan`] wrote.
+///
+/// # Errors
+/// [`CodecError`] for any other bytes.
+pub fn decode_scan(bytes: &[u8]) -> Result<LaserScan, CodecError> {
+    let plain = zstd::bulk::decompress(bytes, DECODED_BYTES_MAX)?;
+    let record: Record = postcard::from_bytes(&plain)?;
+    let lidar = Lidar {
+        angle_min_rad: record.angle_min_rad,
+        angle_increment_rad: record.angle_increment_rad,
+        range_min_m: record.range_min_m,
+        range_max_m: record.range_max_m,
+        mount: Pose2::new(record.mount[0], record.mount[1], record.mount[2]),
+        range_sigma_m: record.range_sigma_m,
+    }
+    .validated()?;
+    let mut last = 0i32;
+    let mut ticks = Vec::with_capacity(record.tick_steps.len());
+    for (beam, step) in record.tick_steps.iter().enumerate() {
+        last = last.checked_add(*step).ok_or(CodecError::Tick(beam))?;
+        ticks.push(u16::try_from(last).map_err(|_| CodecError::Tick(beam))?);
+    }
+    Ok(LaserScan::from_ticks(Arc::new(lidar), ticks)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn round_trip(ticks in proptest::collection::vec(any::<u16>(), 1..400), range_max_m in 1.0..500.0_f64) {
+            let lidar = Lidar {
+                angle_min_rad: -1.5,
+                angle_increment_rad: 0.01,
+                range_min_m: 0.0,
+                range_max_m,
+                mount: Pose2::new(0.2, -0.1, 0.3),
+                range_sigma_m: 0.02,
+            };
+            let scan = LaserScan::from_ticks(Arc::new(lidar), ticks).unwrap();
+            prop_assert_eq!(decode_scan(&encode_scan(&scan).unwrap()).unwrap(), scan);
+        }
+
+        #[test]
+        fn foreign_bytes_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            prop_assert!(decode_scan(&bytes).is_err());
+        }
+    }
+}

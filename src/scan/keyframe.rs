@@ -1,0 +1,41 @@
+//! When a scan becomes a node.
+
+use crate::geometry::Pose2;
+
+/// A scan becomes a keyframe when the vehicle has moved or turned enough since the last one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeyframeRule {
+    /// Metres.
+    pub distance_m: f64,
+    /// Radians.
+    pub turn_rad: f64,
+}
+
+impl Default for KeyframeRule {
+    fn default() -> Self {
+        Self {
+            distance_m: 0.5,
+            turn_rad: 0.35,
+        }
+    }
+}
+
+impl KeyframeRule {
+    /// Whether a motion since the last keyframe makes the next one due.
+    pub fn is_due(&self, motion: &Pose2) -> bool {
+        motion.translation().norm() >= self.distance_m || motion.theta.abs() >= self.turn_rad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_and_turn_each_suffice() {
+        let rule = KeyframeRule::default();
+        assert!(!rule.is_due(&Pose2::new(0.3, -0.3, 0.2)));
+        assert!(rule.is_due(&Pose2::new(0.4, -0.4, 0.0)));
+        assert!(rule.is_due(&Pose2::new(0.0, 0.0, -0.4)));
+    }
+}

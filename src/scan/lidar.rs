@@ -1,0 +1,139 @@
+//! The geometry of a lidar and where it is mounted.
+
+use crate::geometry::Pose2;
+
+/// Most beams a scan may have.
+pub const BEAMS_MAX: usize = 8_192;
+/// Longest `range_max_m`.
+pub const RANGE_MAX_M: f64 = 500.0;
+/// Range noise assumed where the sender states none, metres.
+pub const RANGE_SIGMA_DEFAULT_M: f64 = 0.01;
+
+const MOUNT_OFFSET_MAX_M: f64 = 50.0;
+
+/// The geometry of a lidar: beam k looks along `angle_min_rad + k · angle_increment_rad` in the
+/// lidar frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lidar {
+    /// Direction of the first beam, radians, lidar frame.
+    pub angle_min_rad: f64,
+    /// Turn from a beam to the next, radians, positive.
+    pub angle_increment_rad: f64,
+    /// Shorter ranges are no measurements, metres.
+    pub range_min_m: f64,
+    /// Ranges of this length or longer are no measurements, metres.
+    pub range_max_m: f64,
+    /// `base_from_lidar`.
+    pub mount: Pose2,
+    /// Standard deviation of one range, metres.
+    pub range_sigma_m: f64,
+}
+
+/// What is wrong with a lidar's geometry; the display text teaches the sender.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LidarError {
+    /// `angle_min` is not an angle.
+    #[error("angle_min {0} is not within ±2π: did you send degrees?")]
+    AngleMin(f64),
+    /// `angle_increment` is not a small positive angle.
+    #[error(
+        "angle_increment {0} is not within (0, π/4]: did you send degrees, or is the scan clockwise?"
+    )]
+    AngleIncrement(f64),
+    /// `range_min` is negative or not below `range_max`.
+    #[error("range_min {range_min_m} must be at least 0 and below range_max {range_max_m}")]
+    RangeMin {
+        /// As sent.
+        range_min_m: f64,
+        /// As sent.
+        range_max_m: f64,
+    },
+    /// `range_max` is not usable.
+    #[error("range_max {0} is not within (0, {RANGE_MAX_M}] m: did you send millimetres?")]
+    RangeMax(f64),
+    /// The mount is not finite or metres away from the vehicle.
+    #[error("the mount is not finite or more than {MOUNT_OFFSET_MAX_M} m from the base")]
+    Mount,
+    /// The noise is not usable.
+    #[error("range_sigma {0} is not within (0, 1] m")]
+    RangeSigma(f64),
+}
+
+impl Lidar {
+    /// Checks the geometry.
+    ///
+    /// # Errors
+    /// The first [`LidarError`] that applies.
+    pub fn validated(self) -> Result<Self, LidarError> {
+        use std::f64::consts::{FRAC_PI_4, TAU};
+        if !(self.angle_min_rad.abs() <= TAU) {
+            return Err(LidarError::AngleMin(self.angle_min_rad));
+        }
+        if !(self.angle_increment_rad > 0.0 && self.angle_increment_rad <= FRAC_PI_4) {
+            return Err(LidarError::AngleIncrement(self.angle_increment_rad));
+        }
+        if !(self.range_max_m > 0.0 && self.range_max_m <= RANGE_MAX_M) {
+            return Err(LidarError::RangeMax(self.range_max_m));
+        }
+        if !(self.range_min_m >= 0.0 && self.range_min_m < self.range_max_m) {
+            return Err(LidarError::RangeMin {
+                range_min_m: self.range_min_m,
+                range_max_m: self.range_max_m,
+            });
+        }
+        if !self.mount.is_finite() || self.mount.translation().norm() > MOUNT_OFFSET_MAX_M {
+            return Err(LidarError::Mount);
+        }
+        if !(self.range_sigma_m > 0.0 && self.range_sigma_m <= 1.0) {
+            return Err(LidarError::RangeSigma(self.range_sigma_m));
+        }
+        Ok(self)
+    }
+
+    /// Direction of a beam, radians, lidar frame.
+    pub fn beam_angle_rad(&self, beam: usize) -> f64 {
+        self.angle_min_rad + beam as f64 * self.angle_increment_rad
+    }
+
+    /// Length of one tick of a stored range: 1 mm, or coarser for lidars beyond 65 m.
+    pub fn tick_m(&self) -> f64 {
+        (self.range_max_m / f64::from(u16::MAX - 1)).max(1e-3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Lidar {
+        Lidar {
+            angle_min_rad: -1.5,
+            angle_increment_rad: 0.01,
+            range_min_m: 0.05,
+            range_max_m: 20.0,
+            mount: Pose2::IDENTITY,
+            range_sigma_m: 0.01,
+        }
+    }
+
+    #[test]
+    fn absurd_geometry_is_refused() {
+        assert!(good().validated().is_ok());
+        let spoilers: [fn(&mut Lidar); 9] = [
+            |l| l.angle_min_rad = f64::NAN,
+            |l| l.angle_min_rad = -180.0,
+            |l| l.angle_increment_rad = 0.0,
+            |l| l.angle_increment_rad = 1.0,
+            |l| l.range_max_m = 20_000.0,
+            |l| l.range_min_m = 20.0,
+            |l| l.range_min_m = -0.1,
+            |l| l.mount.x = f64::INFINITY,
+            |l| l.range_sigma_m = 0.0,
+        ];
+        for (k, spoil) in spoilers.iter().enumerate() {
+            let mut lidar = good();
+            spoil(&mut lidar);
+            assert!(lidar.validated().is_err(), "spoiler {k}");
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! One sweep of a 2D lidar: the validated scan, its points, its compact form, the keyframe rule.
+
+mod codec;
+mod keyframe;
+mod laser_scan;
+mod lidar;
+mod points;
+
+pub use codec::{CodecError, decode_scan, encode_scan};
+pub use keyframe::KeyframeRule;
+pub use laser_scan::{LaserScan, ScanError};
+pub use lidar::{BEAMS_MAX, Lidar, LidarError, RANGE_MAX_M, RANGE_SIGMA_DEFAULT_M};
+pub use points::{SurfacePoint, surface_points};

@@ -1,0 +1,159 @@
+//! A scan's end points with the normals of the surfaces they lie on.
+
+use super::LaserScan;
+use crate::geometry::{Matrix2, Vector2};
+
+/// Beams on each side that take part in a point's line.
+const NEIGHBOURS_EACH_SIDE: usize = 3;
+/// A neighbour lies on the same surface if it is not farther than this many beam spacings …
+const GAP_SPACINGS: f64 = 6.0;
+/// … or than this, metres.
+const GAP_MIN_M: f64 = 0.12;
+/// A line needs this many points.
+const LINE_POINTS_MIN: usize = 3;
+/// Largest ratio of the scatter across a line to the scatter along it.
+const LINE_FLATNESS_MAX: f64 = 0.15;
+
+/// Where a beam ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Metres, base frame.
+    pub position: Vector2<f64>,
+    /// Unit normal towards the lidar, base frame; `None` at corners, edges and lone points.
+    pub normal: Option<Vector2<f64>>,
+    /// Index of the beam.
+    pub beam: usize,
+    /// Measured range, metres.
+    pub range_m: f64,
+}
+
+/// The scan's returns in beam order, in the base frame.
+///
+/// A normal is the direction of least scatter of the neighbouring returns on the same surface.
+pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
+    let lidar = scan.lidar();
+    let mut points: Vec<SurfacePoint> = Vec::with_capacity(scan.beam_count());
+    for beam in 0..scan.beam_count() {
+        let Some(range_m) = scan.range_m(beam) else {
+            continue;
+        };
+        let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
+        let position = lidar
+            .mount
+            .transform(&Vector2::new(range_m * cos, range_m * sin));
+        points.push(SurfacePoint {
+            position,
+            normal: None,
+            beam,
+            range_m,
+        });
+    }
+    let eye = lidar.mount.translation();
+    for k in 0..points.len() {
+        points[k].normal = line_normal(&points, k, lidar.angle_increment_rad, &eye);
+    }
+    points
+}
+
+fn line_normal(
+    points: &[SurfacePoint],
+    k: usize,
+    angle_increment_rad: f64,
+    eye: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    let centre = &points[k];
+    let gap_m = (GAP_SPACINGS * angle_increment_rad * centre.range_m).max(GAP_MIN_M);
+    let same_surface = |a: &SurfacePoint, b: &SurfacePoint| {
+        a.beam.abs_diff(b.beam) <= 2 && (a.position - b.position).norm() <= gap_m
+    };
+    let mut first = k;
+    while first > 0
+        && k - first < NEIGHBOURS_EACH_SIDE
+        && same_surface(&points[first - 1], &points[first])
+    {
+        first -= 1;
+    }
+    let mut last = k;
+    while last + 1 < points.len()
+        && last - k < NEIGHBOURS_EACH_SIDE
+        && same_surface(&points[last + 1], &points[last])
+    {
+        last += 1;
+    }
+    let surface = &points[first..=last];
+    if surface.len() < LINE_POINTS_MIN {
+        return None;
+    }
+    let count = surface.len() as f64;
+    let mean = surface.iter().map(|p| p.position).sum::<Vector2<f64>>() / count;
+    let scatter = surface.iter().fold(Matrix2::zeros(), |sum, p| {
+        let d = p.position - mean;
+        sum + d * d.transpose()
+    });
+    let (across, along, normal) = least_axis(&scatter);
+    if across > LINE_FLATNESS_MAX * LINE_FLATNESS_MAX * along {
+        return None;
+    }
+    let towards_eye = (eye - centre.position).dot(&normal) >= 0.0;
+    Some(if towards_eye { normal } else { -normal })
+}
+
+/// Eigenvalues (smaller, larger) of a symmetric matrix and the unit eigenvector of the smaller.
+fn least_axis(m: &Matrix2<f64>) -> (f64, f64, Vector2<f64>) {
+    let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(1, 1)]);
+    let half_trace = 0.5 * (a + c);
+    let radius = (0.5 * (a - c)).hypot(b);
+    let axis_angle = 0.5 * (2.0 * b).atan2(a - c);
+    let normal = Vector2::new(-axis_angle.sin(), axis_angle.cos());
+    ((half_trace - radius).max(0.0), half_trace + radius, normal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose2;
+    use crate::scan::Lidar;
+    use std::sync::Arc;
+
+    #[test]
+    fn a_wall_ahead_of_a_turned_mount() {
+        // The lidar looks along +y of the base; a wall stands 2 m ahead of the lidar.
+        let lidar = Arc::new(Lidar {
+            angle_min_rad: -0.3,
+            angle_increment_rad: 0.02,
+            range_min_m: 0.05,
+            range_max_m: 10.0,
+            mount: Pose2::new(0.5, 0.0, std::f64::consts::FRAC_PI_2),
+            range_sigma_m: 0.01,
+        });
+        let ranges = (0..31).map(|k| Some(2.0 / lidar.beam_angle_rad(k).cos()));
+        let scan = LaserScan::new(lidar.clone(), ranges).unwrap();
+        let points = surface_points(&scan);
+        assert_eq!(points.len(), 31);
+        for point in points {
+            assert!((point.position.y - 2.0).abs() < 2e-3);
+            let normal = point.normal.unwrap();
+            assert!(
+                (normal - Vector2::new(0.0, -1.0)).norm() < 0.02,
+                "{normal:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_lone_return_has_no_normal() {
+        let lidar = Arc::new(Lidar {
+            angle_min_rad: 0.0,
+            angle_increment_rad: 0.02,
+            range_min_m: 0.05,
+            range_max_m: 10.0,
+            mount: Pose2::IDENTITY,
+            range_sigma_m: 0.01,
+        });
+        let scan = LaserScan::new(lidar, [None, Some(3.0), None]).unwrap();
+        let points = surface_points(&scan);
+        assert_eq!(points.len(), 1);
+        assert_eq!(points[0].normal, None);
+        assert_eq!(points[0].beam, 1);
+    }
+}

@@ -1,0 +1,416 @@
+//! What the store keeps, as values.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Information, Pose2};
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+
+/// Which rule decides that something changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Detector {
+    /// Robust estimates make the map, all-points residuals are watched.
+    #[default]
+    Fused,
+    /// The paper's rule: all-points estimates are optimised with Ω = I.
+    Seed,
+}
+
+/// What a route's keeper can set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RouteSettings {
+    /// The rule.
+    pub detector: Detector,
+    /// Share of unchanged closures that the residual test may call contradictory.
+    pub false_alarm_rate: f64,
+    /// How long a batch waits for its predecessor before it is used on its own, seconds.
+    pub hold_s: u32,
+}
+
+impl Default for RouteSettings {
+    fn default() -> Self {
+        Self {
+            detector: Detector::Fused,
+            false_alarm_rate: 1e-4,
+            hold_s: 600,
+        }
+    }
+}
+
+/// Where a route's map frame lies on the Earth (WGS 84, degrees; heading of the x axis clockwise
+/// from north).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GeoAnchor {
+    /// Degrees, −90 to 90.
+    pub latitude: f64,
+    /// Degrees, −180 to 180.
+    pub longitude: f64,
+    /// Degrees, 0 to 360.
+    pub heading: f64,
+}
+
+/// How far a route's reference map has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// The reference is still being built.
+    Mapping,
+    /// New laps are judged against the reference.
+    Monitoring,
+}
+
+/// What a route holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RouteCounts {
+    /// Uploads accepted.
+    pub batches: i64,
+    /// Scans in them.
+    pub scans: i64,
+    /// Nodes of the pose graph.
+    pub nodes: i64,
+    /// Edges of the pose graph.
+    pub edges: i64,
+    /// Edges that close a loop.
+    pub loop_closures: i64,
+    /// Blocks of the pose graph that hold a loop closure.
+    pub subgraphs: i64,
+    /// Vehicles that uploaded.
+    pub vehicles: i64,
+    /// Alerts not yet decided.
+    pub open_alerts: i64,
+}
+
+/// A route.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RouteRecord {
+    /// Chosen by the client.
+    pub id: RouteId,
+    /// For people.
+    pub display_name: Option<String>,
+    /// Where the map lies on the Earth.
+    pub geo_anchor: Option<GeoAnchor>,
+    /// What its keeper set.
+    pub settings: RouteSettings,
+    /// How far the reference has come.
+    pub stage: Stage,
+    /// Raised by every accepted change.
+    pub map_version: i64,
+    /// Raised by every accepted change.
+    pub epoch: i64,
+    /// Raised by every result that is applied: the fence of optimistic work.
+    pub revision: i64,
+    /// What it holds.
+    pub counts: RouteCounts,
+    /// Batches that still wait to be processed.
+    pub pending_batches: i64,
+    /// When it was first put.
+    pub created_at: Timestamp,
+    /// When it last changed.
+    pub updated_at: Timestamp,
+}
+
+/// What a PUT of a route changes; `None` leaves a field as it is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RouteUpdate {
+    /// For people.
+    pub display_name: Option<String>,
+    /// Where the map lies on the Earth.
+    pub geo_anchor: Option<GeoAnchor>,
+    /// The whole of the settings.
+    pub settings: Option<RouteSettings>,
+}
+
+/// Where a batch is on its way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum BatchStatus {
+    /// Stored; a worker will take it.
+    Queued,
+    /// A worker has it.
+    Processing,
+    /// Waits for its predecessor.
+    Held,
+    /// In the map.
+    Merged,
+    /// Its trip could not be placed in the map; tried again when the map or the trip grows.
+    Unanchored,
+    /// Processing failed for good; the reason says why.
+    Quarantined,
+}
+
+/// An upload to be stored.
+#[derive(Debug, Clone)]
+pub struct NewBatch {
+    /// The route; it exists.
+    pub route_id: RouteId,
+    /// The key of idempotency within the route.
+    pub id: BatchId,
+    /// Who drove.
+    pub vehicle_id: VehicleId,
+    /// Which drive.
+    pub trip_id: TripId,
+    /// 0, 1, 2 … within the trip.
+    pub sequence: i64,
+    /// Number of scans.
+    pub scans: i64,
+    /// What was noticed while it was validated.
+    pub flags: Vec<String>,
+    /// The decompressed body as it was sent.
+    pub body: Vec<u8>,
+    /// When it came in.
+    pub received_at: Timestamp,
+}
+
+/// What became of an upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Journaled {
+    /// Committed to disk.
+    Stored,
+    /// The same bytes were there already.
+    Replayed,
+    /// The id is taken by other bytes.
+    Conflict,
+}
+
+/// An upload.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchRecord {
+    /// The key of idempotency within the route.
+    pub id: BatchId,
+    /// The route.
+    pub route_id: RouteId,
+    /// Who drove.
+    pub vehicle_id: VehicleId,
+    /// Which drive.
+    pub trip_id: TripId,
+    /// 0, 1, 2 … within the trip.
+    pub sequence: i64,
+    /// Where it is on its way.
+    pub status: BatchStatus,
+    /// Why it is there, for people.
+    pub reason: Option<String>,
+    /// What was noticed.
+    pub flags: Vec<String>,
+    /// Number of scans.
+    pub scans: i64,
+    /// Nodes it added.
+    pub nodes_added: i64,
+    /// Loop closures it added.
+    pub loop_closures: i64,
+    /// When it came in.
+    pub received_at: Timestamp,
+    /// When it was last worked on.
+    pub processed_at: Option<Timestamp>,
+}
+
+/// Which batches to list.
+#[derive(Debug, Clone, Default)]
+pub struct BatchFilter {
+    /// Only this vehicle's.
+    pub vehicle_id: Option<VehicleId>,
+    /// Only in this state.
+    pub status: Option<BatchStatus>,
+}
+
+/// A stored upload with its body.
+#[derive(Debug, Clone)]
+pub struct JournalEntry {
+    /// The upload.
+    pub batch: BatchRecord,
+    /// The decompressed body as it was sent, its checksum verified.
+    pub body: Vec<u8>,
+}
+
+/// A job that this worker holds until the lease ends.
+#[derive(Debug, Clone)]
+pub struct ClaimedJob {
+    /// The job.
+    pub job_id: i64,
+    /// The fence: a result with another generation is refused.
+    pub generation: i64,
+    /// How often it was claimed, this time included.
+    pub attempts: i64,
+    /// The route.
+    pub route_id: RouteId,
+    /// The trip's batches that are not in the map yet, in sequence: those that could not be
+    /// anchored before, and this job's own, last.
+    pub entries: Vec<JournalEntry>,
+    /// Whether the predecessor of the first entry never came and it is used on its own.
+    pub after_gap: bool,
+}
+
+/// A node as it is stored. Scans are the bytes of [`crate::scan::encode_scan`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeRecord {
+    /// Unique within the route.
+    pub id: NodeId,
+    /// The upload it came with.
+    pub batch_id: BatchId,
+    /// Who drove.
+    pub vehicle_id: VehicleId,
+    /// Which drive.
+    pub trip_id: TripId,
+    /// When the scan was taken.
+    pub stamp: StampNs,
+    /// `map_from_base`.
+    pub pose: Pose2,
+    /// `odom_from_base` as the vehicle sent it.
+    pub odom_from_base: Pose2,
+    /// Whether later laps are tied to it.
+    pub reference: bool,
+    /// Whether it takes part in the optimisation.
+    pub active: bool,
+    /// The block of the graph it lies in; `None` outside every block with a loop closure.
+    pub subgraph_id: Option<i64>,
+}
+
+/// A node with its scan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeWithScan {
+    /// The node.
+    pub node: NodeRecord,
+    /// The bytes of [`crate::scan::encode_scan`].
+    pub scan: Vec<u8>,
+}
+
+/// What two matched scans say beside the estimate that is optimised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosureRecord {
+    /// The all-points estimate of `from_from_to`; never optimised in fused mode.
+    pub all_points_measurement: Pose2,
+    /// Its information.
+    pub all_points_information: Information,
+    /// Share of the points with a counterpart.
+    pub overlap: f64,
+    /// Share of the counterparts that agree.
+    pub inlier_share: f64,
+    /// Root mean square distance of the agreeing points, metres.
+    pub rmse_m: f64,
+    /// What the closure added to the optimum F when it was inserted (paper: ΔF).
+    pub delta_f: f64,
+    /// eᵀΩe of the all-points estimate at the optimum when it was inserted.
+    pub all_points_residual: f64,
+}
+
+/// An edge as it is stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EdgeRecord {
+    /// Unique within the route.
+    pub id: EdgeId,
+    /// Its older node.
+    pub from: NodeId,
+    /// Its newer node.
+    pub to: NodeId,
+    /// What made it.
+    pub kind: EdgeKind,
+    /// Whether it is optimised.
+    pub status: EdgeStatus,
+    /// The upload it came with.
+    pub batch_id: BatchId,
+    /// `from_from_to`, as optimised.
+    pub measurement: Pose2,
+    /// Of the measurement.
+    pub information: Information,
+    /// eᵀΩe at the current poses.
+    pub residual: f64,
+    /// The block of the graph it lies in; `None` for bridges.
+    pub subgraph_id: Option<i64>,
+    /// For loop closures between scans.
+    pub closure: Option<ClosureRecord>,
+}
+
+/// How one batch ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchOutcome {
+    /// The batch.
+    pub batch_id: BatchId,
+    /// Merged, unanchored or quarantined.
+    pub status: BatchStatus,
+    /// Why, for people.
+    pub reason: Option<String>,
+    /// What was noticed; joined to the flags it has.
+    pub flags: Vec<String>,
+    /// Nodes it added.
+    pub nodes_added: i64,
+    /// Loop closures it added.
+    pub loop_closures: i64,
+}
+
+/// Everything one job changes, applied in one transaction.
+#[derive(Debug, Clone)]
+pub struct JobResult {
+    /// The job.
+    pub job_id: i64,
+    /// The fence as it was claimed.
+    pub generation: i64,
+    /// The route.
+    pub route_id: RouteId,
+    /// The route's revision that the result was computed from.
+    pub base_revision: i64,
+    /// How each of the job's batches ended.
+    pub outcomes: Vec<BatchOutcome>,
+    /// New nodes.
+    pub nodes: Vec<NodeWithScan>,
+    /// New edges.
+    pub edges: Vec<EdgeRecord>,
+    /// Nodes that moved or changed their block.
+    pub changed_nodes: Vec<NodeChange>,
+    /// Edges whose residual, status or block changed.
+    pub changed_edges: Vec<EdgeChange>,
+    /// How far the reference has come.
+    pub stage: Stage,
+    /// When it was computed.
+    pub processed_at: Timestamp,
+}
+
+/// The part of a node that a solve changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeChange {
+    /// The node.
+    pub id: NodeId,
+    /// `map_from_base`.
+    pub pose: Pose2,
+    /// The block of the graph it lies in.
+    pub subgraph_id: Option<i64>,
+    /// Whether it takes part in the optimisation.
+    pub active: bool,
+}
+
+/// The part of an edge that a solve changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeChange {
+    /// The edge.
+    pub id: EdgeId,
+    /// Whether it is optimised.
+    pub status: EdgeStatus,
+    /// eᵀΩe at the current poses.
+    pub residual: f64,
+    /// The block of the graph it lies in.
+    pub subgraph_id: Option<i64>,
+}
+
+/// Whether a result was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Applied {
+    /// Committed.
+    Committed,
+    /// The lease was lost or the route has moved on; nothing was written.
+    Stale,
+}
+
+/// A route's graph as a worker loads it.
+#[derive(Debug, Clone)]
+pub struct RouteGraph {
+    /// What it was read at.
+    pub revision: i64,
+    /// How far the reference had come.
+    pub stage: Stage,
+    /// The settings.
+    pub settings: RouteSettings,
+    /// Every node by id, with scans.
+    pub nodes: Vec<NodeWithScan>,
+    /// Every edge by id.
+    pub edges: Vec<EdgeRecord>,
+}
