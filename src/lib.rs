@@ -34,6 +34,7 @@ pub mod formats;
 pub mod geometry;
 pub mod graph;
 pub mod ids;
+pub mod matching;
 pub mod scan;
 pub mod sim;
 pub mod solver;
