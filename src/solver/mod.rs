@@ -10,8 +10,12 @@ mod normal_equations;
 mod problem;
 mod spanning;
 mod summary;
+#[cfg(test)]
+mod testing;
+mod touched;
 mod whole;
 
 pub use spanning::start_along_odometry;
 pub use summary::{SolveOptions, SolveSummary, Termination};
+pub use touched::{Solver, TouchedSummary};
 pub use whole::{solve, solve_from_chordal};
