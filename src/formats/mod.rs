@@ -1,1 +1,3 @@
-//! To be written.
+//! Bytes and text from outside, to core types and back.
+
+pub mod g2o;
