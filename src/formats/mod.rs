@@ -1,1 +1,11 @@
-//! To be written.
+//! Bytes to core types and back: recordings of other programs, pictures of maps.
+
+mod carmen;
+mod carmen_line;
+mod map_image;
+mod occupancy;
+
+pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
+pub use carmen_line::SkipReason;
+pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
+pub use occupancy::{CELLS_MAX, Occupancy, OccupancyGrid};
