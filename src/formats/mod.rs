@@ -1,3 +1,12 @@
-//! Bytes and text from outside, to core types and back.
+//! Bytes to core types and back: recordings of other programs, pictures of maps, graphs as text.
 
+mod carmen;
+mod carmen_line;
 pub mod g2o;
+mod map_image;
+mod occupancy;
+
+pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
+pub use carmen_line::SkipReason;
+pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
+pub use occupancy::{CELLS_MAX, Occupancy, OccupancyGrid};
