@@ -157,7 +157,7 @@ fn confirm(
 }
 
 const NEARBY: SearchParams = SearchParams {
-    score_min: 0.5,
+    score_min: 0.45,
     distinct_distance_m: 0.5,
     distinct_turn_rad: 0.2,
     rival_share: 0.9,

@@ -67,7 +67,14 @@ pub fn measure(
         .range_sigma_m
         .max(new.keyframe.scan.lidar().range_sigma_m);
     let points = &new.keyframe.points;
-    let robust = align(&cloud, points, old_from_new, sigma_m, &IcpParams::ROBUST);
+    let robust = align(
+        &cloud,
+        points,
+        old_from_new,
+        sigma_m,
+        None,
+        &IcpParams::ROBUST,
+    );
     let moved = old_from_new.between(&robust.pose);
     let plausible = robust.termination != Termination::TooFewPoints
         && robust.observable_directions >= OBSERVABLE_MIN
@@ -83,6 +90,7 @@ pub fn measure(
         points,
         &robust.pose,
         sigma_m,
+        None,
         &IcpParams::ALL_POINTS,
     );
     Some(ClosureMeasurement { robust, all_points })

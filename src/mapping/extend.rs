@@ -6,6 +6,7 @@ use super::drive::{Drive, DriveScan, InitialPose};
 use super::front_end::{Motion, measure_motion};
 use super::keyframe::Keyframe;
 use super::local_map::LocalMap;
+use super::odometry::OdometrySigmas;
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::geometry::{Information, Pose2};
@@ -83,7 +84,7 @@ impl RouteMap {
         let drift_m = if self.keyframes.is_empty() {
             0.0
         } else {
-            drift_of(initial)
+            drift_of(initial.sigma_xy_m, initial.sigma_theta_rad)
         };
         let index = self.add_keyframe(drive, scan, initial.pose, drift_m, added)?;
         self.close_loops(index, added)
@@ -115,7 +116,7 @@ impl RouteMap {
         let sigma_m = scan.scan.lidar().range_sigma_m;
         let motion = measure_motion(&local_map, &keyframe.points, &by_odometry, sigma_m);
         let last_node = last_keyframe.node;
-        let drift_m = last_keyframe.drift_m + motion.measurement.translation().norm();
+        let drift_m = last_keyframe.drift_m + drift_of_motion(&motion);
         let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
         let index = self.insert_new(keyframe, pose, drift_m, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
@@ -303,21 +304,32 @@ impl RouteMap {
 /// A trip that has driven no farther than this since it was tied to the map is where it is
 /// expected, metres.
 const DRIFT_SMALL_M: f64 = 6.0;
+
+/// How far from the expected place a closure may be measured.
 const SLACK_SMALL: Slack = Slack {
-    distance_m: 0.6,
-    turn_rad: 0.3,
+    distance_m: 0.45,
+    turn_rad: 0.16,
 };
 
 /// Where a trip may be after it has driven a way without being tied to the map: three hundredths
-/// of the way, one degree in two metres.
+/// of the way, one degree a metre.
 fn slack_after(drift_m: f64) -> Slack {
     Slack {
         distance_m: (0.3 + 0.03 * drift_m).min(4.0),
-        turn_rad: (0.1 + 0.01 * drift_m).min(0.6),
+        turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
     }
 }
 
-/// The way after which [`slack_after`] is three standard deviations of a given pose.
-fn drift_of(initial: &InitialPose) -> f64 {
-    (100.0 * initial.sigma_xy_m).max(300.0 * initial.sigma_theta_rad)
+/// A matched motion counts as its length, one by odometry alone as what it may be off.
+fn drift_of_motion(motion: &Motion) -> f64 {
+    if motion.matched {
+        return motion.measurement.translation().norm();
+    }
+    let sigmas = OdometrySigmas::assumed(&motion.measurement);
+    drift_of(sigmas.xy_m, sigmas.theta_rad)
+}
+
+/// The way after which [`slack_after`] is three such standard deviations.
+fn drift_of(sigma_xy_m: f64, sigma_theta_rad: f64) -> f64 {
+    (100.0 * sigma_xy_m).max(150.0 * sigma_theta_rad)
 }

@@ -10,6 +10,7 @@ mod extend;
 mod front_end;
 mod keyframe;
 mod local_map;
+mod odometry;
 mod partners;
 mod route_map;
 

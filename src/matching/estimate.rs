@@ -41,7 +41,7 @@ const OBSERVABLE_SHARE_MIN: f64 = 0.02;
 /// Lever arm that makes a turn comparable with a shift, metres.
 const LEVER_ARM_M: f64 = 3.0;
 /// Neighbouring points share the noise of their line; so many count as one.
-const CORRELATED_POINTS: f64 = 4.0;
+pub(super) const CORRELATED_POINTS: f64 = 4.0;
 /// Errors that more points do not reduce (calibration, motion during the sweep), metres …
 const FLOOR_SIGMA_XY_M: f64 = 0.004;
 /// … and radians.

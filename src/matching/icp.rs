@@ -1,6 +1,6 @@
 //! Point-to-line ICP.
 
-use super::estimate::Observability;
+use super::estimate::{CORRELATED_POINTS, Observability};
 use super::{Estimate, ReferenceCloud, Termination};
 use crate::geometry::{Information, Matrix3, Pose2, Vector2, Vector3};
 use crate::scan::SurfacePoint;
@@ -52,6 +52,18 @@ impl IcpParams {
     };
 }
 
+/// What is known of the pose beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// `reference_from_base`.
+    pub pose: Pose2,
+    /// Of the pose, for errors in the base frame.
+    pub information: Information,
+}
+
+/// Root mean square distance of a typical match, metres: what a prior is weighed against.
+const TYPICAL_RMSE_M: f64 = 0.02;
+
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-5;
@@ -66,6 +78,18 @@ struct NormalEquations {
 }
 
 impl NormalEquations {
+    /// Pulls towards a prior, in units of one point's variance.
+    fn add_prior(&mut self, prior: &Prior, pose: &Pose2, range_sigma_m: f64) {
+        let offset = prior.pose.between(pose);
+        let turned = Pose2::new(0.0, 0.0, offset.theta).rotation();
+        let mut jacobian = Matrix3::identity();
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&turned);
+        let variance = noise_variance_m2(range_sigma_m, TYPICAL_RMSE_M) * CORRELATED_POINTS;
+        let weighted = jacobian.transpose() * prior.information.matrix() * variance;
+        self.hessian += weighted * jacobian;
+        self.gradient -= weighted * Vector3::new(offset.x, offset.y, offset.theta);
+    }
+
     fn add(&mut self, jacobian: Vector3<f64>, residual_m: f64, weight: f64) {
         self.hessian += jacobian * jacobian.transpose() * weight;
         self.gradient -= jacobian * (residual_m * weight);
@@ -74,23 +98,28 @@ impl NormalEquations {
 
 /// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
 ///
-/// Directions that the points do not fix (along a corridor) stay as in `initial`. The estimate is
+/// Directions that neither the points (along a corridor) nor the prior fix stay as in `initial`;
+/// the information in the estimate is the points' alone. The estimate is
 /// the starting pose with zero information if fewer than a dozen points find a counterpart.
 pub fn align(
     reference: &ReferenceCloud,
     points: &[SurfacePoint],
     initial: &Pose2,
     range_sigma_m: f64,
+    prior: Option<&Prior>,
     params: &IcpParams,
 ) -> Estimate {
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
     let mut termination = Termination::IterationLimit;
     for _ in 0..params.iterations_max {
-        let equations = linearise(reference, points, &pose, gate_m, params);
+        let mut equations = linearise(reference, points, &pose, gate_m, params);
         if equations.pairs < PAIRS_MIN {
             termination = Termination::TooFewPoints;
             break;
+        }
+        if let Some(prior) = prior {
+            equations.add_prior(prior, &pose, range_sigma_m);
         }
         let observability = Observability::new(&equations.hessian, equations.weight_sum);
         let step = observability.solve(&equations.gradient);
@@ -104,6 +133,11 @@ pub fn align(
         }
     }
     summarise(reference, points, &pose, range_sigma_m, params, termination)
+}
+
+/// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
+fn noise_variance_m2(range_sigma_m: f64, rmse_m: f64) -> f64 {
+    (2.0 * range_sigma_m * range_sigma_m).max(rmse_m * rmse_m)
 }
 
 /// The counterpart of a point: where it lies, and along which normals it is compared.
@@ -193,7 +227,7 @@ fn summarise(
     } else {
         let equations = linearise(reference, points, pose, params.gate_end_m, params);
         let observability = Observability::new(&equations.hessian, equations.weight_sum);
-        let variance_m2 = (2.0 * range_sigma_m * range_sigma_m).max(rmse_m * rmse_m);
+        let variance_m2 = noise_variance_m2(range_sigma_m, rmse_m);
         (
             observability.information(variance_m2),
             observability.count(),

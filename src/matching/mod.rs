@@ -10,7 +10,7 @@ mod visibility;
 
 pub use cloud::ReferenceCloud;
 pub use estimate::{Estimate, Termination};
-pub use icp::{IcpParams, align};
+pub use icp::{IcpParams, Prior, align};
 pub use likelihood::LikelihoodGrid;
 pub use search::{SearchHit, SearchParams, SearchWindow, search};
 pub use visibility::{Agreement, Visibility, agreement, look_at};
