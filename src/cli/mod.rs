@@ -1,8 +1,13 @@
 //! The command line: one file per command.
 
+mod batch_body;
 mod demo;
+mod fleet;
+mod gateway;
 mod openapi;
 mod optimise;
+mod progress;
+mod recording;
 mod serve;
 mod upload;
 
