@@ -16,7 +16,7 @@ use crate::sim::{Hall, OdometryError, SimLidar, SimScan, Vehicle, drive};
 const SCANS_PER_BATCH: usize = 30;
 /// How often a batch's state is asked for, and how long at most before the drive goes on.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-const POLL_MAX: Duration = Duration::from_secs(10);
+const POLL_MAX: Duration = Duration::from_secs(5);
 /// How long to wait at the end for what is still under way.
 const SETTLE_MAX: Duration = Duration::from_secs(120);
 

@@ -163,7 +163,7 @@ async fn upload_file(
             Err(error @ GatewayError::Refused { .. }) => {
                 let left = log.scans.len() - sequence * usize::from(args.batch_scans);
                 tally.failures.push(format!(
-                    "{}: {error}{}; its last {left} scans were not sent",
+                    "{}: {error}{}; its last {left} scans are not stored",
                     path.display(),
                     advice(&error),
                 ));
