@@ -2,6 +2,7 @@
 
 mod carmen;
 mod carmen_line;
+mod cells;
 mod map_image;
 mod occupancy;
 
