@@ -20,14 +20,9 @@ pub(super) fn is_temporary(status: StatusCode) -> bool {
 
 /// Seconds, as the service states them; the other form, a date, is not used by it.
 pub(super) fn retry_after(headers: &HeaderMap) -> Option<Duration> {
-    let seconds = headers
-        .get(RETRY_AFTER)?
-        .to_str()
-        .ok()?
-        .trim()
-        .parse()
-        .ok()?;
-    Some(Duration::from_secs(seconds))
+    let text = headers.get(RETRY_AFTER)?.to_str().ok()?;
+    let seconds: u32 = text.trim().parse().ok()?;
+    Some(Duration::from_secs(seconds.into()))
 }
 
 /// The stated wait and up to a quarter more, or 1 s × 2ⁿ up to 5 min of which at least the half
@@ -36,7 +31,7 @@ pub(super) fn wait_before_repeat(attempt: u32, stated: Option<Duration>, key: &s
     let digest = Sha256::digest(format!("{attempt} {key}"));
     let jitter = f64::from(digest[0]) / 255.0;
     match stated {
-        Some(stated) => stated.min(WAIT_MAX).mul_f64(1.0 + 0.25 * jitter),
+        Some(stated) => stated.mul_f64(1.0 + 0.25 * jitter),
         None => {
             let doubled = WAIT_FIRST.saturating_mul(2_u32.saturating_pow(attempt));
             doubled.min(WAIT_MAX).mul_f64(0.5 + 0.5 * jitter)
