@@ -1,1 +1,4 @@
-//! To be written.
+//! Bytes to core types and back.
+
+pub mod batch_json;
+pub mod json;
