@@ -1,4 +1,14 @@
-//! Bytes to core types and back.
+//! Bytes to core types and back: recordings of other programs, pictures of maps.
 
 pub mod batch_json;
 pub mod json;
+
+mod carmen;
+mod carmen_line;
+mod map_image;
+mod occupancy;
+
+pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
+pub use carmen_line::SkipReason;
+pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
+pub use occupancy::{CELLS_MAX, Occupancy, OccupancyGrid};

@@ -1,0 +1,461 @@
+//! Where the map is occupied, free, or never looked at.
+
+use crate::geometry::{Pose2, Vector2};
+use crate::scan::LaserScan;
+
+/// Most cells of a grid: a map that needs more is drawn with coarser cells.
+pub const CELLS_MAX: usize = 24_000_000;
+/// A cell is occupied if at least this share of the scans that reached it ended in it.
+const OCCUPIED_SHARE_MIN: f64 = 0.15;
+/// Cells around everything that was seen.
+const MARGIN_CELLS: f64 = 8.0;
+/// Marks a cell in which the scan at hand has a return.
+const HIT_MARK: u16 = 1 << 15;
+/// Counters are halved before one of them passes this, which keeps their ratio.
+const COUNT_MAX: u16 = HIT_MARK - 1;
+
+/// What is known of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Occupancy {
+    /// No beam reached it.
+    Unknown,
+    /// Beams went through.
+    Free,
+    /// Beams ended there.
+    Occupied,
+}
+
+/// A grid over the map frame that counts beams.
+///
+/// A return adds a hit to the cell it lies in and a pass to every cell between it and the lidar.
+/// Where a scan has a return, its other beams add no pass: a beam that grazes a wall does not
+/// wear it away. A beam without a return is evidence of nothing and adds nothing (REP-117).
+#[derive(Debug, Clone, PartialEq)]
+pub struct OccupancyGrid {
+    resolution_m: f64,
+    origin: Vector2<f64>,
+    width: usize,
+    height: usize,
+    hits: Vec<u16>,
+    passes: Vec<u16>,
+}
+
+impl OccupancyGrid {
+    /// Draws scans, each with its `map_from_base`, into cells of `resolution_m`.
+    ///
+    /// Cell borders lie on whole multiples of the resolution, so that grids of the same map lie
+    /// on each other. The resolution is doubled until the grid has at most [`CELLS_MAX`] cells.
+    /// Scans at poses that are not finite are left out. Cost: beams × cells a beam.
+    pub fn from_scans<'a>(
+        scans: impl IntoIterator<Item = (Pose2, &'a LaserScan)>,
+        resolution_m: f64,
+    ) -> Self {
+        let scans: Vec<_> = scans.into_iter().filter(|(p, _)| p.is_finite()).collect();
+        let mut grid = Self::covering(&extent(&scans), resolution_m);
+        let mut returns = Vec::new();
+        for (map_from_base, scan) in &scans {
+            grid.draw(map_from_base, scan, &mut returns);
+        }
+        grid
+    }
+
+    fn covering(extent: &Extent, resolution_m: f64) -> Self {
+        let mut resolution_m = resolution_m;
+        loop {
+            let first = extent
+                .low
+                .map(|v| (v / resolution_m).floor() - MARGIN_CELLS);
+            let last = extent
+                .high
+                .map(|v| (v / resolution_m).floor() + MARGIN_CELLS);
+            let size = (last - first).map(|v| v + 1.0);
+            if size.x * size.y <= CELLS_MAX as f64 {
+                let (width, height) = (size.x as usize, size.y as usize);
+                return Self {
+                    resolution_m,
+                    origin: first * resolution_m,
+                    width,
+                    height,
+                    hits: vec![0; width * height],
+                    passes: vec![0; width * height],
+                };
+            }
+            resolution_m *= 2.0;
+        }
+    }
+
+    fn draw(&mut self, map_from_base: &Pose2, scan: &LaserScan, returns: &mut Vec<Vector2<f64>>) {
+        let to_cells = |p: Vector2<f64>| (p - self.origin) / self.resolution_m;
+        let map_from_lidar = map_from_base.compose(&scan.lidar().mount);
+        let eye = to_cells(map_from_lidar.translation());
+        returns.clear();
+        returns.extend(end_points(&map_from_lidar, scan).map(to_cells));
+        for end in returns.iter() {
+            let cell = self.index_of(end);
+            self.hits[cell] |= HIT_MARK;
+        }
+        for end in returns.iter() {
+            let cell = self.index_of(end);
+            self.add_hit(cell);
+            self.add_passes(&eye, end);
+        }
+        for end in returns.iter() {
+            let cell = self.index_of(end);
+            self.hits[cell] &= !HIT_MARK;
+        }
+    }
+
+    fn index_of(&self, point_cells: &Vector2<f64>) -> usize {
+        let column = (point_cells.x as usize).min(self.width - 1);
+        let row = (point_cells.y as usize).min(self.height - 1);
+        row * self.width + column
+    }
+
+    fn add_hit(&mut self, cell: usize) {
+        if self.hits[cell] & COUNT_MAX == COUNT_MAX {
+            self.hits[cell] = HIT_MARK | (COUNT_MAX / 2);
+            self.passes[cell] /= 2;
+        }
+        self.hits[cell] += 1;
+    }
+
+    fn add_passes(&mut self, eye: &Vector2<f64>, end: &Vector2<f64>) {
+        let width = self.width;
+        for_each_cell_before_end(eye, end, |column, row| {
+            let cell = row * width + column;
+            if self.hits[cell] & HIT_MARK != 0 {
+                return;
+            }
+            if self.passes[cell] == COUNT_MAX {
+                self.passes[cell] /= 2;
+                self.hits[cell] /= 2;
+            }
+            self.passes[cell] += 1;
+        });
+    }
+
+    /// Edge of a cell, metres.
+    pub fn resolution_m(&self) -> f64 {
+        self.resolution_m
+    }
+
+    /// The lower left corner of cell (0, 0), metres, map frame.
+    pub fn origin(&self) -> Vector2<f64> {
+        self.origin
+    }
+
+    /// Cells along x.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Cells along y.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Beams that ended in a cell and beams that went through it; `None` outside the grid.
+    /// Counts of cells that were reached more than 32,767 times are halved, both.
+    pub fn counts(&self, column: usize, row: usize) -> Option<(u16, u16)> {
+        let inside = column < self.width && row < self.height;
+        let cell = row * self.width + column;
+        inside.then(|| (self.hits[cell], self.passes[cell]))
+    }
+
+    /// What is known of a cell; column 0 is the lowest x, row 0 the lowest y. Outside the grid
+    /// nothing is known.
+    pub fn occupancy(&self, column: usize, row: usize) -> Occupancy {
+        match self.counts(column, row) {
+            None | Some((0, 0)) => Occupancy::Unknown,
+            Some((hits, passes)) => {
+                let (hits, passes) = (f64::from(hits), f64::from(passes));
+                if hits > 0.0 && hits >= OCCUPIED_SHARE_MIN * (hits + passes) {
+                    Occupancy::Occupied
+                } else {
+                    Occupancy::Free
+                }
+            }
+        }
+    }
+
+    /// The cell that holds a point of the map frame (column, row); `None` outside the grid.
+    pub fn cell_at(&self, point: &Vector2<f64>) -> Option<(usize, usize)> {
+        let cells = (point - self.origin) / self.resolution_m;
+        let inside = cells.x >= 0.0
+            && cells.y >= 0.0
+            && cells.x < self.width as f64
+            && cells.y < self.height as f64;
+        inside.then_some((cells.x as usize, cells.y as usize))
+    }
+}
+
+struct Extent {
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+}
+
+fn extent(scans: &[(Pose2, &LaserScan)]) -> Extent {
+    let mut low = Vector2::repeat(f64::INFINITY);
+    let mut high = Vector2::repeat(f64::NEG_INFINITY);
+    for (map_from_base, scan) in scans {
+        let map_from_lidar = map_from_base.compose(&scan.lidar().mount);
+        let eye = std::iter::once(map_from_lidar.translation());
+        for point in eye.chain(end_points(&map_from_lidar, scan)) {
+            low = low.inf(&point);
+            high = high.sup(&point);
+        }
+    }
+    if scans.is_empty() {
+        (low, high) = (Vector2::zeros(), Vector2::zeros());
+    }
+    Extent { low, high }
+}
+
+/// Where the beams ended, metres, map frame; beams without a return are left out.
+fn end_points<'a>(
+    map_from_lidar: &Pose2,
+    scan: &'a LaserScan,
+) -> impl Iterator<Item = Vector2<f64>> + 'a {
+    let eye = map_from_lidar.translation();
+    let heading_rad = map_from_lidar.theta;
+    scan.ranges_m()
+        .enumerate()
+        .filter_map(move |(beam, range)| {
+            let range_m = range?;
+            let (sin, cos) = (heading_rad + scan.lidar().beam_angle_rad(beam)).sin_cos();
+            Some(eye + Vector2::new(range_m * cos, range_m * sin))
+        })
+}
+
+/// Visits each cell (column, row) that the straight way from `start` to `end` goes through, once,
+/// in order, without the cell in which it ends. Coordinates are in cells and not negative.
+///
+/// The cells to cross are counted as integers first, so that rounding can neither miss the last
+/// cell nor run past it (traversal after Amanatides and Woo, 1987).
+fn for_each_cell_before_end(
+    start: &Vector2<f64>,
+    end: &Vector2<f64>,
+    mut visit: impl FnMut(usize, usize),
+) {
+    let mut x = Axis::new(start.x, end.x);
+    let mut y = Axis::new(start.y, end.y);
+    while x.crossings_left + y.crossings_left > 0 {
+        visit(x.cell, y.cell);
+        if y.crossings_left == 0 || (x.crossings_left > 0 && x.next_crossing <= y.next_crossing) {
+            x.cross();
+        } else {
+            y.cross();
+        }
+    }
+}
+
+/// One coordinate of a way through the cells; the way's parameter runs from 0 to 1.
+struct Axis {
+    cell: usize,
+    crossings_left: usize,
+    forward: bool,
+    next_crossing: f64,
+    crossing_step: f64,
+}
+
+impl Axis {
+    fn new(start: f64, end: f64) -> Self {
+        let (cell, last) = (start as usize, end as usize);
+        let forward = last >= cell;
+        let border = cell as f64 + if forward { 1.0 } else { 0.0 };
+        let length = end - start;
+        Self {
+            cell,
+            crossings_left: cell.abs_diff(last),
+            forward,
+            next_crossing: (border - start) / length,
+            crossing_step: 1.0 / length.abs(),
+        }
+    }
+
+    fn cross(&mut self) {
+        self.cell = if self.forward {
+            self.cell + 1
+        } else {
+            self.cell - 1
+        };
+        self.crossings_left -= 1;
+        self.next_crossing += self.crossing_step;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::Lidar;
+    use proptest::prelude::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+    use std::sync::Arc;
+
+    fn lidar(beams: usize, mount: Pose2) -> Arc<Lidar> {
+        Arc::new(Lidar {
+            angle_min_rad: -PI,
+            angle_increment_rad: 2.0 * PI / beams as f64,
+            range_min_m: 0.05,
+            range_max_m: 10.0,
+            mount,
+            range_sigma_m: 0.01,
+        })
+    }
+
+    /// A look around from inside the square |x| ≤ 1.025, |y| ≤ 1.025.
+    fn square_room(lidar: &Arc<Lidar>, beams: usize, at: &Pose2) -> LaserScan {
+        let eye = at.compose(&lidar.mount);
+        let ranges = (0..beams).map(|k| {
+            let (sin, cos) = (eye.theta + lidar.beam_angle_rad(k)).sin_cos();
+            let to_wall = |p: f64, d: f64| (1.025_f64.copysign(d) - p) / d;
+            Some(to_wall(eye.x, cos).min(to_wall(eye.y, sin)))
+        });
+        LaserScan::new(lidar.clone(), ranges).unwrap()
+    }
+
+    #[test]
+    fn a_square_room_has_four_closed_walls() {
+        let lidar = lidar(2000, Pose2::new(0.3, 0.1, 0.7));
+        let poses = [Pose2::new(0.1, -0.2, 0.4), Pose2::new(-0.4, 0.5, -2.0)];
+        let scans: Vec<_> = poses.map(|p| square_room(&lidar, 2000, &p)).into();
+        let grid = OccupancyGrid::from_scans(poses.into_iter().zip(&scans), 0.05);
+        assert_eq!(grid.resolution_m(), 0.05);
+        let mut counted = [0; 3];
+        for row in 0..grid.height() {
+            for column in 0..grid.width() {
+                let centre =
+                    grid.origin() + Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * 0.05;
+                let reach = centre.abs().max();
+                let expected = if reach < 1.0 {
+                    Occupancy::Free
+                } else if reach < 1.05 {
+                    Occupancy::Occupied
+                } else {
+                    Occupancy::Unknown
+                };
+                assert_eq!(grid.occupancy(column, row), expected, "{centre:?}");
+                counted[expected as usize] += 1;
+            }
+        }
+        assert_eq!(counted[1], 40 * 40);
+        assert_eq!(counted[2], 42 * 42 - 40 * 40);
+    }
+
+    #[test]
+    fn later_grazing_beams_do_not_punch_a_wall() {
+        // A long wall, seen once squarely, then many times at a flat angle by a lidar whose
+        // pose is 2 cm off, so that its beams run along inside the wall's cells.
+        let beams = 720;
+        let lidar = lidar(beams, Pose2::IDENTITY);
+        let look = |at: Pose2| {
+            let ranges = (0..beams).map(|k| {
+                let sin = (at.theta + lidar.beam_angle_rad(k)).sin();
+                (sin > 0.02).then(|| (2.02 - at.y) / sin)
+            });
+            LaserScan::new(lidar.clone(), ranges).unwrap()
+        };
+        let mut scans = vec![(Pose2::IDENTITY, look(Pose2::IDENTITY))];
+        for k in 0..30 {
+            let at = Pose2::new(-4.0 - 0.1 * f64::from(k), 0.0, 0.0);
+            scans.push((Pose2::new(at.x, 0.02, 0.0), look(at)));
+        }
+        let grid = OccupancyGrid::from_scans(scans.iter().map(|(p, s)| (*p, s)), 0.05);
+        for k in -15..15 {
+            let x = 0.05 * f64::from(k) + 0.025;
+            let (column, row) = grid.cell_at(&Vector2::new(x, 2.025)).unwrap();
+            assert_eq!(grid.occupancy(column, row), Occupancy::Occupied, "x = {x}");
+        }
+    }
+
+    #[test]
+    fn a_passer_by_is_not_drawn_and_no_return_is_not_free() {
+        let lidar = lidar(4, Pose2::IDENTITY);
+        // Beams look along −x, −y, +x, +y.
+        let empty = LaserScan::new(lidar.clone(), [None, None, Some(5.0), None]).unwrap();
+        let person = LaserScan::new(lidar, [None, None, Some(2.0), None]).unwrap();
+        let pose = Pose2::new(0.025, 0.025, 0.0);
+        let looks = std::iter::repeat_n((pose, &empty), 20).chain([(pose, &person)]);
+        let grid = OccupancyGrid::from_scans(looks, 0.05);
+        let at = |x: f64, y: f64| {
+            let (column, row) = grid.cell_at(&Vector2::new(x, y)).unwrap();
+            (
+                grid.counts(column, row).unwrap(),
+                grid.occupancy(column, row),
+            )
+        };
+        assert_eq!(at(1.025, 0.025), ((0, 21), Occupancy::Free));
+        assert_eq!(at(2.025, 0.025), ((1, 20), Occupancy::Free));
+        assert_eq!(at(3.025, 0.025), ((0, 20), Occupancy::Free));
+        assert_eq!(at(5.025, 0.025), ((20, 0), Occupancy::Occupied));
+        assert_eq!(at(0.025, 0.325).1, Occupancy::Unknown);
+    }
+
+    #[test]
+    fn nothing_seen_and_too_much_seen_are_bounded() {
+        let none = OccupancyGrid::from_scans(std::iter::empty(), 0.05);
+        assert_eq!((none.width(), none.height()), (17, 17));
+        assert_eq!(none.occupancy(8, 8), Occupancy::Unknown);
+        assert_eq!(none.occupancy(99, 0), Occupancy::Unknown);
+
+        let scan = LaserScan::new(lidar(4, Pose2::IDENTITY), [Some(1.0); 4]).unwrap();
+        let far = [Pose2::IDENTITY, Pose2::new(3000.0, 3000.0, FRAC_PI_2)];
+        let grid = OccupancyGrid::from_scans(far.map(|p| (p, &scan)), 0.05);
+        assert!(grid.width() * grid.height() <= CELLS_MAX);
+        assert_eq!(grid.resolution_m(), 0.8);
+        let lost = Pose2 {
+            x: f64::NAN,
+            ..Pose2::IDENTITY
+        };
+        let same = OccupancyGrid::from_scans([far[0], lost, far[1]].map(|p| (p, &scan)), 0.05);
+        assert_eq!(same, grid);
+    }
+
+    #[test]
+    fn full_counters_keep_their_ratio() {
+        let scan =
+            LaserScan::new(lidar(4, Pose2::IDENTITY), [None, None, Some(1.0), None]).unwrap();
+        let looks = std::iter::repeat_n((Pose2::new(0.01, 0.01, 0.0), &scan), 70_000);
+        let grid = OccupancyGrid::from_scans(looks, 0.05);
+        let (column, row) = grid.cell_at(&Vector2::new(1.01, 0.01)).unwrap();
+        let (hits, passes) = grid.counts(column, row).unwrap();
+        assert!((16_000..=32_767).contains(&hits) && passes == 0);
+        assert_eq!(grid.occupancy(column - 1, row), Occupancy::Free);
+    }
+
+    proptest! {
+        #[test]
+        fn a_way_visits_exactly_the_cells_it_crosses(
+            sx in 0.0..12.0_f64, sy in 0.0..12.0_f64, ex in 0.0..12.0_f64, ey in 0.0..12.0_f64,
+        ) {
+            let (start, end) = (Vector2::new(sx, sy), Vector2::new(ex, ey));
+            let mut visited = Vec::new();
+            for_each_cell_before_end(&start, &end, |c, r| visited.push((c, r)));
+            visited.push((ex as usize, ey as usize));
+            prop_assert_eq!(visited[0], (sx as usize, sy as usize));
+            for pair in visited.windows(2) {
+                let moved = pair[0].0.abs_diff(pair[1].0) + pair[0].1.abs_diff(pair[1].1);
+                prop_assert_eq!(moved, 1);
+            }
+            for column in 0..12 {
+                for row in 0..12 {
+                    let crossed = |grow: f64| {
+                        // The part of the way that lies in the box (slab method).
+                        let (mut from, mut to) = (0.0_f64, 1.0_f64);
+                        for (s, d, low) in [(sx, ex - sx, column as f64), (sy, ey - sy, row as f64)] {
+                            let a = (low - grow - s) / d;
+                            let b = (low + 1.0 + grow - s) / d;
+                            from = from.max(a.min(b));
+                            to = to.min(a.max(b));
+                        }
+                        from <= to
+                    };
+                    let seen = visited.iter().filter(|&&v| v == (column, row)).count();
+                    prop_assert!(seen <= 1);
+                    if crossed(-1e-9) { prop_assert_eq!(seen, 1); }
+                    if seen == 1 { prop_assert!(crossed(1e-9)); }
+                }
+            }
+        }
+    }
+}
