@@ -9,6 +9,9 @@ use serde::de::{DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_path_to_error::{Path, Segment};
 
+/// No document of ours nests deeper.
+const DEPTH_MAX: usize = 16;
+
 /// What kind of mistake a document holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JsonMistake {
@@ -56,6 +59,9 @@ fn explain<T: DeserializeOwned>(body: &[u8]) -> JsonError {
     if let Err(error) = std::str::from_utf8(body) {
         return malformed(format!("the body is not UTF-8: {error}"));
     }
+    if is_too_deep(body) {
+        return malformed(format!("the document nests deeper than {DEPTH_MAX}"));
+    }
     let mut deserializer = serde_json::Deserializer::from_slice(body);
     let error = match serde_path_to_error::deserialize::<_, T>(&mut deserializer) {
         Err(error) => error,
@@ -82,6 +88,24 @@ fn explain<T: DeserializeOwned>(body: &[u8]) -> JsonError {
         pointer,
         detail,
     }
+}
+
+fn is_too_deep(body: &[u8]) -> bool {
+    let (mut depth, mut in_string, mut escaped) = (0_usize, false, false);
+    for byte in body {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' if in_string => escaped = true,
+            b'"' => in_string = !in_string,
+            b'[' | b'{' if !in_string => depth += 1,
+            b']' | b'}' if !in_string => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > DEPTH_MAX {
+            return true;
+        }
+    }
+    false
 }
 
 /// The JavaScript number literal that the parser stumbled over, if it is one.
@@ -180,8 +204,10 @@ mod tests {
         ] {
             assert_eq!(refused(text).mistake, mistake, "{text}");
         }
-        let deep = "[".repeat(100_000);
-        assert_eq!(refused(&deep).mistake, Field);
+        for (depth, mistake) in [(16, Field), (17, Malformed), (100_000, Malformed)] {
+            assert_eq!(refused(&"[".repeat(depth)).mistake, mistake);
+        }
+        assert_eq!(refused(&format!("\"{}", "[".repeat(20))).mistake, Malformed);
         let error = from_json::<Object<Outer>>(b"{\"list\":\"\xff\"}").unwrap_err();
         assert!(error.detail.contains("UTF-8"));
     }

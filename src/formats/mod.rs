@@ -1,6 +1,7 @@
 //! Bytes to core types and back: recordings of other programs, pictures of maps.
 
 pub mod batch_json;
+pub mod g2o;
 pub mod json;
 
 mod carmen;
