@@ -107,9 +107,8 @@ pub(super) async fn unknown_method() -> Problem {
 fn request_id(headers: &HeaderMap) -> String {
     let plain = |c: u8| c.is_ascii_alphanumeric() || b"-._~:/+=".contains(&c);
     let given = headers.get(REQUEST_ID).and_then(|v| v.to_str().ok());
-    let usable = |id: &&str| {
-        (1..=REQUEST_ID_LENGTH_MAX).contains(&id.len()) && id.bytes().all(plain)
-    };
+    let usable =
+        |id: &&str| (1..=REQUEST_ID_LENGTH_MAX).contains(&id.len()) && id.bytes().all(plain);
     match given.filter(usable) {
         Some(id) => id.to_owned(),
         None => Uuid::now_v7().to_string(),

@@ -120,8 +120,13 @@ mod tests {
             assert_eq!(refused(bomb, encoding), ProblemKind::TooLarge);
             let small = pack(&vec![0; 1 << 20], encoding);
             assert_eq!(decompress(small, encoding, MAX).unwrap().len(), 1 << 20);
-            let noise: Vec<u8> = (0_u32..5 << 18).flat_map(|k| k.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
-            assert_eq!(refused(pack(&noise, encoding), encoding), ProblemKind::TooLarge);
+            let noise: Vec<u8> = (0_u32..5 << 18)
+                .flat_map(|k| k.wrapping_mul(2_654_435_761).to_le_bytes())
+                .collect();
+            assert_eq!(
+                refused(pack(&noise, encoding), encoding),
+                ProblemKind::TooLarge
+            );
         }
     }
 
@@ -129,14 +134,23 @@ mod tests {
     fn broken_and_trailing_bytes_are_refused() {
         for encoding in [Encoding::Gzip, Encoding::Zstd] {
             let good = pack(b"{\"vehicle_id\": \"agv-07\"}", encoding);
-            assert_eq!(refused(good[..good.len() - 1].to_vec(), encoding), ProblemKind::BadEncoding);
+            assert_eq!(
+                refused(good[..good.len() - 1].to_vec(), encoding),
+                ProblemKind::BadEncoding
+            );
             let twice = [good.clone(), good.clone()].concat();
             assert_eq!(refused(twice, encoding), ProblemKind::BadEncoding);
             let more = [good, vec![0]].concat();
             assert_eq!(refused(more, encoding), ProblemKind::BadEncoding);
         }
-        assert_eq!(refused(b"{}".to_vec(), Encoding::Gzip), ProblemKind::BadEncoding);
-        assert_eq!(refused(Vec::new(), Encoding::Zstd), ProblemKind::BadEncoding);
+        assert_eq!(
+            refused(b"{}".to_vec(), Encoding::Gzip),
+            ProblemKind::BadEncoding
+        );
+        assert_eq!(
+            refused(Vec::new(), Encoding::Zstd),
+            ProblemKind::BadEncoding
+        );
     }
 
     proptest! {

@@ -134,7 +134,11 @@ fn base64(bytes: &[u8]) -> String {
         for k in 0..4 {
             let sextet = (group >> (18 - 6 * k)) & 0x3f;
             let padded = k > chunk.len();
-            text.push(if padded { '=' } else { char::from(ALPHABET[sextet as usize]) });
+            text.push(if padded {
+                '='
+            } else {
+                char::from(ALPHABET[sextet as usize])
+            });
         }
     }
     text
@@ -156,8 +160,13 @@ mod tests {
     #[test]
     fn base64_of_the_rfc() {
         for (plain, text) in [
-            ("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE="), ("foobar", "Zm9vYmFy"),
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
         ] {
             assert_eq!(base64(plain.as_bytes()), text);
         }
@@ -167,11 +176,20 @@ mod tests {
     fn headers_are_read_as_people_write_them() {
         let json = ("content-type", "Application/JSON; charset=\"UTF-8\"");
         assert_eq!(head(&[json]).unwrap().encoding, Encoding::Identity);
-        let zipped = head(&[json, ("content-encoding", "GZIP"), ("content-length", "1000")]);
+        let zipped = head(&[
+            json,
+            ("content-encoding", "GZIP"),
+            ("content-length", "1000"),
+        ]);
         assert_eq!(zipped.unwrap().encoding, Encoding::Gzip);
         let digest = head(&[json, ("content-digest", "sha-512=:AA==:, sha-256=:Zg==:")]);
         assert_eq!(digest.unwrap().digest.as_deref(), Some("Zg=="));
-        assert_eq!(head(&[json, ("content-digest", "md5=:AA==:")]).unwrap().digest, None);
+        assert_eq!(
+            head(&[json, ("content-digest", "md5=:AA==:")])
+                .unwrap()
+                .digest,
+            None
+        );
     }
 
     #[test]
@@ -181,12 +199,28 @@ mod tests {
         for (pairs, kind) in [
             (vec![], UnsupportedMediaType),
             (vec![("content-type", "text/json")], UnsupportedMediaType),
-            (vec![("content-type", "application/json; charset=latin1")], UnsupportedMediaType),
+            (
+                vec![("content-type", "application/json; charset=latin1")],
+                UnsupportedMediaType,
+            ),
             (vec![json, ("content-encoding", "br")], UnsupportedEncoding),
-            (vec![json, ("content-encoding", "gzip, zstd")], UnsupportedEncoding),
-            (vec![json, ("content-encoding", "gzip"), ("content-encoding", "gzip")], UnsupportedEncoding),
+            (
+                vec![json, ("content-encoding", "gzip, zstd")],
+                UnsupportedEncoding,
+            ),
+            (
+                vec![
+                    json,
+                    ("content-encoding", "gzip"),
+                    ("content-encoding", "gzip"),
+                ],
+                UnsupportedEncoding,
+            ),
             (vec![json, ("content-length", "1001")], TooLarge),
-            (vec![json, ("content-digest", "sha-256=Zg==")], DigestMismatch),
+            (
+                vec![json, ("content-digest", "sha-256=Zg==")],
+                DigestMismatch,
+            ),
             (vec![json, ("content-digest", "nonsense")], DigestMismatch),
         ] {
             assert_eq!(head(&pairs), Err(kind), "{pairs:?}");

@@ -54,10 +54,7 @@ pub(super) async fn receive(
     let announced = head.content_length.unwrap_or(limits.wire_bytes);
     let slot = state.upload_slots.clone().try_acquire_owned();
     let wire_size = kibibytes(announced) as u32;
-    let wire = state
-        .wire_budget
-        .clone()
-        .try_acquire_many_owned(wire_size);
+    let wire = state.wire_budget.clone().try_acquire_many_owned(wire_size);
     let (Ok(slot), Ok(wire_place)) = (slot, wire) else {
         return Err(state.overloaded().closing());
     };
