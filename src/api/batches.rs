@@ -23,7 +23,7 @@ const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-repl
 
 /// A drive's scans, all from one lidar.
 #[derive(ToSchema)]
-#[schema(title = "BatchUpload", example = json!({
+#[schema(as = BatchUpload, example = json!({
     "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
     "lidar": {"angle_min": -0.0174533, "angle_increment": 0.0174533, "range_min": 0.05, "range_max": 20.0,
               "mount": {"x": 0.2, "y": 0.0, "theta": 0.0}, "range_sigma": 0.01},
@@ -53,7 +53,7 @@ pub(super) struct BatchUpload {
 /// A lidar's geometry, as in `sensor_msgs/LaserScan`; beam k looks along
 /// `angle_min + k · angle_increment` in the lidar frame.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Lidar")]
+#[schema(as = Lidar)]
 pub(super) struct LidarBody {
     /// Direction of the first beam, radians.
     #[schema(minimum = -6.2832, maximum = 6.2832)]
@@ -78,7 +78,7 @@ pub(super) struct LidarBody {
 
 /// A rough pose in the map frame.
 #[derive(ToSchema)]
-#[schema(title = "InitialPose")]
+#[schema(as = InitialPose)]
 #[allow(dead_code)]
 struct InitialPoseBody {
     /// Metres.
@@ -114,7 +114,7 @@ struct ScanUpload {
 
 /// An upload and what became of it.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Batch")]
+#[schema(as = Batch)]
 pub(super) struct BatchBody {
     /// Chosen by the client.
     #[schema(example = "b-000123")]

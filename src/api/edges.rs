@@ -16,7 +16,7 @@ use crate::store::{ClosureRecord, EdgeRecord};
 
 /// A measured motion between two nodes.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Edge")]
+#[schema(as = Edge)]
 pub(super) struct EdgeBody {
     /// Unique within the route.
     id: i64,
@@ -50,7 +50,7 @@ pub(super) struct EdgeBody {
 
 /// What two matched scans say beside the estimate that is optimised.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Closure")]
+#[schema(as = Closure)]
 struct ClosureBody {
     /// The all-points estimate of `from_from_to`; watched, never optimised in fused mode.
     all_points_measurement: PoseBody,

@@ -18,7 +18,7 @@ use crate::store::{EdgeRecord, NodeRecord, RouteRecord};
 
 /// A route's pose graph.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Graph")]
+#[schema(as = Graph)]
 pub(super) struct GraphBody {
     /// Which map the poses belong to.
     map_version: i64,

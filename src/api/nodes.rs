@@ -17,7 +17,7 @@ use crate::store::NodeRecord;
 
 /// A node: a place from which a scan was taken.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Node")]
+#[schema(as = Node)]
 pub(super) struct NodeBody {
     /// Unique within the route.
     id: i64,
@@ -56,7 +56,7 @@ pub(super) struct NodePage {
 
 /// A node's scan.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "NodeScan")]
+#[schema(as = NodeScan)]
 pub(super) struct NodeScanBody {
     /// The node.
     node_id: i64,
@@ -75,7 +75,7 @@ pub(super) struct NodeScanBody {
 
 /// The geometry of the lidar that took a scan.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "ScanLidar")]
+#[schema(as = ScanLidar)]
 struct ScanLidarBody {
     /// Direction of the first beam, radians.
     angle_min: f64,

@@ -81,7 +81,7 @@ pub struct FieldError {
 
 /// Problem details (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-#[schema(title = "Problem")]
+#[schema(as = Problem)]
 pub struct ProblemBody {
     /// Stable kind of the problem, relative to the service.
     #[serde(rename = "type")]

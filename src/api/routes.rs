@@ -23,7 +23,7 @@ const HOLD_S_MAX: u32 = 7 * 24 * 3_600;
 
 /// A route.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Route")]
+#[schema(as = Route)]
 pub(super) struct RouteBody {
     /// Chosen by the client.
     #[schema(example = "line-4")]
@@ -66,7 +66,7 @@ enum RouteStage {
 
 /// What a route holds.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "RouteCounts")]
+#[schema(as = RouteCounts)]
 struct RouteCountsBody {
     batches: i64,
     scans: i64,
@@ -90,7 +90,7 @@ enum DetectorName {
 
 /// A route's settings.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "RouteSettings")]
+#[schema(as = RouteSettings)]
 struct RouteSettingsBody {
     /// The rule that decides that something changed.
     detector: DetectorName,
@@ -103,7 +103,7 @@ struct RouteSettingsBody {
 /// Where a route's map frame lies on the Earth (WGS 84).
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(title = "GeoAnchor")]
+#[schema(as = GeoAnchor)]
 struct GeoAnchorBody {
     /// Degrees.
     #[schema(minimum = -90, maximum = 90)]

@@ -17,7 +17,7 @@ use crate::store::NodeRecord;
 
 /// A trip's way through the map.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "Trajectory")]
+#[schema(as = Trajectory)]
 pub(super) struct TrajectoryBody {
     /// Which drive.
     trip_id: String,
@@ -27,7 +27,7 @@ pub(super) struct TrajectoryBody {
 
 /// Where a trip was at a time.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "TrajectoryPose")]
+#[schema(as = TrajectoryPose)]
 struct TrajectoryPoseBody {
     /// The keyframe.
     node_id: i64,

@@ -10,7 +10,7 @@ use crate::ids::StampNs;
 /// A planar pose as in `geometry_msgs/Pose2D`: metres, radians, counter-clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(title = "Pose")]
+#[schema(as = Pose)]
 pub(super) struct PoseBody {
     /// Metres.
     #[schema(example = 3.5, minimum = -1e6, maximum = 1e6)]

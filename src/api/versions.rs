@@ -14,7 +14,7 @@ use crate::ids::RouteId;
 
 /// A version of a route's map.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "MapVersion")]
+#[schema(as = MapVersion)]
 struct VersionBody {
     /// 1 for the first map; raised by every accepted change.
     version: i64,
@@ -29,7 +29,7 @@ struct VersionBody {
 
 /// A part of the list of versions.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(title = "MapVersionPage")]
+#[schema(as = MapVersionPage)]
 pub(super) struct VersionPage {
     /// The oldest first.
     items: Vec<VersionBody>,
