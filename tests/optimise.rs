@@ -57,3 +57,87 @@ fn probe() {
         }
     }
 }
+
+#[test]
+fn incremental_probe() {
+    use mapshift::graph::PoseGraph;
+    use mapshift::solver::Solver;
+    for name in ["M3500", "intel"] {
+        let Some(read) = load(name) else { return };
+        let whole = read.graph;
+        let mut graph = PoseGraph::new();
+        let mut solver = Solver::new();
+        let mut edges: Vec<_> = whole.edges().to_vec();
+        edges.sort_by_key(|e| {
+            (
+                e.from.max(e.to),
+                e.kind == mapshift::graph::EdgeKind::LoopClosure,
+            )
+        });
+        graph.add_node(whole.nodes()[0]).unwrap();
+        let (mut total, mut worst, mut n, mut its, mut maxits) = (0.0_f64, 0.0_f64, 0, 0, 0);
+        let mut f = 0.0;
+        for e in edges {
+            let new = e.from.max(e.to);
+            if graph.node(new).is_none() {
+                let prev = graph.node(e.from).unwrap().pose;
+                graph
+                    .add_node(mapshift::graph::Node {
+                        id: new,
+                        pose: prev.compose(&e.measurement),
+                    })
+                    .unwrap();
+                graph.add_edge(e).unwrap();
+                continue;
+            }
+            graph.add_edge(e).unwrap();
+            let t = std::time::Instant::now();
+            let s = solver.solve_touched(&mut graph, &[e.id], &SolveOptions::default());
+            let ms = t.elapsed().as_secs_f64() * 1e3;
+            total += ms;
+            worst = worst.max(ms);
+            n += 1;
+            its += s.summary.iterations;
+            maxits = maxits.max(s.summary.iterations);
+            f += s.delta_f;
+            assert!(s.summary.termination.is_converged(), "{s:?}");
+        }
+        eprintln!(
+            "{name}: {n} closures, {total} ms, worst {worst}, its {its} max {maxits} F {} sum {f}",
+            graph.cost()
+        );
+    }
+}
+
+#[test]
+fn robust_probe() {
+    for name in OPTIMA.iter().map(|o| o.0).chain(["B25b_0.150"]) {
+        let Some(read) = load(name) else { return };
+        let mut graph = read.graph;
+        let t = std::time::Instant::now();
+        let r = mapshift::solver::solve_robust(&mut graph, &SolveOptions::default());
+        let ms = t.elapsed().as_secs_f64() * 1e3;
+        eprintln!(
+            "{name} {ms:.0} ms scale {} off {} {:?}",
+            r.noise_scale,
+            r.switched_off.len(),
+            r.summary
+        );
+        if name.starts_with('B') {
+            let mut d: Vec<_> = graph
+                .edges()
+                .iter()
+                .filter(|e| e.kind == mapshift::graph::EdgeKind::LoopClosure)
+                .map(|e| {
+                    let x = graph.error_of(e).unwrap();
+                    (x.xy().norm(), x.z, !r.switched_off.contains(&e.id))
+                })
+                .collect();
+            d.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for d in &d[195..252] {
+                eprint!("{:.2}/{:.2}/{} ", d.0, d.1, d.2);
+            }
+            eprintln!();
+        }
+    }
+}

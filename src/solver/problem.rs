@@ -1,7 +1,7 @@
 //! A pose graph by places instead of ids: what the minimiser works on.
 
 use crate::geometry::{Information, Pose2};
-use crate::graph::{EdgeStatus, PoseGraph};
+use crate::graph::{Edge, EdgeStatus, PoseGraph};
 
 /// A measured motion between two poses, by their places.
 #[derive(Debug, Clone, Copy)]
@@ -15,6 +15,17 @@ pub(super) struct Factor {
 }
 
 impl Factor {
+    /// An edge between the poses at two places.
+    pub(super) fn of_edge(edge: &Edge, from: usize, to: usize) -> Self {
+        Self {
+            from,
+            to,
+            measurement: edge.measurement,
+            information: edge.information,
+            weight: 1.0,
+        }
+    }
+
     /// eᵀΩe without the weight.
     pub(super) fn cost(&self, poses: &[Pose2]) -> f64 {
         let error = Pose2::edge_error(&poses[self.from], &poses[self.to], &self.measurement);
@@ -38,13 +49,7 @@ impl Problem {
             .iter()
             .zip(graph.ends())
             .filter(|(edge, _)| edge.status == EdgeStatus::Active)
-            .map(|(edge, &(from, to))| Factor {
-                from,
-                to,
-                measurement: edge.measurement,
-                information: edge.information,
-                weight: 1.0,
-            })
+            .map(|(edge, &(from, to))| Factor::of_edge(edge, from, to))
             .collect();
         let mut problem = Self {
             poses: graph.nodes().iter().map(|node| node.pose).collect(),
