@@ -1,5 +1,9 @@
 //! Bytes to core types and back: recordings of other programs, pictures of maps.
 
+pub mod batch_json;
+pub mod g2o;
+pub mod json;
+
 mod carmen;
 mod carmen_line;
 mod cells;

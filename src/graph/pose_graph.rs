@@ -80,6 +80,7 @@ pub enum GraphError {
 pub struct PoseGraph {
     nodes: Vec<Node>,
     edges: Vec<Edge>,
+    ends: Vec<(usize, usize)>,
     incident: Vec<Vec<usize>>,
     node_index: BTreeMap<NodeId, usize>,
     edge_index: BTreeMap<EdgeId, usize>,
@@ -129,6 +130,7 @@ impl PoseGraph {
         let index = self.edges.len();
         self.edge_index.insert(edge.id, index);
         self.edges.push(edge);
+        self.ends.push((from, to));
         self.incident[from].push(index);
         self.incident[to].push(index);
         Ok(())
@@ -159,6 +161,23 @@ impl PoseGraph {
         self.edge_index.get(&id).map(|&k| &self.edges[k])
     }
 
+    /// An edge's place in [`PoseGraph::edges`].
+    pub fn edge_position(&self, id: EdgeId) -> Option<usize> {
+        self.edge_index.get(&id).copied()
+    }
+
+    /// For each edge of [`PoseGraph::edges`], the places of its ends `(from, to)` in
+    /// [`PoseGraph::nodes`].
+    pub fn ends(&self) -> &[(usize, usize)] {
+        &self.ends
+    }
+
+    /// The places in [`PoseGraph::edges`] of the edges at the node at a place in
+    /// [`PoseGraph::nodes`], in the order in which they were added; empty past the end.
+    pub fn incident(&self, node_position: usize) -> &[usize] {
+        self.incident.get(node_position).map_or(&[], Vec::as_slice)
+    }
+
     /// The edges at a node, in the order in which they were added.
     pub fn edges_at(&self, id: NodeId) -> impl Iterator<Item = &Edge> {
         let indices = self
@@ -172,6 +191,13 @@ impl PoseGraph {
     pub fn set_pose(&mut self, id: NodeId, pose: Pose2) {
         if let Some(&k) = self.node_index.get(&id) {
             self.nodes[k].pose = pose;
+        }
+    }
+
+    /// Moves the node at a place in [`PoseGraph::nodes`]; nothing happens past the end.
+    pub fn set_pose_at(&mut self, node_position: usize, pose: Pose2) {
+        if let Some(node) = self.nodes.get_mut(node_position) {
+            node.pose = pose;
         }
     }
 
@@ -190,9 +216,14 @@ impl PoseGraph {
 
     /// F = Σ eᵀΩe over the active edges at the current poses (paper, equation 2; no factor ½).
     pub fn cost(&self) -> f64 {
-        let active = self.edges.iter().filter(|e| e.status == EdgeStatus::Active);
-        active
-            .filter_map(|e| Some(e.information.squared_norm(&self.error_of(e)?)))
+        let with_ends = self.edges.iter().zip(&self.ends);
+        with_ends
+            .filter(|(edge, _)| edge.status == EdgeStatus::Active)
+            .map(|(edge, &(from, to))| {
+                let (from, to) = (&self.nodes[from].pose, &self.nodes[to].pose);
+                let error = Pose2::edge_error(from, to, &edge.measurement);
+                edge.information.squared_norm(&error)
+            })
             .sum()
     }
 }

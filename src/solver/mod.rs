@@ -1,1 +1,25 @@
-//! To be written.
+//! Least squares on pose graphs: the poses p* that minimise F = Σ eᵀΩe (paper, equations 2, 3).
+//!
+//! Only active edges take part. Each connected component's gauge is held by its first node.
+
+mod block_matrix;
+mod cholesky;
+mod chordal;
+mod marginals;
+mod minimise;
+mod normal_equations;
+mod problem;
+mod robust;
+mod spanning;
+mod summary;
+#[cfg(test)]
+mod testing;
+mod touched;
+mod whole;
+
+pub use marginals::{Innovation, Marginals};
+pub use robust::{RobustSummary, solve_robust};
+pub use spanning::start_along_odometry;
+pub use summary::{SolveOptions, SolveSummary, Termination};
+pub use touched::{Solver, TouchedSummary};
+pub use whole::{solve, solve_from_chordal};

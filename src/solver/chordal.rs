@@ -1,0 +1,172 @@
+//! A start without a guess: linear rotations, then linear positions.
+//!
+//! Rotations are relaxed to complex numbers, Σ κ|u_j − u_i z|² is solved as one linear system and
+//! every u is normalised; then F is minimised over the positions alone, which is linear again
+//! (Carlone et al., *Initialization techniques for 3D SLAM*, 2015, section III, in the plane).
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::block_matrix::{BlockMatrix, Slot};
+use super::cholesky::SparseCholesky;
+use super::minimise::DAMPING_MIN;
+use super::problem::{Factor, Problem};
+use crate::geometry::{Pose2, wrap_angle};
+
+const SIZE: usize = 2;
+
+/// Poses by two linear systems from a problem's factors; held poses stay. `None` if a system
+/// could not be solved.
+pub(super) fn chordal_poses(problem: &Problem) -> Option<Vec<Pose2>> {
+    let mut system = LinearSystem::new(problem)?;
+    let mut poses = problem.poses.clone();
+    for factor in &problem.factors {
+        system.add_rotation(factor, &poses);
+    }
+    for (k, [re, im]) in system.solve()? {
+        poses[k].theta = im.atan2(re);
+    }
+    system.clear();
+    for factor in &problem.factors {
+        system.add_position(factor, &poses);
+    }
+    for (k, [x, y]) in system.solve()? {
+        (poses[k].x, poses[k].y) = (x, y);
+    }
+    poses.iter().all(Pose2::is_finite).then_some(poses)
+}
+
+/// A linear least squares problem with two numbers for each pose that is not held.
+struct LinearSystem {
+    variable: Vec<Option<usize>>,
+    pairs: Vec<Option<Slot>>,
+    matrix: BlockMatrix<SIZE>,
+    right_hand_side: Vec<f64>,
+    diagonal: Vec<usize>,
+    cholesky: SparseCholesky,
+    next_factor: usize,
+}
+
+impl LinearSystem {
+    fn new(problem: &Problem) -> Option<Self> {
+        let (variable, variables) = problem.variables();
+        let pair = |f: &Factor| Some((variable[f.from]?, variable[f.to]?));
+        let coupled: Vec<_> = problem.factors.iter().filter_map(pair).collect();
+        let (matrix, slots, pattern) = BlockMatrix::new(variables, &coupled)?;
+        let mut slots = slots.into_iter();
+        let pairs = problem
+            .factors
+            .iter()
+            .map(|f| pair(f).and_then(|_| slots.next()))
+            .collect();
+        Some(Self {
+            variable,
+            pairs,
+            right_hand_side: vec![0.0; matrix.dimension()],
+            diagonal: matrix.diagonal_places(),
+            cholesky: SparseCholesky::analyse(pattern)?,
+            matrix,
+            next_factor: 0,
+        })
+    }
+
+    fn clear(&mut self) {
+        self.matrix.values.fill(0.0);
+        self.right_hand_side.fill(0.0);
+        self.next_factor = 0;
+    }
+
+    /// κ|u_j − u_i z|²: complex multiplication with z is a rotation of the plane.
+    fn add_rotation(&mut self, factor: &Factor, poses: &[Pose2]) {
+        let weight =
+            Matrix2::identity() * (factor.weight * factor.information.matrix()[(2, 2)].max(0.0));
+        let held = |k: usize| Vector2::new(poses[k].theta.cos(), poses[k].theta.sin());
+        let turn = Pose2::new(0.0, 0.0, factor.measurement.theta).rotation();
+        self.add(factor, &weight, -turn, Vector2::zeros(), held);
+    }
+
+    /// F with all angles held: e = R(p_j − p_i) − t and a constant in θ.
+    fn add_position(&mut self, factor: &Factor, poses: &[Pose2]) {
+        let from = poses[factor.from].theta;
+        let information = factor.information.matrix() * factor.weight;
+        let translation = information.fixed_view::<2, 2>(0, 0).into_owned();
+        let cross = information.fixed_view::<2, 1>(0, 2).into_owned();
+        let turned = wrap_angle(poses[factor.to].theta - from - factor.measurement.theta);
+        let measured = Pose2::new(0.0, 0.0, factor.measurement.theta)
+            .rotation()
+            .tr_mul(&factor.measurement.translation());
+        let map_from_measured = Pose2::new(0.0, 0.0, from + factor.measurement.theta).rotation();
+        let weight = map_from_measured * translation * map_from_measured.transpose();
+        // Completing the square moves the coupling with the angle's error into the target.
+        let shift = translation
+            .try_inverse()
+            .map_or(Vector2::zeros(), |inverse| inverse * cross * turned);
+        let target = map_from_measured * (measured - shift);
+        let held = |k: usize| poses[k].translation();
+        self.add(factor, &weight, -Matrix2::identity(), target, held);
+    }
+
+    /// Adds |x_j + A x_i − target|² with a weight.
+    fn add(
+        &mut self,
+        factor: &Factor,
+        weight: &Matrix2<f64>,
+        a: Matrix2<f64>,
+        target: Vector2<f64>,
+        held: impl Fn(usize) -> Vector2<f64>,
+    ) {
+        let slot = self.pairs[self.next_factor];
+        self.next_factor += 1;
+        let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
+        let mut constant = target;
+        if from.is_none() {
+            constant -= a * held(factor.from);
+        }
+        if to.is_none() {
+            constant -= held(factor.to);
+        }
+        if let Some(from) = from {
+            self.matrix.add_diagonal(from, &(a.tr_mul(&(weight * a))));
+            self.add_right(from, &a.tr_mul(&(weight * constant)));
+        }
+        if let Some(to) = to {
+            self.matrix.add_diagonal(to, weight);
+            self.add_right(to, &(weight * constant));
+        }
+        if let Some(slot) = slot {
+            self.matrix.add_pair(slot, &a.tr_mul(weight));
+        }
+    }
+
+    fn add_right(&mut self, variable: usize, part: &Vector2<f64>) {
+        let offset = self.matrix.offset(variable);
+        self.right_hand_side[offset] += part.x;
+        self.right_hand_side[offset + 1] += part.y;
+    }
+
+    /// The two numbers of each pose that is not held.
+    fn solve(&mut self) -> Option<Vec<(usize, [f64; SIZE])>> {
+        let largest = self
+            .diagonal
+            .iter()
+            .fold(0.0_f64, |max, &k| max.max(self.matrix.values[k]));
+        for &k in &self.diagonal {
+            let entry = &mut self.matrix.values[k];
+            *entry += DAMPING_MIN * entry.max(1e-6 * largest).max(f64::MIN_POSITIVE);
+        }
+        let solved = self.cholesky.factorise(&self.matrix.values)
+            && self.cholesky.solve(&mut self.right_hand_side, 1);
+        if !solved {
+            return None;
+        }
+        let pose_variables = self.variable.iter().enumerate();
+        let numbers = pose_variables.filter_map(|(pose, &variable)| {
+            let offset = self.matrix.offset(variable?);
+            let [a, b] = [
+                self.right_hand_side[offset],
+                self.right_hand_side[offset + 1],
+            ];
+            Some((pose, [a, b]))
+        });
+        Some(numbers.collect())
+    }
+}

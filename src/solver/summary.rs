@@ -1,0 +1,79 @@
+//! Options and outcome of a solve, as data.
+
+/// When a solve stops.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolveOptions {
+    /// The most factorisations that are tried.
+    pub iterations_max: usize,
+    /// Converged once a step promises to lower the cost by less than this part of it.
+    pub cost_tolerance: f64,
+    /// Converged once no coordinate (metres, radians) moves more than this in a step.
+    pub step_tolerance: f64,
+}
+
+impl Default for SolveOptions {
+    fn default() -> Self {
+        Self {
+            iterations_max: 100,
+            cost_tolerance: 1e-10,
+            step_tolerance: 1e-10,
+        }
+    }
+}
+
+/// Why a solve stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Termination {
+    /// The last step promised next to no decrease of the cost.
+    ConvergedByCost,
+    /// The last step moved next to nothing.
+    ConvergedByStep,
+    /// No free pose has an edge, or there is no pose at all.
+    NothingToSolve,
+    /// The budget of iterations was used up; the best poses so far are kept.
+    IterationLimit,
+    /// No step, however short, lowered the cost; the best poses so far are kept.
+    NoProgress,
+    /// The equations could not be factored, however damped, or memory ran out.
+    Unsolvable,
+    /// The cost at the start is not finite; nothing was moved.
+    NotFinite,
+}
+
+impl Termination {
+    /// Whether the poses are an optimum to within the tolerances.
+    pub fn is_converged(self) -> bool {
+        matches!(
+            self,
+            Self::ConvergedByCost | Self::ConvergedByStep | Self::NothingToSolve
+        )
+    }
+
+    /// A word for reports: `converged_by_cost`, `iteration_limit`, …
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ConvergedByCost => "converged_by_cost",
+            Self::ConvergedByStep => "converged_by_step",
+            Self::NothingToSolve => "nothing_to_solve",
+            Self::IterationLimit => "iteration_limit",
+            Self::NoProgress => "no_progress",
+            Self::Unsolvable => "unsolvable",
+            Self::NotFinite => "not_finite",
+        }
+    }
+}
+
+/// What a solve did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolveSummary {
+    /// F = Σ eᵀΩe before, over the active edges that took part.
+    pub initial_cost: f64,
+    /// F after; never above the cost before.
+    pub final_cost: f64,
+    /// Factorisations of the normal equations, refused steps included.
+    pub iterations: usize,
+    /// Why it stopped.
+    pub termination: Termination,
+    /// Whether any pose was changed.
+    pub moved: bool,
+}
