@@ -74,6 +74,11 @@ impl ServiceArgs {
     }
 }
 
+/// A directory of its own for a service that is thrown away afterwards; not made yet.
+pub fn temporary_data_dir() -> PathBuf {
+    std::env::temp_dir().join(format!("mapshift-{}", uuid::Uuid::now_v7()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,6 +10,9 @@ use jiff::Timestamp;
 use super::fleet::Fleet;
 use super::gateway::Gateway;
 use super::progress::say;
+use super::serve::StopSignal;
+use crate::app::{self, RunningApp};
+use crate::config::{LogFormat, ServiceArgs, temporary_data_dir};
 use crate::ids::RouteId;
 use crate::sim::Hall;
 
@@ -51,20 +54,34 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 async fn demo(args: &Args) -> anyhow::Result<()> {
     let data = DataDirectory::open(args.data.as_deref())?;
-    let service = Service::start(args.listen, &data.path).await?;
-    let url = format!("http://{}", service.address);
+    let mut stop = StopSignal::listen()?;
+    let service = start_service(args.listen, &data.path).await?;
+    let url = format!("http://{}", service.local_addr());
     let route = RouteId::new(ROUTE)?;
     say(&welcome(&url, &data));
     let driven = tokio::select! {
         driven = drive_laps(args, &url, &route) => driven.map(|()| true),
-        _ = tokio::signal::ctrl_c() => Ok(false),
+        () = stop.received() => Ok(false),
     };
     if matches!(driven, Ok(true)) && !args.exit {
         say("The service keeps running: ctrl-c ends it.");
-        tokio::signal::ctrl_c().await?;
+        stop.received().await;
     }
-    service.stop().await?;
+    service.shutdown().await?;
     driven.map(|_| ())
+}
+
+async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<RunningApp> {
+    let settings = ServiceArgs {
+        listen,
+        data: data.to_owned(),
+        log_format: LogFormat::Text,
+        log: String::new(),
+        insecure_open_to_network: false,
+    };
+    app::start(settings.app_config()?)
+        .await
+        .with_context(|| format!("if {listen} is taken, choose another with --listen 127.0.0.1:0"))
 }
 
 async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<()> {
@@ -152,10 +169,7 @@ struct DataDirectory {
 impl DataDirectory {
     fn open(chosen: Option<&Path>) -> anyhow::Result<Self> {
         let temporary = chosen.is_none();
-        let path = chosen.map_or_else(
-            || std::env::temp_dir().join(format!("mapshift-demo-{}", uuid::Uuid::now_v7())),
-            Path::to_owned,
-        );
+        let path = chosen.map_or_else(temporary_data_dir, Path::to_owned);
         std::fs::create_dir_all(&path)
             .with_context(|| format!("the directory {} could not be made", path.display()))?;
         Ok(Self { path, temporary })
@@ -167,21 +181,6 @@ impl Drop for DataDirectory {
         if self.temporary && std::fs::remove_dir_all(&self.path).is_err() {
             say(&format!("{} could not be removed", self.path.display()));
         }
-    }
-}
-
-/// The service in this process.
-struct Service {
-    address: SocketAddr,
-}
-
-impl Service {
-    async fn start(_listen: SocketAddr, _data: &Path) -> anyhow::Result<Self> {
-        anyhow::bail!("not built yet")
-    }
-
-    async fn stop(self) -> anyhow::Result<()> {
-        Ok(())
     }
 }
 
