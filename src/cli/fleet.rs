@@ -231,6 +231,7 @@ fn second_vehicle() -> Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::pretend::{Faults, Pretend};
 
     #[test]
     fn a_fleet_is_ready_to_be_sent() {
@@ -252,5 +253,36 @@ mod tests {
         );
         assert_eq!(first.trip.initial_pose, Some(hall.route.pose_at(0.0)));
         assert_eq!(fleet.drives[1].trip.initial_pose, None);
+    }
+
+    #[tokio::test]
+    async fn a_fleet_drives_and_tells_what_was_left_out() {
+        let service = Pretend::start(Faults {
+            unanchored: Some("agv-02"),
+            ..Faults::default()
+        })
+        .await;
+        let hall = Hall::generate(1).unwrap();
+        let now: Timestamp = "2026-11-21T06:00:00Z".parse().unwrap();
+        let fleet = Fleet::new(&hall, 1, 1, now).unwrap();
+        let gateway = Gateway::new(&service.url, say).unwrap();
+        let route = RouteId::new("demo-hall").unwrap();
+        assert!(gateway.ensure_route(&route, Some("Hall")).await.unwrap());
+        fleet.drive(&gateway, &route, Duration::ZERO).await.unwrap();
+        let settled = fleet.settle(&gateway, &route).await.unwrap();
+        assert_eq!(settled.batches, fleet.batch_count());
+        assert_eq!(settled.left_out.len(), settled.batches / 2);
+        assert!(settled.left_out[0].ends_with("is unanchored: not recognised"));
+        let state = service.state.lock().unwrap();
+        assert_eq!(state.batches.len(), fleet.batch_count());
+        let stamps = |id: &str| {
+            let scans = state.batches[id]["scans"].as_array().unwrap().clone();
+            scans
+                .into_iter()
+                .map(|s| s["stamp"].as_str().unwrap().to_owned())
+        };
+        let first = fleet.drives[0].batches.iter();
+        let all: Vec<_> = first.flat_map(|b| stamps(b.encoded.id.as_str())).collect();
+        assert!(all.is_sorted() && all.last().unwrap().starts_with("2026-11-21T06:00:00"));
     }
 }

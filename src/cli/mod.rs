@@ -6,6 +6,8 @@ mod fleet;
 mod gateway;
 mod openapi;
 mod optimise;
+#[cfg(test)]
+mod pretend;
 mod progress;
 mod recording;
 mod serve;

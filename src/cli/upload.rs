@@ -242,6 +242,7 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::pretend::{Faults, Pretend};
 
     #[test]
     fn poses_are_three_numbers() {
@@ -249,5 +250,83 @@ mod tests {
         for bad in ["", "1,2", "1,2,3,4", "1,2,nan", "a,b,c"] {
             assert!(parse_pose(bad).is_err(), "{bad}");
         }
+    }
+
+    const SCANS: usize = 25;
+
+    fn recording() -> tempfile::NamedTempFile {
+        let lines = (1..=SCANS).map(|t| {
+            format!(
+                "ROBOTLASER1 0 -0.1 0.2 0.1 5 0 0 3 1 2 3 0 0 0 0 {t} 0 0 0 0 0 0 0 {t} h {t}\n"
+            )
+        });
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), lines.collect::<String>()).unwrap();
+        file
+    }
+
+    fn args(url: &str, file: &Path, batch_scans: u16) -> Args {
+        Args {
+            files: vec![file.to_owned()],
+            route: RouteId::new("line-4").unwrap(),
+            vehicle: VehicleId::new("agv-07").unwrap(),
+            trip: Some(TripId::new("monday").unwrap()),
+            url: url.to_owned(),
+            batch_scans,
+            initial_pose: Some(Pose2::new(1.0, 2.0, 0.5)),
+            wait: true,
+        }
+    }
+
+    #[tokio::test]
+    async fn a_repeated_upload_is_stored_once() {
+        let service = Pretend::start(Faults {
+            busy_every: 4,
+            ..Faults::default()
+        })
+        .await;
+        let file = recording();
+        for _ in 0..2 {
+            upload_all(&args(&service.url, file.path(), 10))
+                .await
+                .unwrap();
+        }
+        let state = service.state.lock().unwrap();
+        assert_eq!(state.routes_made, 1);
+        let ids: Vec<_> = state.batches.keys().cloned().collect();
+        assert_eq!(ids, ["monday-00000", "monday-00001", "monday-00002"]);
+        let scans = |id: &str| state.batches[id]["scans"].as_array().unwrap().len();
+        assert_eq!(
+            ids.iter().map(|id| scans(id)).collect::<Vec<_>>(),
+            [10, 10, 5]
+        );
+        assert_eq!(state.batches["monday-00000"]["initial_pose"]["theta"], 0.5);
+        assert!(state.batches["monday-00001"].get("initial_pose").is_none());
+        assert_eq!(state.replays, 3);
+    }
+
+    #[tokio::test]
+    async fn a_refusal_ends_the_file_and_is_an_error() {
+        let service = Pretend::start(Faults::default()).await;
+        let file = recording();
+        upload_all(&args(&service.url, file.path(), 10))
+            .await
+            .unwrap();
+        let error = upload_all(&args(&service.url, file.path(), 5))
+            .await
+            .unwrap_err();
+        assert!(error.to_string().contains("1 of 1 files"), "{error}");
+        assert_eq!(service.state.lock().unwrap().batches.len(), 3);
+    }
+
+    #[tokio::test]
+    async fn one_bad_file_does_not_keep_the_others() {
+        let service = Pretend::start(Faults::default()).await;
+        let (good, bad) = (recording(), tempfile::NamedTempFile::new().unwrap());
+        let mut args = args(&service.url, bad.path(), 60);
+        args.trip = None;
+        args.files.push(good.path().to_owned());
+        assert!(upload_all(&args).await.is_err());
+        assert_eq!(service.state.lock().unwrap().batches.len(), 1);
     }
 }

@@ -1,30 +1,9 @@
 use super::*;
 use std::sync::Mutex;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpListener;
 
-/// Reads one request with its body.
-async fn read_request(stream: &mut TcpStream) -> Option<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut chunk = [0; 4096];
-    loop {
-        let head_end = bytes.windows(4).position(|w| w == b"\r\n\r\n");
-        if let Some(head_end) = head_end {
-            let head = String::from_utf8_lossy(&bytes[..head_end]).to_lowercase();
-            let length = head
-                .lines()
-                .find_map(|l| l.strip_prefix("content-length: ")?.parse().ok())
-                .unwrap_or(0);
-            if bytes.len() >= head_end + 4 + length {
-                return Some(bytes);
-            }
-        }
-        match stream.read(&mut chunk).await {
-            Ok(read) if read > 0 => bytes.extend_from_slice(&chunk[..read]),
-            _ => return None,
-        }
-    }
-}
+use crate::cli::pretend::read_request;
 
 /// Answers one connection after the other from a script; an empty answer is a reset. Gives
 /// the address and the requests as they came.
