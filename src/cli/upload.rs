@@ -257,7 +257,7 @@ mod tests {
     fn recording() -> tempfile::NamedTempFile {
         let lines = (1..=SCANS).map(|t| {
             format!(
-                "ROBOTLASER1 0 -0.1 0.2 0.1 5 0 0 3 1 2 3 0 0 0 0 {t} 0 0 0 0 0 0 0 {t} h {t}\n"
+                "ROBOTLASER1 0 -0.1 0.2 0.1 5 0 0 3 1 2 3 0 {t} 0 0 {t} 0 0 0 0 0 0 0 {t} h {t}\n"
             )
         });
         let file = tempfile::NamedTempFile::new().unwrap();
