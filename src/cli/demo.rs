@@ -92,7 +92,7 @@ async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<(
         .ensure_route(route, Some("Demonstration hall"))
         .await?;
     say(&format!(
-        "a hall of 40 m × 25 m with {} objects, a route of {:.0} m, two vehicles, {} laps each",
+        "a hall of 40 m × 25 m with {} objects, a route of {:.0} m, laps of each vehicle: {}",
         hall.world.shapes().len() - 1,
         hall.route.length_m(),
         args.laps,
