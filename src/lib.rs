@@ -36,6 +36,8 @@ pub mod formats;
 pub mod geometry;
 pub mod graph;
 pub mod ids;
+pub mod mapping;
+pub mod matching;
 pub mod scan;
 pub mod sim;
 pub mod solver;

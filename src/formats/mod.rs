@@ -1,4 +1,4 @@
-//! Bytes to core types and back: recordings of other programs, pictures of maps.
+//! Bytes to core types and back: uploads, recordings of other programs, pictures of maps.
 
 pub mod batch_json;
 pub mod g2o;
