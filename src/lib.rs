@@ -28,8 +28,10 @@
 //! - Names carry their unit last: `range_max_m`, `lease_ms`.
 
 pub mod api;
+pub mod app;
 pub mod change;
 pub mod cli;
+pub mod config;
 pub mod formats;
 pub mod geometry;
 pub mod graph;
@@ -40,3 +42,4 @@ pub mod scan;
 pub mod sim;
 pub mod solver;
 pub mod store;
+pub mod telemetry;

@@ -108,3 +108,36 @@ fn incremental_probe() {
         );
     }
 }
+
+#[test]
+fn robust_probe() {
+    for name in OPTIMA.iter().map(|o| o.0).chain(["B25b_0.150"]) {
+        let Some(read) = load(name) else { return };
+        let mut graph = read.graph;
+        let t = std::time::Instant::now();
+        let r = mapshift::solver::solve_robust(&mut graph, &SolveOptions::default());
+        let ms = t.elapsed().as_secs_f64() * 1e3;
+        eprintln!(
+            "{name} {ms:.0} ms scale {} off {} {:?}",
+            r.noise_scale,
+            r.switched_off.len(),
+            r.summary
+        );
+        if name.starts_with('B') {
+            let mut d: Vec<_> = graph
+                .edges()
+                .iter()
+                .filter(|e| e.kind == mapshift::graph::EdgeKind::LoopClosure)
+                .map(|e| {
+                    let x = graph.error_of(e).unwrap();
+                    (x.xy().norm(), x.z, !r.switched_off.contains(&e.id))
+                })
+                .collect();
+            d.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for d in &d[195..252] {
+                eprint!("{:.2}/{:.2}/{} ", d.0, d.1, d.2);
+            }
+            eprintln!();
+        }
+    }
+}

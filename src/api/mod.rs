@@ -1,1 +1,92 @@
-//! To be written.
+//! The HTTP interface: one file per resource, one error type, the OpenAPI document, the page.
+//!
+//! Knows the store; knows nothing of matching, solving and workers.
+
+mod batches;
+mod documents;
+mod edges;
+mod extract;
+mod graph;
+mod layers;
+mod limits;
+mod maps;
+mod nodes;
+mod offload;
+mod openapi;
+mod operations;
+mod paging;
+pub mod problem;
+mod routes;
+mod state;
+mod trajectories;
+mod types;
+mod upload;
+mod versions;
+
+use axum::Router;
+use axum::middleware::{from_fn, from_fn_with_state};
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::OpenApi as _;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+pub use limits::Limits;
+pub use state::ApiState;
+
+/// All operations, with their documentation.
+fn operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::with_openapi(openapi::Document::openapi())
+        .routes(routes!(routes::list_routes))
+        .routes(routes!(
+            routes::put_route,
+            routes::get_route,
+            routes::delete_route
+        ))
+        .routes(routes!(batches::list_batches))
+        .routes(routes!(batches::put_batch, batches::get_batch))
+        .routes(routes!(graph::get_graph))
+        .routes(routes!(graph::get_graph_g2o))
+        .routes(routes!(nodes::list_nodes))
+        .routes(routes!(nodes::get_node))
+        .routes(routes!(nodes::get_node_scan))
+        .routes(routes!(edges::list_edges))
+        .routes(routes!(edges::get_edge))
+        .routes(routes!(trajectories::get_trajectory))
+        .routes(routes!(trajectories::get_trajectory_tum))
+        .routes(routes!(maps::get_map_png))
+        .routes(routes!(maps::get_map_pgm))
+        .routes(routes!(maps::get_map_yaml))
+        .routes(routes!(versions::list_versions))
+        .routes(routes!(operations::livez))
+        .routes(routes!(operations::readyz))
+        .routes(routes!(operations::metrics))
+}
+
+/// The OpenAPI document.
+///
+/// # Errors
+/// If it does not serialise.
+pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
+    openapi::complete(operations().get_openapi())
+}
+
+/// The service's router, with everything that surrounds its handlers.
+///
+/// # Errors
+/// If the OpenAPI document does not serialise.
+pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
+    let document = serde_json::to_vec(&openapi_document()?)?;
+    let (router, _) = operations().split_for_parts();
+    Ok(router
+        .merge(documents::router(document.into()))
+        .fallback(layers::unknown_path)
+        .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn_with_state(state.clone(), layers::limit_time))
+        .layer(CatchPanicLayer::custom(layers::problem_of_panic))
+        .layer(from_fn_with_state(
+            state.clone(),
+            layers::refuse_while_draining,
+        ))
+        .layer(from_fn(layers::observe))
+        .with_state(state))
+}

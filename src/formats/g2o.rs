@@ -13,8 +13,7 @@ use crate::ids::{EdgeId, NodeId};
 pub struct G2oError {
     /// Counted from 1.
     pub line: usize,
-    /// What is wrong there.
-    #[source]
+    /// What is wrong there, with its cause.
     pub problem: G2oProblem,
 }
 

@@ -1,8 +1,12 @@
-//! Bytes to core types and back: recordings of other programs, pictures of maps, graphs as text.
+//! Bytes to core types and back: uploads, recordings of other programs, pictures of maps.
+
+pub mod batch_json;
+pub mod g2o;
+pub mod json;
 
 mod carmen;
 mod carmen_line;
-pub mod g2o;
+mod cells;
 mod map_image;
 mod occupancy;
 

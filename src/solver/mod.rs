@@ -5,9 +5,11 @@
 mod block_matrix;
 mod cholesky;
 mod chordal;
+mod marginals;
 mod minimise;
 mod normal_equations;
 mod problem;
+mod robust;
 mod spanning;
 mod summary;
 #[cfg(test)]
@@ -15,6 +17,8 @@ mod testing;
 mod touched;
 mod whole;
 
+pub use marginals::{Innovation, Marginals};
+pub use robust::{RobustSummary, solve_robust};
 pub use spanning::start_along_odometry;
 pub use summary::{SolveOptions, SolveSummary, Termination};
 pub use touched::{Solver, TouchedSummary};

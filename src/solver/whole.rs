@@ -3,7 +3,7 @@
 use super::chordal::chordal_poses;
 use super::minimise::Minimiser;
 use super::problem::Problem;
-use super::summary::{SolveOptions, SolveSummary, Termination};
+use super::summary::{SolveOptions, SolveSummary};
 use crate::geometry::Pose2;
 use crate::graph::PoseGraph;
 
@@ -17,8 +17,9 @@ pub fn solve(graph: &mut PoseGraph, options: &SolveOptions) -> SolveSummary {
     summary
 }
 
-/// As [`solve`], but from a chordal start, which needs no guess. Nothing moves if that start
-/// cannot be had or ends above the cost of the poses as they are.
+/// As [`solve`], but from a chordal start, which needs no guess and reaches the global minimum
+/// where descent from odometry often does not. If that start cannot be had, or ends above the
+/// cost of the poses as they are, the descent is from those.
 pub fn solve_from_chordal(graph: &mut PoseGraph, options: &SolveOptions) -> SolveSummary {
     let mut problem = Problem::of_graph(graph);
     let initial_cost = problem.cost_at(&problem.poses);
@@ -26,16 +27,17 @@ pub fn solve_from_chordal(graph: &mut PoseGraph, options: &SolveOptions) -> Solv
         return solve(graph, options);
     };
     problem.poses = start;
-    let mut summary = Minimiser::default().minimise(&mut problem, options);
-    summary.initial_cost = initial_cost;
-    summary.moved = !(summary.final_cost > initial_cost) && summary.final_cost.is_finite();
-    if summary.moved {
-        publish(graph, &problem.poses);
-    } else {
-        summary.final_cost = initial_cost;
-        summary.termination = Termination::NoProgress;
+    let summary = Minimiser::default().minimise(&mut problem, options);
+    // Not `>`: a cost that is not a number is no gain either.
+    if !(summary.final_cost < initial_cost) {
+        return solve(graph, options);
     }
-    summary
+    publish(graph, &problem.poses);
+    SolveSummary {
+        initial_cost,
+        moved: true,
+        ..summary
+    }
 }
 
 pub(super) fn publish(graph: &mut PoseGraph, poses: &[Pose2]) {

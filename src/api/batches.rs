@@ -1,0 +1,406 @@
+//! Batches of scans: upload, status, list.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::problem::{Problem, ProblemKind};
+use super::types::PoseBody;
+use super::upload::{decompress, receive};
+use crate::formats::batch_json;
+use crate::ids::{BatchId, RouteId, VehicleId};
+use crate::store::{BatchFilter, BatchRecord, BatchStatus, Journaled, NewBatch};
+
+const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
+
+/// A drive's scans, all from one lidar.
+#[derive(ToSchema)]
+#[schema(as = BatchUpload, example = json!({
+    "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
+    "lidar": {"angle_min": -0.0174533, "angle_increment": 0.0174533, "range_min": 0.05, "range_max": 20.0,
+              "mount": {"x": 0.2, "y": 0.0, "theta": 0.0}, "range_sigma": 0.01},
+    "initial_pose": {"x": 3.5, "y": 3.4, "theta": 0.02, "sigma_xy": 0.3, "sigma_theta": 0.1},
+    "scans": [{"stamp": "2026-11-20T06:00:00Z", "odometry": {"x": 0.0, "y": 0.0, "theta": 0.0}, "ranges": [1.92, null, 1.95]}]
+}))]
+#[allow(dead_code)]
+pub(super) struct BatchUpload {
+    /// Who drove.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    vehicle_id: String,
+    /// Which drive: all its batches share one odometry frame.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    trip_id: String,
+    /// 0, 1, 2 … within the trip.
+    #[schema(minimum = 0)]
+    sequence: u32,
+    /// The lidar's geometry, for all scans of the batch.
+    lidar: LidarBody,
+    /// Where the first scan's base is in the map frame, roughly.
+    initial_pose: Option<InitialPoseBody>,
+    /// Stamps strictly increasing, all with the same number of beams; at most 4,000,000 beams.
+    #[schema(min_items = 1, max_items = 5000)]
+    scans: Vec<ScanUpload>,
+}
+
+/// A lidar's geometry, as in `sensor_msgs/LaserScan`; beam k looks along
+/// `angle_min + k · angle_increment` in the lidar frame.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Lidar)]
+pub(super) struct LidarBody {
+    /// Direction of the first beam, radians.
+    #[schema(minimum = -6.2832, maximum = 6.2832)]
+    pub angle_min: f64,
+    /// Direction of the last beam, radians; may be left out of uploads.
+    pub angle_max: Option<f64>,
+    /// Turn from a beam to the next, radians, positive.
+    #[schema(exclusive_minimum = 0.0, maximum = 0.7854)]
+    pub angle_increment: f64,
+    /// Shorter ranges count as no return, metres.
+    #[schema(minimum = 0)]
+    pub range_min: f64,
+    /// Ranges of this length or longer count as no return, metres.
+    #[schema(exclusive_minimum = 0.0, maximum = 500)]
+    pub range_max: f64,
+    /// `base_from_lidar`; the base itself if left out.
+    pub mount: Option<PoseBody>,
+    /// Standard deviation of one range, metres; 0.01 if left out.
+    #[schema(exclusive_minimum = 0.0, maximum = 1)]
+    pub range_sigma: Option<f64>,
+}
+
+/// A rough pose in the map frame.
+#[derive(ToSchema)]
+#[schema(as = InitialPose)]
+#[allow(dead_code)]
+struct InitialPoseBody {
+    /// Metres.
+    x: f64,
+    /// Metres.
+    y: f64,
+    /// Radians.
+    theta: f64,
+    /// Standard deviation of x and of y, metres; 0.5 if left out.
+    #[schema(exclusive_minimum = 0.0, maximum = 100)]
+    sigma_xy: Option<f64>,
+    /// Standard deviation of the heading, radians; 0.2 if left out.
+    #[schema(exclusive_minimum = 0.0, maximum = 3.1416)]
+    sigma_theta: Option<f64>,
+}
+
+/// One sweep and where the vehicle took itself to be.
+#[derive(ToSchema)]
+#[allow(dead_code)]
+struct ScanUpload {
+    /// RFC 3339, between 2000 and 2100.
+    #[schema(format = DateTime)]
+    stamp: String,
+    /// The base in the vehicle's own odometry frame; only differences are used.
+    odometry: PoseBody,
+    /// Metres; null is "no return" (REP-117), which is not evidence of free space.
+    #[schema(min_items = 1, max_items = 8192)]
+    ranges: Vec<Option<f64>>,
+    /// Taken and not used.
+    #[schema(max_items = 8192)]
+    intensities: Option<Vec<Option<f64>>>,
+}
+
+/// An upload and what became of it.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Batch)]
+pub(super) struct BatchBody {
+    /// Chosen by the client.
+    #[schema(example = "b-000123")]
+    id: String,
+    /// The route.
+    route_id: String,
+    /// Who drove.
+    vehicle_id: String,
+    /// Which drive.
+    trip_id: String,
+    /// 0, 1, 2 … within the trip.
+    sequence: i64,
+    /// Where it is on its way.
+    status: BatchStatusName,
+    /// Why it is there, for people.
+    #[schema(required)]
+    reason: Option<String>,
+    /// What was noticed: `clock_skew`, `empty_scans`, `late`, `wild_odometry`, …
+    flags: Vec<String>,
+    /// Number of scans.
+    scans: i64,
+    /// Nodes it added to the graph.
+    nodes_added: i64,
+    /// Loop closures it added to the graph.
+    loop_closures: i64,
+    /// Alerts that it raised or joined.
+    alerts: Vec<String>,
+    /// When it came in.
+    #[schema(value_type = String, format = DateTime)]
+    received_at: Timestamp,
+    /// When it was last worked on.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    processed_at: Option<Timestamp>,
+}
+
+/// Where a batch is on its way.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum BatchStatusName {
+    /// Stored; a worker will take it.
+    Queued,
+    /// A worker has it.
+    Processing,
+    /// Waits for its predecessor.
+    Held,
+    /// In the map.
+    Merged,
+    /// Its trip could not be placed in the map yet.
+    Unanchored,
+    /// Processing failed for good.
+    Quarantined,
+}
+
+/// A part of a route's list of batches.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct BatchPage {
+    /// In the order of arrival.
+    items: Vec<BatchBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+/// Which batches to list.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct BatchQuery {
+    /// Only this vehicle's.
+    #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    vehicle_id: Option<String>,
+    /// Only in this state.
+    #[param(nullable = false, inline)]
+    status: Option<BatchStatusName>,
+    /// How many items at most, 1 to 1,000; 100 if left out.
+    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(nullable = false)]
+    cursor: Option<String>,
+}
+
+impl From<BatchRecord> for BatchBody {
+    fn from(batch: BatchRecord) -> Self {
+        Self {
+            id: batch.id.to_string(),
+            route_id: batch.route_id.to_string(),
+            vehicle_id: batch.vehicle_id.to_string(),
+            trip_id: batch.trip_id.to_string(),
+            sequence: batch.sequence,
+            status: match batch.status {
+                BatchStatus::Queued => BatchStatusName::Queued,
+                BatchStatus::Processing => BatchStatusName::Processing,
+                BatchStatus::Held => BatchStatusName::Held,
+                BatchStatus::Merged => BatchStatusName::Merged,
+                BatchStatus::Unanchored => BatchStatusName::Unanchored,
+                BatchStatus::Quarantined => BatchStatusName::Quarantined,
+            },
+            reason: batch.reason,
+            flags: batch.flags,
+            scans: batch.scans,
+            nodes_added: batch.nodes_added,
+            loop_closures: batch.loop_closures,
+            alerts: Vec::new(),
+            received_at: batch.received_at,
+            processed_at: batch.processed_at,
+        }
+    }
+}
+
+impl From<BatchStatusName> for BatchStatus {
+    fn from(name: BatchStatusName) -> Self {
+        match name {
+            BatchStatusName::Queued => Self::Queued,
+            BatchStatusName::Processing => Self::Processing,
+            BatchStatusName::Held => Self::Held,
+            BatchStatusName::Merged => Self::Merged,
+            BatchStatusName::Unanchored => Self::Unanchored,
+            BatchStatusName::Quarantined => Self::Quarantined,
+        }
+    }
+}
+
+/// Upload a batch of scans.
+///
+/// Safe to repeat: the same bytes under the same id are stored once. The answer 202 means that
+/// the batch is on disk; what becomes of it is its status. 408, 429, 503 and 507 mean: send the
+/// same bytes under the same id again, after `Retry-After`.
+#[utoipa::path(
+    put, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("batch" = String, Path, description = "Name of the batch, chosen by the client", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("Content-Encoding" = Option<String>, Header, nullable = false, description = "`gzip`, `zstd` or `identity`"),
+        ("Content-Digest" = Option<String>, Header, nullable = false, description = "`sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)"),
+    ),
+    request_body(content = BatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
+    responses(
+        (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
+        (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
+    )
+)]
+pub(super) async fn put_batch(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
+    _: NoQuery,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let outcome = store_batch(&state, route_id, id, &headers, body).await;
+    let label = match &outcome {
+        Ok((Journaled::Stored, _)) => "stored",
+        Ok(_) => "replayed",
+        Err(problem) => problem.kind().name(),
+    };
+    metrics::counter!("mapshift_uploads_total", "outcome" => label).increment(1);
+    let (journaled, batch) = outcome?;
+    let batch = BatchBody::from(batch);
+    Ok(if journaled == Journaled::Stored {
+        let location = format!("/v1/routes/{}/batches/{}", batch.route_id, batch.id);
+        let headers = [(header::LOCATION, location)];
+        (StatusCode::ACCEPTED, headers, Json(batch)).into_response()
+    } else {
+        (StatusCode::OK, [(IDEMPOTENT_REPLAYED, "true")], Json(batch)).into_response()
+    })
+}
+
+async fn store_batch(
+    state: &ApiState,
+    route_id: RouteId,
+    id: BatchId,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<(Journaled, BatchRecord), Problem> {
+    state
+        .known_route(&route_id)
+        .await
+        .map_err(Problem::closing)?;
+    let upload = receive(state, headers, body).await?;
+    let received_at = Timestamp::now();
+    let body_bytes = state.limits.body_bytes;
+    let (head, wire, mut places) = (upload.head, upload.wire, upload.places);
+    let decoded = state.decoding.run(move || {
+        head.check_digest(&wire)?;
+        let body = decompress(wire, head.encoding, body_bytes)?;
+        let batch = batch_json::decode(&body, received_at)?;
+        Ok::<_, Problem>(NewBatch {
+            route_id,
+            id,
+            vehicle_id: batch.vehicle_id,
+            trip_id: batch.trip_id,
+            sequence: batch.sequence,
+            scans: batch.scans.len() as i64,
+            flags: batch.flags,
+            body,
+            received_at,
+        })
+    });
+    let batch = decoded.await??;
+    places.shrink_body(batch.body.len());
+    let (route_id, id) = (batch.route_id.clone(), batch.id.clone());
+    let journaled = state.store.journal_batch(batch).await?;
+    drop(places);
+    if journaled == Journaled::Conflict {
+        return Err(Problem::new(
+            ProblemKind::BatchIdReused,
+            "this route has a batch of this id with other bytes: choose another id for other scans",
+        ));
+    }
+    let batch = state.store.batch(&route_id, &id).await?;
+    // The route may have been deleted since.
+    let batch = batch.ok_or_else(Problem::unknown_route)?;
+    Ok((journaled, batch))
+}
+
+/// Read a batch's status.
+///
+/// Where the batch is on its way, and what it added to the graph.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("batch" = String, Path, description = "Name of the batch", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+    ),
+    responses((status = 200, description = "The batch", body = BatchBody))
+)]
+pub(super) async fn get_batch(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
+    _: NoQuery,
+) -> Result<Json<BatchBody>, Problem> {
+    state.known_route(&route_id).await?;
+    let batch = state.store.batch(&route_id, &id).await?;
+    let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
+    Ok(Json(batch.into()))
+}
+
+/// List a route's batches.
+///
+/// In the order of arrival, in parts.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/batches", tag = "batches",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        BatchQuery,
+    ),
+    responses((status = 200, description = "A part of the list", body = BatchPage))
+)]
+pub(super) async fn list_batches(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    ApiQuery(query): ApiQuery<BatchQuery>,
+) -> Result<Json<BatchPage>, Problem> {
+    let limit = checked_limit(query.limit)?;
+    let after: Option<BatchId> = key_of_cursor(query.cursor.as_deref())?;
+    let vehicle_id = query.vehicle_id.map(VehicleId::new).transpose();
+    let filter = BatchFilter {
+        vehicle_id: vehicle_id
+            .map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?,
+        status: query.status.map(BatchStatus::from),
+    };
+    state.known_route(&route_id).await?;
+    let batches = state
+        .store
+        .batches(&route_id, &filter, after.as_ref(), limit + 1);
+    let mut batches = batches.await?;
+    let next_cursor = cut_page(&mut batches, limit, |batch| batch.id.to_string());
+    Ok(Json(BatchPage {
+        items: batches.into_iter().map(BatchBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use utoipa::PartialSchema;
+
+    #[test]
+    fn the_documented_example_is_taken() {
+        let schema = serde_json::to_value(BatchUpload::schema()).unwrap();
+        let example = schema
+            .get("example")
+            .or_else(|| schema.pointer("/examples/0"));
+        let body = serde_json::to_vec(example.unwrap()).unwrap();
+        let batch = batch_json::decode(&body, Timestamp::now()).unwrap();
+        assert_eq!(batch.scans.len(), 1);
+    }
+}

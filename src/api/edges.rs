@@ -1,0 +1,226 @@
+//! Edges of a route's pose graph.
+
+use axum::Json;
+use axum::extract::State;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::problem::Problem;
+use super::types::PoseBody;
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{EdgeId, RouteId};
+use crate::store::{ClosureRecord, EdgeRecord};
+
+/// A measured motion between two nodes.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Edge)]
+pub(super) struct EdgeBody {
+    /// Unique within the route.
+    id: i64,
+    /// The older node.
+    from: i64,
+    /// The newer node.
+    to: i64,
+    /// What made it.
+    kind: EdgeKindName,
+    /// Whether it is optimised.
+    status: EdgeStatusName,
+    /// The upload it came with.
+    batch_id: String,
+    /// `from_from_to`, as optimised.
+    measurement: PoseBody,
+    /// Information matrix in the order (x, y, θ), upper triangle row by row, as in g2o.
+    #[schema(min_items = 6, max_items = 6)]
+    information: Vec<f64>,
+    /// eᵀΩe at the current poses.
+    residual: f64,
+    /// What a loop closure added to the optimum F when it was inserted; null for odometry.
+    #[schema(required)]
+    delta_f: Option<f64>,
+    /// The block of the graph it lies in; null for bridges.
+    #[schema(required)]
+    subgraph_id: Option<i64>,
+    /// How two scans were matched; null for odometry.
+    #[schema(required)]
+    closure: Option<ClosureBody>,
+}
+
+/// What two matched scans say beside the estimate that is optimised.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Closure)]
+struct ClosureBody {
+    /// The all-points estimate of `from_from_to`; watched, never optimised in fused mode.
+    all_points_measurement: PoseBody,
+    /// Its information, as in `information`.
+    #[schema(min_items = 6, max_items = 6)]
+    all_points_information: Vec<f64>,
+    /// eᵀΩe of the all-points estimate when the closure was inserted.
+    all_points_residual: f64,
+    /// Share of the points with a counterpart.
+    overlap: f64,
+    /// Share of the counterparts that agree.
+    inlier_share: f64,
+    /// Root mean square distance of the agreeing points, metres.
+    rmse: f64,
+}
+
+/// What made an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum EdgeKindName {
+    /// Two keyframes of one drive, one after the other.
+    Odometry,
+    /// A place seen again.
+    LoopClosure,
+}
+
+/// Whether an edge is optimised.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum EdgeStatusName {
+    /// It is.
+    Active,
+    /// It contradicts an accepted change.
+    Retired,
+    /// It contradicts the rest of the graph beyond belief.
+    Quarantined,
+}
+
+/// A part of a route's list of edges.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct EdgePage {
+    /// By id.
+    items: Vec<EdgeBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+/// Which edges to list.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct EdgeQuery {
+    /// Only of this kind.
+    #[param(nullable = false, inline)]
+    kind: Option<EdgeKindName>,
+    /// Only in this state.
+    #[param(nullable = false, inline)]
+    status: Option<EdgeStatusName>,
+    /// How many items at most, 1 to 1,000; 100 if left out.
+    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(nullable = false)]
+    cursor: Option<String>,
+}
+
+impl From<EdgeKind> for EdgeKindName {
+    fn from(kind: EdgeKind) -> Self {
+        match kind {
+            EdgeKind::Odometry => Self::Odometry,
+            EdgeKind::LoopClosure => Self::LoopClosure,
+        }
+    }
+}
+
+impl From<EdgeStatus> for EdgeStatusName {
+    fn from(status: EdgeStatus) -> Self {
+        match status {
+            EdgeStatus::Active => Self::Active,
+            EdgeStatus::Retired => Self::Retired,
+            EdgeStatus::Quarantined => Self::Quarantined,
+        }
+    }
+}
+
+impl From<ClosureRecord> for ClosureBody {
+    fn from(closure: ClosureRecord) -> Self {
+        Self {
+            all_points_measurement: closure.all_points_measurement.into(),
+            all_points_information: closure.all_points_information.upper().to_vec(),
+            all_points_residual: closure.all_points_residual,
+            overlap: closure.overlap,
+            inlier_share: closure.inlier_share,
+            rmse: closure.rmse_m,
+        }
+    }
+}
+
+impl From<EdgeRecord> for EdgeBody {
+    fn from(edge: EdgeRecord) -> Self {
+        Self {
+            id: edge.id.0,
+            from: edge.from.0,
+            to: edge.to.0,
+            kind: edge.kind.into(),
+            status: edge.status.into(),
+            batch_id: edge.batch_id.to_string(),
+            measurement: edge.measurement.into(),
+            information: edge.information.upper().to_vec(),
+            residual: edge.residual,
+            delta_f: edge.closure.map(|closure| closure.delta_f),
+            subgraph_id: edge.subgraph_id,
+            closure: edge.closure.map(ClosureBody::from),
+        }
+    }
+}
+
+/// List a route's edges.
+///
+/// By id, in parts; by kind and status if wanted.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/edges", tag = "graph",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        EdgeQuery,
+    ),
+    responses((status = 200, description = "A part of the list", body = EdgePage))
+)]
+pub(super) async fn list_edges(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    ApiQuery(query): ApiQuery<EdgeQuery>,
+) -> Result<Json<EdgePage>, Problem> {
+    let limit = checked_limit(query.limit)?;
+    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    state.known_route(&route_id).await?;
+    let edges = state.store.edges(&route_id).await?.into_iter();
+    let wanted = |edge: &EdgeRecord| {
+        after.is_none_or(|after| edge.id.0 > after)
+            && query.kind.is_none_or(|kind| kind == edge.kind.into())
+            && query
+                .status
+                .is_none_or(|status| status == edge.status.into())
+    };
+    let mut edges: Vec<EdgeRecord> = edges.filter(wanted).take(limit as usize + 1).collect();
+    let next_cursor = cut_page(&mut edges, limit, |edge| edge.id.to_string());
+    Ok(Json(EdgePage {
+        items: edges.into_iter().map(EdgeBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+/// Read an edge.
+///
+/// The measurement, how well it agrees with the map, and how its scans were matched.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/edges/{edge}", tag = "graph",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("edge" = i64, Path, description = "Id of the edge"),
+    ),
+    responses((status = 200, description = "The edge", body = EdgeBody))
+)]
+pub(super) async fn get_edge(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, EdgeId)>,
+    _: NoQuery,
+) -> Result<Json<EdgeBody>, Problem> {
+    state.known_route(&route_id).await?;
+    let edge = state.store.edge(&route_id, id).await?;
+    Ok(Json(edge.ok_or_else(|| Problem::not_found("edge"))?.into()))
+}

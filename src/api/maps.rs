@@ -1,0 +1,198 @@
+//! Pictures of a route's map, drawn once per revision.
+
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use tokio::sync::Mutex;
+use utoipa::ToSchema;
+
+use super::ApiState;
+use super::extract::{ApiPath, NoQuery};
+use super::problem::Problem;
+use crate::formats::{MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
+use crate::ids::RouteId;
+use crate::scan::{CodecError, decode_scan};
+use crate::store::{NodeWithScan, RouteRecord};
+
+const RESOLUTION_M: f64 = 0.05;
+/// A picture has up to 24 MB, so only the routes that are looked at are kept.
+const ROUTES_KEPT: usize = 4;
+
+/// Bytes of a picture.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code)]
+pub(super) struct Binary(Vec<u8>);
+
+/// The pictures of one route at one revision.
+struct MapFiles {
+    png: Bytes,
+    pgm: Bytes,
+    yaml: Bytes,
+}
+
+/// What pictures belong to: a deleted and newly made route starts at the same revision again.
+#[derive(PartialEq, Clone)]
+struct MapKey {
+    route_id: RouteId,
+    created_at: Timestamp,
+    revision: i64,
+}
+
+/// Pictures by route, the latest used last. Whoever draws holds the lock, so that a picture
+/// that many ask for is drawn once.
+#[derive(Default)]
+pub(super) struct MapCache {
+    drawn: Mutex<Vec<(MapKey, Arc<MapFiles>)>>,
+}
+
+#[derive(Debug, thiserror::Error)]
+enum DrawError {
+    #[error("a stored scan does not decode")]
+    Scan(#[from] CodecError),
+    #[error("the picture could not be written")]
+    Image(#[from] MapImageError),
+}
+
+async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles>, Problem> {
+    let key = MapKey {
+        route_id: route.id.clone(),
+        created_at: route.created_at,
+        revision: route.revision,
+    };
+    let mut drawn = state.maps.drawn.lock().await;
+    if let Some(place) = drawn.iter().position(|(other, _)| *other == key) {
+        let found = drawn.remove(place);
+        let files = found.1.clone();
+        drawn.push(found);
+        return Ok(files);
+    }
+    let nodes = state.store.nodes_with_scans(&route.id).await?;
+    if nodes.is_empty() {
+        return Err(Problem::not_found("map yet: nothing has been merged"));
+    }
+    let files = state.rendering.run(move || draw(&nodes)).await?;
+    let files = Arc::new(files.map_err(Problem::internal)?);
+    drawn.retain(|(other, _)| other.route_id != key.route_id);
+    drawn.push((key, files.clone()));
+    if drawn.len() > ROUTES_KEPT {
+        drawn.remove(0);
+    }
+    Ok(files)
+}
+
+fn draw(nodes: &[NodeWithScan]) -> Result<MapFiles, DrawError> {
+    let mut scans = Vec::with_capacity(nodes.len());
+    for node in nodes {
+        scans.push((node.node.pose, decode_scan(&node.scan)?));
+    }
+    let placed = scans.iter().map(|(pose, scan)| (*pose, scan));
+    let grid = OccupancyGrid::from_scans(placed, RESOLUTION_M);
+    Ok(MapFiles {
+        png: to_png(&grid)?.into(),
+        pgm: to_pgm(&grid).into(),
+        yaml: to_yaml(&grid, "map.pgm").into(),
+    })
+}
+
+async fn answer(
+    state: &ApiState,
+    route_id: &RouteId,
+    request: &HeaderMap,
+    media_type: &'static str,
+    choose: impl Fn(&MapFiles) -> &Bytes,
+) -> Result<Response, Problem> {
+    let route = state.known_route(route_id).await?;
+    let created = route.created_at.as_millisecond();
+    let tag = format!("\"{created:x}-{}\"", route.revision);
+    let known = request.get(header::IF_NONE_MATCH);
+    let known = known.and_then(|v| v.to_str().ok()).unwrap_or_default();
+    let headers = [
+        (header::ETAG, tag.clone()),
+        (header::CACHE_CONTROL, "no-cache".to_owned()),
+    ];
+    if known.split(',').any(|other| other.trim() == tag) {
+        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
+    }
+    let files = map_files(state, &route).await?;
+    let body = choose(&files).clone();
+    Ok((headers, [(header::CONTENT_TYPE, media_type)], body).into_response())
+}
+
+/// Read the map as a PNG picture.
+///
+/// Free white, occupied black, unknown light grey, y upwards, 5 cm a pixel. The ETag changes
+/// with the map.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/map.png", tag = "map",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
+    ),
+    responses(
+        (status = 200, description = "The picture", body = Binary, content_type = "image/png", headers(("ETag" = String, description = "Changes with the map"))),
+        (status = 304, description = "The map is as it was"),
+    )
+)]
+pub(super) async fn get_map_png(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    _: NoQuery,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    answer(&state, &route_id, &headers, "image/png", |files| &files.png).await
+}
+
+/// Read the map as a PGM picture for ROS's `map_server`.
+///
+/// Binary PGM: 0 occupied, 254 free, 205 unknown, row 0 on top. `map.yaml` goes with it.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/map.pgm", tag = "map",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
+    ),
+    responses(
+        (status = 200, description = "The picture", body = Binary, content_type = "image/x-portable-graymap", headers(("ETag" = String, description = "Changes with the map"))),
+        (status = 304, description = "The map is as it was"),
+    )
+)]
+pub(super) async fn get_map_pgm(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    _: NoQuery,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let media_type = "image/x-portable-graymap";
+    answer(&state, &route_id, &headers, media_type, |files| &files.pgm).await
+}
+
+/// Read the map's description for ROS's `map_server`.
+///
+/// Resolution, origin and thresholds of `map.pgm`.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/map.yaml", tag = "map",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
+    ),
+    responses(
+        (status = 200, description = "The description", body = String, content_type = "application/yaml", headers(("ETag" = String, description = "Changes with the map"))),
+        (status = 304, description = "The map is as it was"),
+    )
+)]
+pub(super) async fn get_map_yaml(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    _: NoQuery,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    answer(&state, &route_id, &headers, "application/yaml", |files| {
+        &files.yaml
+    })
+    .await
+}

@@ -1,0 +1,215 @@
+//! Nodes of a route's pose graph and their scans.
+
+use axum::Json;
+use axum::extract::State;
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::problem::Problem;
+use super::types::{PoseBody, timestamp};
+use crate::ids::{NodeId, RouteId};
+use crate::scan::{LaserScan, decode_scan};
+use crate::store::NodeRecord;
+
+/// A node: a place from which a scan was taken.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Node)]
+pub(super) struct NodeBody {
+    /// Unique within the route.
+    id: i64,
+    /// `map_from_base`.
+    pose: PoseBody,
+    /// Standard deviations of the pose; null where they were not computed.
+    #[schema(required)]
+    sigma: Option<PoseBody>,
+    /// The upload it came with.
+    batch_id: String,
+    /// Who drove.
+    vehicle_id: String,
+    /// Which drive.
+    trip_id: String,
+    /// When the scan was taken.
+    #[schema(value_type = String, format = DateTime)]
+    stamp: Timestamp,
+    /// The block of the graph it lies in; null outside every block with a loop closure.
+    #[schema(required)]
+    subgraph_id: Option<i64>,
+    /// Whether later laps are tied to it.
+    reference: bool,
+    /// Whether it takes part in the optimisation.
+    active: bool,
+}
+
+/// A part of a route's list of nodes.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct NodePage {
+    /// By id.
+    items: Vec<NodeBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+/// A node's scan.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = NodeScan)]
+pub(super) struct NodeScanBody {
+    /// The node.
+    node_id: i64,
+    /// `map_from_base`: a return at range r of beam k lies at
+    /// `pose ∘ lidar.mount ∘ (r cos a, r sin a)` in the map, with
+    /// `a = lidar.angle_min + k · lidar.angle_increment`.
+    pose: PoseBody,
+    /// When it was taken.
+    #[schema(value_type = String, format = DateTime)]
+    stamp: Timestamp,
+    /// The lidar that took it.
+    lidar: ScanLidarBody,
+    /// Metres along each beam, in the lidar frame; null is "no return".
+    ranges: Vec<Option<f64>>,
+}
+
+/// The geometry of the lidar that took a scan.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ScanLidar)]
+struct ScanLidarBody {
+    /// Direction of the first beam, radians.
+    angle_min: f64,
+    /// Direction of the last beam, radians.
+    angle_max: f64,
+    /// Turn from a beam to the next, radians.
+    angle_increment: f64,
+    /// Shorter ranges counted as no return, metres.
+    range_min: f64,
+    /// Ranges of this length or longer counted as no return, metres.
+    range_max: f64,
+    /// `base_from_lidar`.
+    mount: PoseBody,
+    /// Standard deviation of one range, metres.
+    range_sigma: f64,
+}
+
+impl From<NodeRecord> for NodeBody {
+    fn from(node: NodeRecord) -> Self {
+        Self {
+            id: node.id.0,
+            pose: node.pose.into(),
+            sigma: None,
+            batch_id: node.batch_id.to_string(),
+            vehicle_id: node.vehicle_id.to_string(),
+            trip_id: node.trip_id.to_string(),
+            stamp: timestamp(node.stamp),
+            subgraph_id: node.subgraph_id,
+            reference: node.reference,
+            active: node.active,
+        }
+    }
+}
+
+impl NodeScanBody {
+    fn new(node: &NodeRecord, scan: &LaserScan) -> Self {
+        let lidar = scan.lidar();
+        Self {
+            node_id: node.id.0,
+            pose: node.pose.into(),
+            stamp: timestamp(node.stamp),
+            lidar: ScanLidarBody {
+                angle_min: lidar.angle_min_rad,
+                angle_max: lidar.beam_angle_rad(scan.beam_count().saturating_sub(1)),
+                angle_increment: lidar.angle_increment_rad,
+                range_min: lidar.range_min_m,
+                range_max: lidar.range_max_m,
+                mount: lidar.mount.into(),
+                range_sigma: lidar.range_sigma_m,
+            },
+            ranges: scan.ranges_m().collect(),
+        }
+    }
+}
+
+/// List a route's nodes.
+///
+/// By id, in parts.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/nodes", tag = "graph",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        PageQuery,
+    ),
+    responses((status = 200, description = "A part of the list", body = NodePage))
+)]
+pub(super) async fn list_nodes(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    ApiQuery(query): ApiQuery<PageQuery>,
+) -> Result<Json<NodePage>, Problem> {
+    let limit = checked_limit(query.limit)?;
+    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    state.known_route(&route_id).await?;
+    let nodes = state.store.nodes(&route_id).await?.into_iter();
+    let mut nodes: Vec<NodeRecord> = nodes
+        .filter(|node| after.is_none_or(|after| node.id.0 > after))
+        .take(limit as usize + 1)
+        .collect();
+    let next_cursor = cut_page(&mut nodes, limit, |node| node.id.to_string());
+    Ok(Json(NodePage {
+        items: nodes.into_iter().map(NodeBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+/// Read a node.
+///
+/// Its pose in the map and where it came from.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/nodes/{node}", tag = "graph",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("node" = i64, Path, description = "Id of the node"),
+    ),
+    responses((status = 200, description = "The node", body = NodeBody))
+)]
+pub(super) async fn get_node(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, NodeId)>,
+    _: NoQuery,
+) -> Result<Json<NodeBody>, Problem> {
+    Ok(Json(known_node(&state, &route_id, id).await?.into()))
+}
+
+/// Read a node's scan.
+///
+/// The ranges in the lidar frame, with all that is needed to draw them in the map.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/nodes/{node}/scan", tag = "graph",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("node" = i64, Path, description = "Id of the node"),
+    ),
+    responses((status = 200, description = "The scan", body = NodeScanBody))
+)]
+pub(super) async fn get_node_scan(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, NodeId)>,
+    _: NoQuery,
+) -> Result<Json<NodeScanBody>, Problem> {
+    let node = known_node(&state, &route_id, id).await?;
+    let bytes = state.store.node_scan(&route_id, id).await?;
+    let bytes = bytes.ok_or_else(|| Problem::not_found("node with a scan"))?;
+    let scan = decode_scan(&bytes).map_err(Problem::internal)?;
+    Ok(Json(NodeScanBody::new(&node, &scan)))
+}
+
+async fn known_node(
+    state: &ApiState,
+    route_id: &RouteId,
+    id: NodeId,
+) -> Result<NodeRecord, Problem> {
+    state.known_route(route_id).await?;
+    let node = state.store.node(route_id, id).await?;
+    node.ok_or_else(|| Problem::not_found("node"))
+}

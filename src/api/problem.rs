@@ -1,0 +1,275 @@
+//! The one error type of the HTTP interface: RFC 9457 problem details.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::formats::batch_json::{BatchBodyError, BatchProblem};
+use crate::formats::json::{JsonError, JsonMistake};
+use crate::store::StoreError;
+
+macro_rules! problem_kinds {
+    ($($(#[$doc:meta])* $kind:ident = $status:ident, $name:literal, $title:literal;)*) => {
+        /// The stable kinds of problem: each has its `type`, status and title.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[allow(missing_docs)]
+        pub enum ProblemKind { $($(#[$doc])* $kind,)* }
+
+        impl ProblemKind {
+            /// All kinds.
+            pub const ALL: &[Self] = &[$(Self::$kind,)*];
+
+            /// The last part of the `type` URI.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$kind => $name,)* }
+            }
+
+            /// The HTTP status.
+            pub fn status(self) -> StatusCode {
+                match self { $(Self::$kind => StatusCode::$status,)* }
+            }
+
+            /// The same for every occurrence.
+            pub fn title(self) -> &'static str {
+                match self { $(Self::$kind => $title,)* }
+            }
+        }
+    };
+}
+
+problem_kinds! {
+    MalformedJson = BAD_REQUEST, "malformed-json", "The body is not the JSON that is expected";
+    InvalidField = BAD_REQUEST, "invalid-field", "A field is missing or has the wrong form";
+    InvalidParameter = BAD_REQUEST, "invalid-parameter", "A query parameter is not usable";
+    BadEncoding = BAD_REQUEST, "bad-encoding", "The body does not decompress";
+    DigestMismatch = BAD_REQUEST, "digest-mismatch", "The body is not what its digest says";
+    BadRequest = BAD_REQUEST, "bad-request", "The request is not usable";
+    UnknownRoute = NOT_FOUND, "unknown-route", "There is no such route";
+    NotFound = NOT_FOUND, "not-found", "There is nothing here";
+    MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
+    BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
+    BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
+    PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
+    TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
+    UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";
+    UnsupportedEncoding = UNSUPPORTED_MEDIA_TYPE, "unsupported-encoding", "The body is encoded in a way that is not taken";
+    ScanGeometry = UNPROCESSABLE_ENTITY, "scan-geometry", "The scans fit no lidar";
+    OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
+    TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
+    Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
+    Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
+    ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";
+    NotReady = SERVICE_UNAVAILABLE, "not-ready", "The service is not ready";
+    DiskFull = INSUFFICIENT_STORAGE, "disk-full", "The disk is full";
+}
+
+/// One faulty place in a request.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct FieldError {
+    /// JSON pointer (RFC 6901) to the faulty field of the body, or the name of the parameter.
+    #[schema(example = "/lidar/angle_increment")]
+    pub pointer: String,
+    /// What is wrong and what to send instead.
+    #[schema(example = "angle_increment 0.5: did you send degrees?")]
+    pub detail: String,
+}
+
+/// Problem details (RFC 9457).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = Problem)]
+pub struct ProblemBody {
+    /// Stable kind of the problem, relative to the service.
+    #[serde(rename = "type")]
+    #[schema(example = "/problems/scan-geometry")]
+    pub kind: String,
+    /// The kind in words.
+    pub title: String,
+    /// The HTTP status.
+    #[schema(example = 422)]
+    pub status: u16,
+    /// What happened this time.
+    pub detail: String,
+    /// The request's id, as in `X-Request-Id`.
+    pub instance: String,
+    /// The faulty places, if any can be named.
+    pub errors: Vec<FieldError>,
+}
+
+/// Why a request was not served.
+///
+/// As a response it carries itself in the extensions; the outermost layer writes the body, because
+/// only that layer knows the request's id, and logs the cause.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    kind: ProblemKind,
+    detail: String,
+    errors: Vec<FieldError>,
+    headers: Vec<(header::HeaderName, HeaderValue)>,
+    cause: Option<Arc<dyn Error + Send + Sync>>,
+}
+
+impl Problem {
+    /// A problem of a kind, with what happened this time.
+    pub fn new(kind: ProblemKind, detail: impl Into<String>) -> Self {
+        let problem = Self {
+            kind,
+            detail: detail.into(),
+            errors: Vec::new(),
+            headers: Vec::new(),
+            cause: None,
+        };
+        match kind {
+            ProblemKind::Overloaded | ProblemKind::ShuttingDown => problem.retry_after(2),
+            ProblemKind::NotReady => problem.retry_after(5),
+            ProblemKind::DiskFull => problem.retry_after(30),
+            _ => problem,
+        }
+    }
+
+    /// Names a faulty place.
+    pub fn at(mut self, pointer: impl Into<String>) -> Self {
+        self.errors.push(FieldError {
+            pointer: pointer.into(),
+            detail: self.detail.clone(),
+        });
+        self
+    }
+
+    /// Adds a header to the response.
+    pub fn header(mut self, name: header::HeaderName, value: &'static str) -> Self {
+        self.headers.push((name, HeaderValue::from_static(value)));
+        self
+    }
+
+    /// Closes the connection after the response: the body was not read to its end.
+    pub fn closing(self) -> Self {
+        self.header(header::CONNECTION, "close")
+    }
+
+    /// A mistake of the service; the cause goes to the log, not to the client.
+    pub fn internal(cause: impl Error + Send + Sync + 'static) -> Self {
+        let mut problem = Self::new(
+            ProblemKind::Internal,
+            "the cause is in the service's log under this request id",
+        );
+        problem.cause = Some(Arc::new(cause));
+        problem
+    }
+
+    /// A missing resource below a route.
+    pub fn not_found(what: &str) -> Self {
+        Self::new(
+            ProblemKind::NotFound,
+            format!("there is no such {what} on this route"),
+        )
+    }
+
+    /// A route that was never put.
+    pub fn unknown_route() -> Self {
+        Self::new(
+            ProblemKind::UnknownRoute,
+            "there is no such route: PUT /v1/routes/{route} makes one",
+        )
+    }
+
+    /// A query parameter that is not usable.
+    pub fn parameter(name: &str, detail: impl Into<String>) -> Self {
+        Self::new(ProblemKind::InvalidParameter, detail).at(name)
+    }
+
+    /// What a plain response of a library means.
+    pub(super) fn from_status(status: StatusCode) -> Self {
+        let kind = match status {
+            StatusCode::NOT_FOUND => ProblemKind::NotFound,
+            StatusCode::METHOD_NOT_ALLOWED => ProblemKind::MethodNotAllowed,
+            StatusCode::REQUEST_TIMEOUT => ProblemKind::BodyTimeout,
+            StatusCode::PAYLOAD_TOO_LARGE => ProblemKind::TooLarge,
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => ProblemKind::UnsupportedMediaType,
+            status if status.is_client_error() => ProblemKind::BadRequest,
+            _ => ProblemKind::Internal,
+        };
+        Self::new(kind, kind.title())
+    }
+
+    /// The kind.
+    pub fn kind(&self) -> ProblemKind {
+        self.kind
+    }
+
+    /// What only the log may see.
+    pub(super) fn cause(&self) -> Option<&(dyn Error + Send + Sync)> {
+        self.cause.as_deref()
+    }
+
+    /// The body that the client sees.
+    pub(super) fn body(&self, request_id: &str) -> ProblemBody {
+        ProblemBody {
+            kind: format!("/problems/{}", self.kind.name()),
+            title: self.kind.title().to_owned(),
+            status: self.kind.status().as_u16(),
+            detail: self.detail.clone(),
+            instance: request_id.to_owned(),
+            errors: self.errors.clone(),
+        }
+    }
+
+    fn retry_after(mut self, seconds: u32) -> Self {
+        let value = HeaderValue::from(seconds);
+        self.headers.push((header::RETRY_AFTER, value));
+        self
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let mut response = Response::new(Body::empty());
+        *response.status_mut() = self.kind.status();
+        for (name, value) in &self.headers {
+            response.headers_mut().insert(name, value.clone());
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        let kind = match &error {
+            StoreError::UnknownRoute => return Self::unknown_route(),
+            StoreError::Full => ProblemKind::DiskFull,
+            StoreError::Unavailable => ProblemKind::Overloaded,
+            _ => return Self::internal(error),
+        };
+        Self::new(kind, "nothing was written; send the same again later")
+    }
+}
+
+impl From<BatchBodyError> for Problem {
+    fn from(error: BatchBodyError) -> Self {
+        let kind = match error.problem {
+            BatchProblem::MalformedJson => ProblemKind::MalformedJson,
+            BatchProblem::InvalidField => ProblemKind::InvalidField,
+            BatchProblem::ScanGeometry => ProblemKind::ScanGeometry,
+            BatchProblem::OutOfRange => ProblemKind::OutOfRange,
+            BatchProblem::TimestampOrder => ProblemKind::TimestampOrder,
+            BatchProblem::TooLarge => ProblemKind::TooLarge,
+        };
+        Self::new(kind, error.detail).at(error.pointer)
+    }
+}
+
+impl From<JsonError> for Problem {
+    fn from(error: JsonError) -> Self {
+        let kind = match error.mistake {
+            JsonMistake::Malformed => ProblemKind::MalformedJson,
+            JsonMistake::Field => ProblemKind::InvalidField,
+            JsonMistake::Range => ProblemKind::OutOfRange,
+        };
+        Self::new(kind, error.detail).at(error.pointer)
+    }
+}

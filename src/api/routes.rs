@@ -1,0 +1,387 @@
+//! Routes: one map, one pose graph each.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::problem::{Problem, ProblemKind};
+use super::upload::small_json;
+use crate::ids::RouteId;
+use crate::store::{Detector, GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate, Stage};
+
+const DISPLAY_NAME_CHARS_MAX: usize = 200;
+const FALSE_ALARM_RATE_MAX: f64 = 0.5;
+const HOLD_S_MAX: u32 = 7 * 24 * 3_600;
+
+/// A route.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Route)]
+pub(super) struct RouteBody {
+    /// Chosen by the client.
+    #[schema(example = "line-4")]
+    id: String,
+    /// For people.
+    #[schema(required)]
+    display_name: Option<String>,
+    /// Where the map lies on the Earth.
+    #[schema(required)]
+    geo_anchor: Option<GeoAnchorBody>,
+    /// Whether the reference is still being built.
+    stage: RouteStage,
+    /// Raised by every accepted change.
+    map_version: i64,
+    /// Raised by every accepted change.
+    epoch: i64,
+    /// What the route holds.
+    counts: RouteCountsBody,
+    /// 0 when everything uploaded so far is processed.
+    pending_batches: i64,
+    /// What its keeper set.
+    settings: RouteSettingsBody,
+    /// When it was first put.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// When it last changed.
+    #[schema(value_type = String, format = DateTime)]
+    updated_at: Timestamp,
+}
+
+/// How far a route's reference map has come.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum RouteStage {
+    /// The reference is still being built.
+    Mapping,
+    /// New laps are judged against the reference.
+    Monitoring,
+}
+
+/// What a route holds.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = RouteCounts)]
+struct RouteCountsBody {
+    batches: i64,
+    scans: i64,
+    nodes: i64,
+    edges: i64,
+    loop_closures: i64,
+    subgraphs: i64,
+    vehicles: i64,
+    open_alerts: i64,
+}
+
+/// Which rule decides that something changed.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum DetectorName {
+    /// Robust estimates make the map, all-points residuals are watched.
+    Fused,
+    /// The paper's rule.
+    Seed,
+}
+
+/// A route's settings.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = RouteSettings)]
+struct RouteSettingsBody {
+    /// The rule that decides that something changed.
+    detector: DetectorName,
+    /// Share of unchanged closures that the residual test may call contradictory.
+    false_alarm_rate: f64,
+    /// How long a batch waits for its predecessor, seconds.
+    hold_s: u32,
+}
+
+/// Where a route's map frame lies on the Earth (WGS 84).
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = GeoAnchor)]
+struct GeoAnchorBody {
+    /// Degrees.
+    #[schema(minimum = -90, maximum = 90)]
+    latitude: f64,
+    /// Degrees.
+    #[schema(minimum = -180, maximum = 180)]
+    longitude: f64,
+    /// Direction of the map's x axis, degrees clockwise from north.
+    #[schema(minimum = 0, maximum = 360)]
+    heading: f64,
+}
+
+/// What a PUT of a route sets; what is left out stays as it is.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RoutePut {
+    /// For people, up to 200 characters.
+    #[schema(max_length = 200)]
+    display_name: Option<String>,
+    /// Where the map lies on the Earth.
+    geo_anchor: Option<GeoAnchorBody>,
+    /// How the route is watched.
+    settings: Option<RouteSettingsPut>,
+}
+
+/// Settings to change; what is left out stays as it is.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct RouteSettingsPut {
+    /// The rule that decides that something changed.
+    detector: Option<DetectorName>,
+    /// Share of unchanged closures that the residual test may call contradictory.
+    #[schema(exclusive_minimum = 0.0, maximum = 0.5, example = 1e-4)]
+    false_alarm_rate: Option<f64>,
+    /// How long a batch waits for its predecessor, seconds.
+    #[schema(minimum = 0, maximum = 604800)]
+    hold_s: Option<u32>,
+}
+
+/// A part of the list of routes.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct RoutePage {
+    /// By id.
+    items: Vec<RouteBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+impl From<RouteRecord> for RouteBody {
+    fn from(route: RouteRecord) -> Self {
+        let counts = route.counts;
+        Self {
+            id: route.id.to_string(),
+            display_name: route.display_name,
+            geo_anchor: route.geo_anchor.map(|anchor| GeoAnchorBody {
+                latitude: anchor.latitude,
+                longitude: anchor.longitude,
+                heading: anchor.heading,
+            }),
+            stage: match route.stage {
+                Stage::Mapping => RouteStage::Mapping,
+                Stage::Monitoring => RouteStage::Monitoring,
+            },
+            map_version: route.map_version,
+            epoch: route.epoch,
+            counts: RouteCountsBody {
+                batches: counts.batches,
+                scans: counts.scans,
+                nodes: counts.nodes,
+                edges: counts.edges,
+                loop_closures: counts.loop_closures,
+                subgraphs: counts.subgraphs,
+                vehicles: counts.vehicles,
+                open_alerts: counts.open_alerts,
+            },
+            pending_batches: route.pending_batches,
+            settings: RouteSettingsBody {
+                detector: match route.settings.detector {
+                    Detector::Fused => DetectorName::Fused,
+                    Detector::Seed => DetectorName::Seed,
+                },
+                false_alarm_rate: route.settings.false_alarm_rate,
+                hold_s: route.settings.hold_s,
+            },
+            created_at: route.created_at,
+            updated_at: route.updated_at,
+        }
+    }
+}
+
+impl RoutePut {
+    fn check(self, current: RouteSettings) -> Result<RouteUpdate, Problem> {
+        let refuse = |pointer: &str, detail: &str| {
+            Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer))
+        };
+        if let Some(name) = &self.display_name
+            && (name.chars().count() > DISPLAY_NAME_CHARS_MAX || name.chars().any(char::is_control))
+        {
+            return refuse(
+                "/display_name",
+                "a name for people has at most 200 characters and no control characters",
+            );
+        }
+        if let Some(anchor) = &self.geo_anchor {
+            for (pointer, value, low, high) in [
+                ("/geo_anchor/latitude", anchor.latitude, -90.0, 90.0),
+                ("/geo_anchor/longitude", anchor.longitude, -180.0, 180.0),
+                ("/geo_anchor/heading", anchor.heading, 0.0, 360.0),
+            ] {
+                if !(low..=high).contains(&value) {
+                    return refuse(pointer, "not an angle of this kind, in degrees");
+                }
+            }
+        }
+        let settings = match self.settings {
+            None => None,
+            Some(put) => {
+                let rate = put.false_alarm_rate.unwrap_or(current.false_alarm_rate);
+                if !(rate > 0.0 && rate <= FALSE_ALARM_RATE_MAX) {
+                    return refuse("/settings/false_alarm_rate", "a rate is in (0, 0.5]");
+                }
+                let hold_s = put.hold_s.unwrap_or(current.hold_s);
+                if hold_s > HOLD_S_MAX {
+                    return refuse("/settings/hold_s", "a batch is held for a week at most");
+                }
+                Some(RouteSettings {
+                    detector: match put.detector {
+                        None => current.detector,
+                        Some(DetectorName::Fused) => Detector::Fused,
+                        Some(DetectorName::Seed) => Detector::Seed,
+                    },
+                    false_alarm_rate: rate,
+                    hold_s,
+                })
+            }
+        };
+        Ok(RouteUpdate {
+            display_name: self.display_name,
+            geo_anchor: self.geo_anchor.map(|anchor| GeoAnchor {
+                latitude: anchor.latitude,
+                longitude: anchor.longitude,
+                heading: anchor.heading,
+            }),
+            settings,
+        })
+    }
+}
+
+/// Changes with every result and with every edit.
+fn etag(route: &RouteRecord) -> String {
+    let edited = route.updated_at.as_microsecond();
+    format!("\"{}-{edited:x}\"", route.revision)
+}
+
+fn with_etag(status: StatusCode, route: RouteRecord) -> Response {
+    let tag = etag(&route);
+    (status, [(header::ETAG, tag)], Json(RouteBody::from(route))).into_response()
+}
+
+/// Whether `If-Match` allows a write to the route as it is.
+fn check_if_match(headers: &HeaderMap, current: Option<&RouteRecord>) -> Result<(), Problem> {
+    let Some(wanted) = headers.get(header::IF_MATCH) else {
+        return Ok(());
+    };
+    let wanted = wanted.to_str().unwrap_or_default();
+    let matches = current.is_some_and(|route| {
+        let tag = etag(route);
+        wanted
+            .split(',')
+            .map(str::trim)
+            .any(|t| t == "*" || t == tag)
+    });
+    if matches {
+        return Ok(());
+    }
+    Err(Problem::new(
+        ProblemKind::PreconditionFailed,
+        "the route is not as If-Match says: read it again",
+    ))
+}
+
+/// Create or change a route.
+///
+/// Makes the route if it is not there. Fields that are left out stay as they are.
+#[utoipa::path(
+    put, path = "/v1/routes/{route}", tag = "routes",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the write unless the route has this ETag"),
+    ),
+    request_body(content = RoutePut, description = "What to set"),
+    responses(
+        (status = 200, description = "Changed", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
+        (status = 201, description = "Created", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
+    )
+)]
+pub(super) async fn put_route(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<RouteId>,
+    _: NoQuery,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let put: RoutePut = small_json(&state, &headers, body).await?;
+    let current = state.store.route(&id).await?;
+    check_if_match(&headers, current.as_ref())?;
+    let settings = current.map(|route| route.settings).unwrap_or_default();
+    let update = put.check(settings)?;
+    let status = match state.store.put_route(&id, update, Timestamp::now()).await? {
+        Put::Created => StatusCode::CREATED,
+        Put::Updated => StatusCode::OK,
+    };
+    let route = state.known_route(&id).await?;
+    Ok(with_etag(status, route))
+}
+
+/// Read a route.
+///
+/// What the route holds, how it is watched, and whether anything still waits to be processed.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}", tag = "routes",
+    params(("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$")),
+    responses((status = 200, description = "The route", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))))
+)]
+pub(super) async fn get_route(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<RouteId>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
+    let route = state.known_route(&id).await?;
+    Ok(with_etag(StatusCode::OK, route))
+}
+
+/// List routes.
+///
+/// All routes by id, in parts.
+#[utoipa::path(
+    get, path = "/v1/routes", tag = "routes", params(PageQuery),
+    responses((status = 200, description = "A part of the list", body = RoutePage))
+)]
+pub(super) async fn list_routes(
+    State(state): State<ApiState>,
+    ApiQuery(query): ApiQuery<PageQuery>,
+) -> Result<Json<RoutePage>, Problem> {
+    let limit = checked_limit(query.limit)?;
+    let after: Option<RouteId> = key_of_cursor(query.cursor.as_deref())?;
+    let mut routes = state.store.routes(after.as_ref(), limit + 1).await?;
+    let next_cursor = cut_page(&mut routes, limit, |route| route.id.to_string());
+    Ok(Json(RoutePage {
+        items: routes.into_iter().map(RouteBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+/// Delete a route.
+///
+/// Deletes the route with its batches, its graph and its map, for good.
+#[utoipa::path(
+    delete, path = "/v1/routes/{route}", tag = "routes",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the deletion unless the route has this ETag"),
+    ),
+    responses((status = 204, description = "Deleted"))
+)]
+pub(super) async fn delete_route(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<RouteId>,
+    _: NoQuery,
+    headers: HeaderMap,
+) -> Result<StatusCode, Problem> {
+    if headers.contains_key(header::IF_MATCH) {
+        check_if_match(&headers, Some(&state.known_route(&id).await?))?;
+    }
+    if state.store.delete_route(&id).await? {
+        Ok(StatusCode::NO_CONTENT)
+    } else {
+        Err(Problem::unknown_route())
+    }
+}

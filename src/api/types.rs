@@ -1,0 +1,39 @@
+//! Values that several resources share.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::geometry::Pose2;
+use crate::ids::StampNs;
+
+/// A planar pose as in `geometry_msgs/Pose2D`: metres, radians, counter-clockwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Pose)]
+pub(super) struct PoseBody {
+    /// Metres.
+    #[schema(example = 3.5, minimum = -1e6, maximum = 1e6)]
+    pub x: f64,
+    /// Metres.
+    #[schema(example = 3.4, minimum = -1e6, maximum = 1e6)]
+    pub y: f64,
+    /// Radians.
+    #[schema(example = 0.02, minimum = -1e4, maximum = 1e4)]
+    pub theta: f64,
+}
+
+impl From<Pose2> for PoseBody {
+    fn from(pose: Pose2) -> Self {
+        Self {
+            x: pose.x,
+            y: pose.y,
+            theta: pose.theta,
+        }
+    }
+}
+
+/// A stamp for people. Every `i64` of nanoseconds lies within the years that jiff knows.
+pub(super) fn timestamp(stamp: StampNs) -> Timestamp {
+    Timestamp::from_nanosecond(i128::from(stamp.0)).unwrap_or_default()
+}

@@ -1,0 +1,229 @@
+//! What an upload's headers say.
+
+use axum::http::{HeaderMap, header};
+use sha2::{Digest, Sha256};
+
+use crate::api::problem::{Problem, ProblemKind};
+
+const CONTENT_DIGEST: &str = "content-digest";
+
+/// How the body is compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::api) enum Encoding {
+    Identity,
+    Gzip,
+    Zstd,
+}
+
+/// The checked headers of an upload.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::api) struct UploadHead {
+    pub encoding: Encoding,
+    pub content_length: Option<usize>,
+    /// The SHA-256 of the bytes on the wire in base64, if the sender stated it (RFC 9530).
+    pub digest: Option<String>,
+}
+
+impl UploadHead {
+    pub(super) fn check(headers: &HeaderMap, wire_bytes_max: usize) -> Result<Self, Problem> {
+        check_media_type(headers).map_err(Problem::closing)?;
+        let encoding = encoding(headers).map_err(Problem::closing)?;
+        let digest = digest(headers).map_err(Problem::closing)?;
+        let content_length = headers
+            .get(header::CONTENT_LENGTH)
+            .and_then(|v| v.to_str().ok()?.parse::<usize>().ok());
+        if content_length.is_some_and(|length| length > wire_bytes_max) {
+            return Err(too_large(wire_bytes_max).closing());
+        }
+        Ok(Self {
+            encoding,
+            content_length,
+            digest,
+        })
+    }
+
+    /// Compares the bytes on the wire with the stated digest.
+    pub(in crate::api) fn check_digest(&self, wire: &[u8]) -> Result<(), Problem> {
+        let Some(stated) = &self.digest else {
+            return Ok(());
+        };
+        if *stated == base64(&Sha256::digest(wire)) {
+            return Ok(());
+        }
+        Err(Problem::new(
+            ProblemKind::DigestMismatch,
+            "Content-Digest states another SHA-256 than the bytes that arrived have: send them again",
+        ))
+    }
+}
+
+pub(super) fn too_large(wire_bytes_max: usize) -> Problem {
+    let detail = format!("a body has at most {wire_bytes_max} bytes: send it in parts");
+    Problem::new(ProblemKind::TooLarge, detail)
+}
+
+pub(super) fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+    let value = headers.get(header::CONTENT_TYPE);
+    let text = value.and_then(|v| v.to_str().ok()).unwrap_or_default();
+    let mut parts = text.split(';').map(str::trim);
+    let is_json = parts
+        .next()
+        .is_some_and(|media_type| media_type.eq_ignore_ascii_case("application/json"));
+    let is_utf8 = parts.all(|parameter| match parameter.split_once('=') {
+        Some((name, value)) if name.trim().eq_ignore_ascii_case("charset") => {
+            value.trim().trim_matches('"').eq_ignore_ascii_case("utf-8")
+        }
+        _ => true,
+    });
+    if is_json && is_utf8 {
+        return Ok(());
+    }
+    let problem = Problem::new(
+        ProblemKind::UnsupportedMediaType,
+        "the body must be application/json, in UTF-8",
+    );
+    Err(problem.header(header::ACCEPT, "application/json"))
+}
+
+fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
+    let mut values = headers.get_all(header::CONTENT_ENCODING).iter();
+    let name = match (values.next(), values.next()) {
+        (None, _) => return Ok(Encoding::Identity),
+        (Some(value), None) => value.to_str().unwrap_or_default().to_ascii_lowercase(),
+        (Some(_), Some(_)) => String::new(),
+    };
+    match name.trim() {
+        "identity" => Ok(Encoding::Identity),
+        "gzip" | "x-gzip" => Ok(Encoding::Gzip),
+        "zstd" => Ok(Encoding::Zstd),
+        _ => {
+            let detail = "the body must be plain or compressed once with gzip or zstd";
+            let problem = Problem::new(ProblemKind::UnsupportedEncoding, detail);
+            Err(problem.header(header::ACCEPT_ENCODING, "gzip, zstd, identity"))
+        }
+    }
+}
+
+/// The value of `sha-256=:…:`; other algorithms are passed over, as RFC 9530 allows.
+fn digest(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    for value in headers.get_all(CONTENT_DIGEST) {
+        let malformed = || {
+            Problem::new(
+                ProblemKind::DigestMismatch,
+                "Content-Digest must have the form sha-256=:BASE64:",
+            )
+        };
+        let text = value.to_str().map_err(|_| malformed())?;
+        for member in text.split(',') {
+            let (algorithm, value) = member.trim().split_once('=').ok_or_else(malformed)?;
+            if algorithm.eq_ignore_ascii_case("sha-256") {
+                let value = value.strip_prefix(':').and_then(|v| v.strip_suffix(':'));
+                return Ok(Some(value.ok_or_else(malformed)?.to_owned()));
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let byte = |k: usize| u32::from(chunk.get(k).copied().unwrap_or(0));
+        let group = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for k in 0..4 {
+            let sextet = (group >> (18 - 6 * k)) & 0x3f;
+            let padded = k > chunk.len();
+            text.push(if padded {
+                '='
+            } else {
+                char::from(ALPHABET[sextet as usize])
+            });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderValue;
+
+    fn head(pairs: &[(&'static str, &str)]) -> Result<UploadHead, ProblemKind> {
+        let mut headers = HeaderMap::new();
+        for (name, value) in pairs {
+            headers.append(*name, HeaderValue::from_str(value).unwrap());
+        }
+        UploadHead::check(&headers, 1_000).map_err(|problem| problem.kind())
+    }
+
+    #[test]
+    fn base64_of_the_rfc() {
+        for (plain, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(plain.as_bytes()), text);
+        }
+    }
+
+    #[test]
+    fn headers_are_read_as_people_write_them() {
+        let json = ("content-type", "Application/JSON; charset=\"UTF-8\"");
+        assert_eq!(head(&[json]).unwrap().encoding, Encoding::Identity);
+        let zipped = head(&[
+            json,
+            ("content-encoding", "GZIP"),
+            ("content-length", "1000"),
+        ]);
+        assert_eq!(zipped.unwrap().encoding, Encoding::Gzip);
+        let digest = head(&[json, ("content-digest", "sha-512=:AA==:, sha-256=:Zg==:")]);
+        assert_eq!(digest.unwrap().digest.as_deref(), Some("Zg=="));
+        assert_eq!(
+            head(&[json, ("content-digest", "md5=:AA==:")])
+                .unwrap()
+                .digest,
+            None
+        );
+    }
+
+    #[test]
+    fn what_is_not_taken_is_refused() {
+        let json = ("content-type", "application/json");
+        use ProblemKind::{DigestMismatch, TooLarge, UnsupportedEncoding, UnsupportedMediaType};
+        for (pairs, kind) in [
+            (vec![], UnsupportedMediaType),
+            (vec![("content-type", "text/json")], UnsupportedMediaType),
+            (
+                vec![("content-type", "application/json; charset=latin1")],
+                UnsupportedMediaType,
+            ),
+            (vec![json, ("content-encoding", "br")], UnsupportedEncoding),
+            (
+                vec![json, ("content-encoding", "gzip, zstd")],
+                UnsupportedEncoding,
+            ),
+            (
+                vec![
+                    json,
+                    ("content-encoding", "gzip"),
+                    ("content-encoding", "gzip"),
+                ],
+                UnsupportedEncoding,
+            ),
+            (vec![json, ("content-length", "1001")], TooLarge),
+            (
+                vec![json, ("content-digest", "sha-256=Zg==")],
+                DigestMismatch,
+            ),
+            (vec![json, ("content-digest", "nonsense")], DigestMismatch),
+        ] {
+            assert_eq!(head(&pairs), Err(kind), "{pairs:?}");
+        }
+    }
+}

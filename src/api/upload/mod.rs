@@ -1,0 +1,105 @@
+//! The way of a request's body in: cheap checks, a reserved place, a bounded read, decompression.
+
+mod decompress;
+mod head;
+mod read;
+
+use axum::body::Body;
+use axum::http::HeaderMap;
+use serde::de::DeserializeOwned;
+use tokio::sync::OwnedSemaphorePermit;
+
+pub(super) use decompress::decompress;
+pub(super) use head::{Encoding, UploadHead};
+
+use super::ApiState;
+use super::problem::Problem;
+use crate::formats::json::{Object, from_json};
+
+/// The bytes of an upload as they were sent, with the places it holds until it is stored.
+pub(super) struct Upload {
+    pub head: UploadHead,
+    pub wire: Vec<u8>,
+    pub places: Places,
+}
+
+/// What an upload has reserved; given back when dropped.
+pub(super) struct Places {
+    _slot: OwnedSemaphorePermit,
+    _wire: OwnedSemaphorePermit,
+    body: Option<OwnedSemaphorePermit>,
+}
+
+impl Places {
+    /// Gives back what was reserved for a larger body than it turned out to be.
+    pub(super) fn shrink_body(&mut self, bytes: usize) {
+        if let Some(body) = &mut self.body {
+            let excess = body.num_permits().saturating_sub(kibibytes(bytes));
+            drop(body.split(excess));
+        }
+    }
+}
+
+/// Checks the headers, reserves a place, and only then reads the body.
+///
+/// # Errors
+/// 400, 408, 413, 415, or 503 when no place is free.
+pub(super) async fn receive(
+    state: &ApiState,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<Upload, Problem> {
+    let limits = &state.limits;
+    let head = UploadHead::check(headers, limits.wire_bytes)?;
+    let announced = head.content_length.unwrap_or(limits.wire_bytes);
+    let slot = state.upload_slots.clone().try_acquire_owned();
+    let wire_size = kibibytes(announced) as u32;
+    let wire = state.wire_budget.clone().try_acquire_many_owned(wire_size);
+    let (Ok(slot), Ok(wire_place)) = (slot, wire) else {
+        return Err(state.overloaded().closing());
+    };
+    let wire = read::read_body(body, limits.wire_bytes, limits.body_timeout).await?;
+    let most = match head.encoding {
+        Encoding::Identity => wire.len(),
+        Encoding::Gzip | Encoding::Zstd => decompress::most(wire.len(), limits.body_bytes),
+    };
+    let budget = state.body_budget.clone();
+    let body_place = budget.acquire_many_owned(kibibytes(most) as u32).await;
+    Ok(Upload {
+        head,
+        wire,
+        places: Places {
+            _slot: slot,
+            _wire: wire_place,
+            body: Some(body_place.map_err(Problem::internal)?),
+        },
+    })
+}
+
+/// Reads a small JSON object; no body at all counts as `{}`.
+///
+/// # Errors
+/// 400, 408, 413, 415.
+pub(super) async fn small_json<T: DeserializeOwned>(
+    state: &ApiState,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<T, Problem> {
+    let limits = &state.limits;
+    let has_type = headers.contains_key(axum::http::header::CONTENT_TYPE);
+    if has_type {
+        head::check_media_type(headers)?;
+    }
+    let bytes = read::read_body(body, limits.small_body_bytes, limits.body_timeout).await?;
+    if bytes.is_empty() {
+        return Ok(from_json::<Object<T>>(b"{}")?.0);
+    }
+    if !has_type {
+        head::check_media_type(headers)?;
+    }
+    Ok(from_json::<Object<T>>(&bytes)?.0)
+}
+
+fn kibibytes(bytes: usize) -> usize {
+    bytes.div_ceil(1 << 10)
+}

@@ -1,0 +1,126 @@
+//! The whole service: store, workers and listener, started and stopped together.
+
+mod connections;
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use anyhow::Context;
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::api::{self, ApiState};
+use crate::config::AppConfig;
+use crate::store::{Store, StoreOptions};
+use crate::telemetry;
+
+use connections::Connections;
+
+const METRICS_UPKEEP: Duration = Duration::from_secs(5);
+
+/// A service that runs.
+pub struct RunningApp {
+    local_addr: SocketAddr,
+    store: Store,
+    draining: CancellationToken,
+    stopping: CancellationToken,
+    accepting: JoinHandle<()>,
+    background: Vec<JoinHandle<()>>,
+    drain_timeout: Duration,
+}
+
+/// Opens the store, starts the background tasks, listens.
+///
+/// # Errors
+/// If the data directory, the database or the address cannot be used.
+pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
+    let metrics = telemetry::metrics_handle()?;
+    let options = StoreOptions {
+        data_dir: config.data_dir.clone(),
+    };
+    let store = Store::open(options)
+        .await
+        .with_context(|| format!("cannot open the store in {}", config.data_dir.display()))?;
+    let listener = TcpListener::bind(config.listen)
+        .await
+        .with_context(|| format!("cannot listen on {}", config.listen))?;
+    let local_addr = listener.local_addr()?;
+    let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());
+    let drain_timeout = config.limits.drain_timeout;
+
+    // Every background task stops by itself soon after `stopping` is cancelled. Workers go here.
+    let upkeep_metrics = metrics.clone();
+    let background = vec![tokio::spawn(repeat_until(
+        stopping.clone(),
+        METRICS_UPKEEP,
+        move || upkeep_metrics.run_upkeep(),
+    ))];
+
+    let state = ApiState::new(
+        store.clone(),
+        config.limits.clone(),
+        draining.clone(),
+        metrics,
+    );
+    let router = api::router(state).context("the OpenAPI document does not serialise")?;
+    let connections = Connections::new(router, config.limits, draining.clone());
+    let accepting = tokio::spawn(connections.serve(listener));
+    Ok(RunningApp {
+        local_addr,
+        store,
+        draining,
+        stopping,
+        accepting,
+        background,
+        drain_timeout,
+    })
+}
+
+impl RunningApp {
+    /// Where the service listens.
+    pub fn local_addr(&self) -> SocketAddr {
+        self.local_addr
+    }
+
+    /// The store that the service keeps everything in.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Refuses new requests, ends those under way and the background tasks, closes the store.
+    /// Takes no longer than the drain time for each of the two.
+    ///
+    /// # Errors
+    /// If the store does not close in order.
+    pub async fn shutdown(mut self) -> anyhow::Result<()> {
+        self.draining.cancel();
+        if tokio::time::timeout(self.drain_timeout, &mut self.accepting)
+            .await
+            .is_err()
+        {
+            tracing::warn!("requests still under way were cut off");
+            self.accepting.abort();
+        }
+        self.stopping.cancel();
+        for mut task in self.background {
+            if tokio::time::timeout(self.drain_timeout, &mut task)
+                .await
+                .is_err()
+            {
+                tracing::warn!("a background task was cut off");
+                task.abort();
+            }
+        }
+        self.store.close().await.context("the store did not close")
+    }
+}
+
+async fn repeat_until(stopping: CancellationToken, pause: Duration, mut work: impl FnMut()) {
+    while tokio::time::timeout(pause, stopping.cancelled())
+        .await
+        .is_err()
+    {
+        work();
+    }
+}

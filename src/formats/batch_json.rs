@@ -1,0 +1,116 @@
+//! The body of a batch upload: JSON to validated scans.
+
+mod flags;
+mod raw;
+mod validate;
+
+use jiff::Timestamp;
+
+use crate::geometry::Pose2;
+use crate::ids::{StampNs, TripId, VehicleId};
+use crate::scan::LaserScan;
+
+use super::json::{JsonError, JsonMistake, Object, from_json};
+
+/// Most scans in one batch.
+pub const SCANS_MAX: usize = 5_000;
+/// Most beams in one batch, all scans together.
+pub const BEAMS_TOTAL_MAX: usize = 4_000_000;
+/// Largest |x| and |y| of a pose, metres.
+pub const COORDINATE_MAX_M: f64 = 1e6;
+
+/// One upload, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UploadedBatch {
+    /// Who drove.
+    pub vehicle_id: VehicleId,
+    /// Which drive.
+    pub trip_id: TripId,
+    /// 0, 1, 2 … within the trip.
+    pub sequence: i64,
+    /// Where the first scan's base is, roughly.
+    pub initial_pose: Option<InitialPose>,
+    /// 1 to [`SCANS_MAX`], their stamps strictly increasing, all with the same number of beams.
+    pub scans: Vec<UploadedScan>,
+    /// What was noticed, in alphabetical order: `clock_skew`, `empty_scans`, `late`,
+    /// `wild_odometry`.
+    pub flags: Vec<String>,
+}
+
+/// A rough pose in the map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InitialPose {
+    /// `map_from_base` of the batch's first scan.
+    pub pose: Pose2,
+    /// Standard deviation of x and of y, metres.
+    pub sigma_xy_m: f64,
+    /// Standard deviation of the heading, radians.
+    pub sigma_theta_rad: f64,
+}
+
+/// One sweep and where the vehicle took itself to be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UploadedScan {
+    /// When it was taken.
+    pub stamp: StampNs,
+    /// In the vehicle's own odometry frame; only differences mean something.
+    pub odom_from_base: Pose2,
+    /// The sweep.
+    pub scan: LaserScan,
+}
+
+/// What kind of mistake a body holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BatchProblem {
+    /// Not JSON, or unknown or repeated fields.
+    MalformedJson,
+    /// A field is missing, or has the wrong type or form.
+    InvalidField,
+    /// Beams, angles or ranges that fit no lidar.
+    ScanGeometry,
+    /// A number or a time beyond belief.
+    OutOfRange,
+    /// Stamps that do not increase.
+    TimestampOrder,
+    /// More beams than a batch may have.
+    TooLarge,
+}
+
+/// Why a body was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{pointer}: {detail}")]
+pub struct BatchBodyError {
+    /// The kind of mistake.
+    pub problem: BatchProblem,
+    /// JSON pointer (RFC 6901) to the first faulty field.
+    pub pointer: String,
+    /// For the sender: what is wrong and what to send instead.
+    pub detail: String,
+}
+
+impl From<JsonError> for BatchBodyError {
+    fn from(error: JsonError) -> Self {
+        Self {
+            problem: match error.mistake {
+                JsonMistake::Malformed => BatchProblem::MalformedJson,
+                JsonMistake::Field => BatchProblem::InvalidField,
+                JsonMistake::Range => BatchProblem::OutOfRange,
+            },
+            pointer: error.pointer,
+            detail: error.detail,
+        }
+    }
+}
+
+/// Reads and checks a batch. The result depends on the body and on `received_at` alone, which
+/// decides the flags `clock_skew` and `late`.
+///
+/// # Errors
+/// [`BatchBodyError`] with the first mistake.
+pub fn decode(body: &[u8], received_at: Timestamp) -> Result<UploadedBatch, BatchBodyError> {
+    let Object(raw): Object<raw::Batch> = from_json(body)?;
+    validate::batch(raw, received_at)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,35 @@
+//! What is odd about a batch but no reason to refuse it.
+
+use jiff::Timestamp;
+
+use super::UploadedScan;
+
+/// Faster than any vehicle on a route, m/s.
+const SPEED_MAX_M_PER_S: f64 = 50.0;
+/// Stamps further in the future than this are a wrong clock, nanoseconds.
+const SKEW_MAX_NS: i128 = 24 * 3_600 * 1_000_000_000;
+/// Stamps older than this are late, nanoseconds.
+const LATE_MIN_NS: i128 = 30 * SKEW_MAX_NS;
+
+/// The flags in alphabetical order.
+pub(super) fn flags(scans: &[UploadedScan], received_at: Timestamp) -> Vec<String> {
+    let age_ns = |scan: &UploadedScan| received_at.as_nanosecond() - i128::from(scan.stamp.0);
+    let flags = [
+        ("clock_skew", scans.iter().any(|s| age_ns(s) < -SKEW_MAX_NS)),
+        (
+            "empty_scans",
+            scans.iter().any(|s| s.scan.return_count() == 0),
+        ),
+        ("late", scans.iter().any(|s| age_ns(s) > LATE_MIN_NS)),
+        ("wild_odometry", scans.windows(2).any(is_wild)),
+    ];
+    let raised = flags.iter().filter(|(_, raised)| *raised);
+    raised.map(|(name, _)| (*name).to_owned()).collect()
+}
+
+fn is_wild(pair: &[UploadedScan]) -> bool {
+    let [before, after] = pair else { return false };
+    let elapsed_s = (after.stamp.0 - before.stamp.0) as f64 * 1e-9;
+    let motion = before.odom_from_base.between(&after.odom_from_base);
+    motion.translation().norm() > SPEED_MAX_M_PER_S * elapsed_s
+}

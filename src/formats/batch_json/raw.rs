@@ -1,0 +1,135 @@
+//! The fields as they are sent, bounded while they are read.
+
+use std::fmt;
+
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
+
+use super::{BEAMS_TOTAL_MAX, SCANS_MAX};
+use crate::formats::json::Object;
+use crate::ids::{TripId, VehicleId};
+use crate::scan::BEAMS_MAX;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Batch {
+    pub vehicle_id: VehicleId,
+    pub trip_id: TripId,
+    pub sequence: u32,
+    pub lidar: Object<Lidar>,
+    pub initial_pose: Option<Object<InitialPose>>,
+    pub scans: Scans,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Lidar {
+    pub angle_min: f64,
+    pub angle_max: Option<f64>,
+    pub angle_increment: f64,
+    pub range_min: f64,
+    pub range_max: f64,
+    pub mount: Option<Object<Pose>>,
+    pub range_sigma: Option<f64>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pose {
+    pub x: f64,
+    pub y: f64,
+    pub theta: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct InitialPose {
+    pub x: f64,
+    pub y: f64,
+    pub theta: f64,
+    pub sigma_xy: Option<f64>,
+    pub sigma_theta: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Scan {
+    pub stamp: Timestamp,
+    pub odometry: Object<Pose>,
+    pub ranges: Numbers,
+    pub intensities: Option<Numbers>,
+}
+
+/// The scans up to the limits of a batch, and how many there were.
+pub(super) struct Scans {
+    pub kept: Vec<Scan>,
+    pub count: usize,
+    pub beams: usize,
+}
+
+/// A beam's numbers up to the limit of a scan (NaN for null), and how many there were.
+pub(super) struct Numbers {
+    pub kept: Vec<f64>,
+    pub count: usize,
+}
+
+impl<'de> Deserialize<'de> for Scans {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ScansVisitor;
+        impl<'de> Visitor<'de> for ScansVisitor {
+            type Value = Scans;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an array of scans")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Scans, A::Error> {
+                let mut scans = Scans {
+                    kept: Vec::new(),
+                    count: 0,
+                    beams: 0,
+                };
+                while scans.count < SCANS_MAX && scans.beams <= BEAMS_TOTAL_MAX {
+                    let Some(Object(scan)) = seq.next_element::<Object<Scan>>()? else {
+                        return Ok(scans);
+                    };
+                    scans.beams += scan.ranges.count;
+                    scans.count += 1;
+                    scans.kept.push(scan);
+                }
+                while seq.next_element::<IgnoredAny>()?.is_some() {
+                    scans.count += 1;
+                }
+                Ok(scans)
+            }
+        }
+        deserializer.deserialize_seq(ScansVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Numbers {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NumbersVisitor;
+        impl<'de> Visitor<'de> for NumbersVisitor {
+            type Value = Numbers;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an array of numbers and nulls")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Numbers, A::Error> {
+                let mut kept = Vec::new();
+                while kept.len() < BEAMS_MAX {
+                    let Some(number) = seq.next_element::<Option<f64>>()? else {
+                        let count = kept.len();
+                        return Ok(Numbers { kept, count });
+                    };
+                    kept.push(number.unwrap_or(f64::NAN));
+                }
+                let mut count = kept.len();
+                while seq.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                Ok(Numbers { kept, count })
+            }
+        }
+        deserializer.deserialize_seq(NumbersVisitor)
+    }
+}

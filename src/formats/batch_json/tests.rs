@@ -1,0 +1,219 @@
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+use super::*;
+
+fn received_at() -> Timestamp {
+    "2026-11-20T07:00:00Z".parse().unwrap()
+}
+
+fn valid() -> Value {
+    json!({
+        "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
+        "lidar": {"angle_min": -1.5, "angle_increment": 0.5, "range_min": 0.05, "range_max": 20.0,
+                  "mount": {"x": 0.2, "y": 0.0, "theta": 0.1}, "range_sigma": 0.02},
+        "initial_pose": {"x": 3.5, "y": 3.4, "theta": 0.02, "sigma_xy": 0.3, "sigma_theta": 0.1},
+        "scans": [
+            {"stamp": "2026-11-20T06:00:00.000Z", "odometry": {"x": 0.0, "y": 0.0, "theta": 0.0},
+             "ranges": [1.5, null, 25.0, 0.01]},
+            {"stamp": "2026-11-20T06:00:00.100Z", "odometry": {"x": 0.1, "y": 0.0, "theta": 0.0},
+             "ranges": [1.5, 2.5, 3.5, 4.5]}
+        ]
+    })
+}
+
+/// The valid body with one place replaced, or removed by `None`.
+fn with(pointer: &str, value: Option<Value>) -> Value {
+    let mut body = valid();
+    let (parent, key) = pointer.rsplit_once('/').unwrap();
+    match (body.pointer_mut(parent).unwrap(), value) {
+        (Value::Object(object), Some(value)) => {
+            object.insert(key.into(), value);
+        }
+        (Value::Object(object), None) => {
+            object.remove(key);
+        }
+        (Value::Array(array), Some(value)) => array[key.parse::<usize>().unwrap()] = value,
+        _ => panic!("{pointer} cannot be set"),
+    }
+    body
+}
+
+fn decode_value(body: &Value) -> Result<UploadedBatch, BatchBodyError> {
+    decode(&serde_json::to_vec(body).unwrap(), received_at())
+}
+
+#[test]
+fn a_valid_body_keeps_every_value() {
+    let batch = decode_value(&valid()).unwrap();
+    assert_eq!(batch.vehicle_id.as_str(), "agv-07");
+    assert_eq!(batch.sequence, 0);
+    assert!(batch.flags.is_empty());
+    let initial = batch.initial_pose.unwrap();
+    assert_eq!((initial.sigma_xy_m, initial.sigma_theta_rad), (0.3, 0.1));
+    assert_eq!(batch.scans.len(), 2);
+    assert_eq!(batch.scans[0].stamp, StampNs(1_795_154_400_000_000_000));
+    assert_eq!(batch.scans[1].odom_from_base, Pose2::new(0.1, 0.0, 0.0));
+    let ranges: Vec<_> = batch.scans[0].scan.ranges_m().collect();
+    assert_eq!(ranges, [Some(1.5), None, None, None]);
+    assert_eq!(batch.scans[0].scan.lidar().mount, Pose2::new(0.2, 0.0, 0.1));
+}
+
+#[test]
+fn what_is_optional_may_be_missing_or_null() {
+    for value in [None, Some(Value::Null)] {
+        for pointer in ["/initial_pose", "/lidar/mount", "/lidar/range_sigma"] {
+            assert!(decode_value(&with(pointer, value.clone())).is_ok());
+        }
+    }
+    let batch = decode_value(&with("/initial_pose/sigma_xy", None)).unwrap();
+    assert_eq!(batch.initial_pose.unwrap().sigma_xy_m, 0.5);
+    let with_intensities = with("/scans/0/intensities", Some(json!([1, 2, null, 4.5])));
+    assert!(decode_value(&with_intensities).is_ok());
+    assert!(decode_value(&with("/lidar/angle_max", Some(json!(0.0)))).is_ok());
+}
+
+#[test]
+fn each_mistake_names_its_kind_and_place() {
+    use BatchProblem::{InvalidField, MalformedJson, OutOfRange, ScanGeometry, TimestampOrder};
+    let cases = [
+        ("/vehicle_id", Some(json!("a b")), InvalidField),
+        ("/trip_id", Some(json!("")), InvalidField),
+        ("/sequence", Some(json!(-1)), InvalidField),
+        ("/sequence", Some(json!("0")), InvalidField),
+        ("/lidar", Some(json!([1, 2, 3, 4])), InvalidField),
+        ("/surprise", Some(json!(1)), MalformedJson),
+        ("/lidar/angle_increment", Some(json!(2.0)), ScanGeometry),
+        ("/lidar/angle_increment", Some(json!(0)), ScanGeometry),
+        ("/lidar/angle_min", Some(json!(-180)), ScanGeometry),
+        ("/lidar/angle_max", Some(json!(-2.0)), ScanGeometry),
+        ("/lidar/angle_max", Some(json!(3.0)), ScanGeometry),
+        ("/lidar/range_min", Some(json!(20.0)), ScanGeometry),
+        ("/lidar/range_max", Some(json!(501)), ScanGeometry),
+        ("/lidar/mount/x", Some(json!(1e39)), OutOfRange),
+        ("/lidar/range_sigma", Some(json!(0)), OutOfRange),
+        ("/initial_pose/sigma_xy", Some(json!(0)), OutOfRange),
+        ("/initial_pose/sigma_theta", Some(json!(5.7)), OutOfRange),
+        ("/initial_pose/theta", Some(json!(1e6)), OutOfRange),
+        ("/scans", Some(json!([])), ScanGeometry),
+        ("/scans/1/ranges", Some(json!([1.0])), ScanGeometry),
+        ("/scans/0/intensities", Some(json!([1.0])), ScanGeometry),
+        ("/scans/0/ranges/2", Some(json!(-0.5)), OutOfRange),
+        ("/scans/0/ranges/2", Some(json!(1e39)), OutOfRange),
+        ("/scans/0/ranges/2", Some(json!("far")), InvalidField),
+        ("/scans/1/odometry/x", Some(json!(1e39)), OutOfRange),
+        ("/scans/1/stamp", Some(json!("yesterday")), InvalidField),
+        (
+            "/scans/1/stamp",
+            Some(json!("1999-12-31T23:59:59Z")),
+            OutOfRange,
+        ),
+        (
+            "/scans/1/stamp",
+            Some(json!("2100-01-01T00:00:00Z")),
+            OutOfRange,
+        ),
+        (
+            "/scans/1/stamp",
+            Some(json!("2026-11-20T06:00:00Z")),
+            TimestampOrder,
+        ),
+    ];
+    for (pointer, value, problem) in cases {
+        let error = decode_value(&with(pointer, value)).unwrap_err();
+        assert_eq!(error.problem, problem, "{pointer}: {error}");
+        assert_eq!(error.pointer, pointer, "{error}");
+    }
+}
+
+#[test]
+fn a_missing_field_points_to_its_parent() {
+    for (pointer, parent) in [
+        ("/vehicle_id", ""),
+        ("/lidar/angle_min", "/lidar"),
+        ("/scans/1/ranges", "/scans/1"),
+    ] {
+        let error = decode_value(&with(pointer, None)).unwrap_err();
+        assert_eq!(error.problem, BatchProblem::InvalidField);
+        assert_eq!(error.pointer, parent);
+        assert!(error.detail.contains("missing field"), "{error}");
+    }
+}
+
+#[test]
+fn what_is_too_much_is_counted_without_being_kept() {
+    let scan = |beams: usize| json!({"stamp": "2026-11-20T06:00:00Z", "odometry": {"x": 0, "y": 0, "theta": 0}, "ranges": vec![1; beams]});
+    let error = decode_value(&with("/scans", Some(json!([scan(8_193)])))).unwrap_err();
+    assert_eq!(error.problem, BatchProblem::ScanGeometry);
+    assert!(error.detail.contains("8193"), "{error}");
+    let error = decode_value(&with("/scans", Some(json!(vec![scan(1); 5_001])))).unwrap_err();
+    assert_eq!(error.problem, BatchProblem::ScanGeometry);
+    assert!(error.detail.contains("5001"), "{error}");
+    let error = decode_value(&with("/scans", Some(json!(vec![scan(8_000); 501])))).unwrap_err();
+    assert_eq!(error.problem, BatchProblem::TooLarge);
+}
+
+#[test]
+fn a_literal_of_another_language_is_explained() {
+    let text = valid().to_string().replacen("25.0", "Infinity", 1);
+    let error = decode(text.as_bytes(), received_at()).unwrap_err();
+    assert_eq!(error.problem, BatchProblem::MalformedJson);
+    assert_eq!(error.pointer, "/scans/0/ranges/2");
+    assert!(error.detail.contains("REP-117"), "{error}");
+    let text = valid().to_string().replacen("25.0", "1e400", 1);
+    let error = decode(text.as_bytes(), received_at()).unwrap_err();
+    assert_eq!(error.problem, BatchProblem::OutOfRange);
+}
+
+#[test]
+fn oddities_are_flagged_not_refused() {
+    let flags_of = |pointer, value| decode_value(&with(pointer, Some(value))).unwrap().flags;
+    assert_eq!(
+        flags_of("/scans/1/odometry/x", json!(6.0)),
+        ["wild_odometry"]
+    );
+    let empty = json!([null, null, null, null]);
+    assert_eq!(flags_of("/scans/1/ranges", empty), ["empty_scans"]);
+    let future = json!("2026-11-21T07:00:00.001Z");
+    assert_eq!(flags_of("/scans/1/stamp", future), ["clock_skew"]);
+    let past = json!("2026-10-20T06:00:00Z");
+    assert_eq!(flags_of("/scans/0/stamp", past), ["late"]);
+}
+
+proptest! {
+    #[test]
+    fn mutated_bodies_never_panic(
+        changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        cut in any::<prop::sample::Index>(),
+        cuts in any::<bool>(),
+    ) {
+        let mut body = serde_json::to_vec(&valid()).unwrap();
+        for (place, byte) in changes {
+            let place = place.index(body.len());
+            body[place] = byte;
+        }
+        if cuts {
+            body.truncate(cut.index(body.len()));
+        }
+        if let Err(error) = decode(&body, received_at()) {
+            prop_assert!(!error.detail.is_empty());
+        }
+    }
+
+    #[test]
+    fn any_number_in_any_place_is_finite_afterwards(
+        place in prop::sample::select(vec![
+            "/lidar/angle_min", "/lidar/angle_increment", "/lidar/range_min", "/lidar/range_max",
+            "/lidar/mount/x", "/lidar/mount/theta", "/lidar/range_sigma", "/initial_pose/x",
+            "/initial_pose/sigma_xy", "/scans/0/odometry/x", "/scans/0/odometry/theta",
+            "/scans/0/ranges/0",
+        ]),
+        value in prop_oneof![any::<f64>(), -10.0..10.0_f64],
+    ) {
+        if let Ok(batch) = decode_value(&with(place, Some(json!(value)))) {
+            prop_assert!(batch.scans.iter().all(|s| s.odom_from_base.is_finite()));
+            prop_assert!(batch.scans.iter().all(|s| s.scan.ranges_m().flatten().all(f64::is_finite)));
+            prop_assert!(batch.initial_pose.unwrap().pose.is_finite());
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Logs and metrics of the process.
+
+use std::sync::OnceLock;
+
+use anyhow::Context;
+use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
+use tracing_subscriber::EnvFilter;
+
+use crate::config::LogFormat;
+
+/// Upper bounds of the classes of durations, seconds.
+const DURATION_BUCKETS_S: [f64; 11] = [
+    0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 30.0,
+];
+
+/// Sends the log to standard error. Call it once, first thing.
+///
+/// # Errors
+/// If the filter is not understood, or a log is set up already.
+pub fn init_log(filter: &str, format: LogFormat) -> anyhow::Result<()> {
+    let filter = EnvFilter::try_new(filter).context("the log filter is not understood")?;
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr);
+    let outcome = match format {
+        LogFormat::Text => log.try_init(),
+        LogFormat::Json => log.json().flatten_event(true).try_init(),
+    };
+    outcome.map_err(|error| anyhow::anyhow!("the log cannot be set up: {error}"))
+}
+
+/// What the process's metrics are read from; the same for every service in the process.
+///
+/// # Errors
+/// If another recorder is installed.
+pub fn metrics_handle() -> anyhow::Result<PrometheusHandle> {
+    static HANDLE: OnceLock<Result<PrometheusHandle, String>> = OnceLock::new();
+    let handle = HANDLE.get_or_init(|| install().map_err(|error| format!("{error:#}")));
+    handle.clone().map_err(anyhow::Error::msg)
+}
+
+fn install() -> anyhow::Result<PrometheusHandle> {
+    let handle = PrometheusBuilder::new()
+        .set_buckets_for_metric(Matcher::Suffix("_seconds".into()), &DURATION_BUCKETS_S)?
+        .install_recorder()?;
+    metrics::describe_counter!("mapshift_http_requests_total", "Requests answered");
+    metrics::describe_histogram!(
+        "mapshift_http_request_duration_seconds",
+        metrics::Unit::Seconds,
+        "Time to answer a request"
+    );
+    metrics::describe_counter!("mapshift_uploads_total", "Uploads by how they ended");
+    metrics::describe_gauge!(
+        "mapshift_pending_batches",
+        "Batches that wait to be processed"
+    );
+    metrics::describe_gauge!("mapshift_connections", "Open connections");
+    Ok(handle)
+}
