@@ -1,4 +1,5 @@
 //! Pose graphs to their known optima, through the library and through the command.
+#![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use std::io::Read;
 use std::path::PathBuf;
@@ -140,7 +141,7 @@ fn laps_with_a_false_closure() -> PoseGraph {
         let pose = truth;
         graph.add_node(Node { id, pose }).unwrap();
         let turn = if k % 5 == 4 {
-            1.570_796_326_794_896_6
+            std::f64::consts::FRAC_PI_2
         } else {
             0.0
         };
