@@ -72,9 +72,9 @@ fn a_robust_solve_keeps_true_closures() {
     }
 }
 
-/// 114 of the file's 350 closures are false. Which ones is not in the file; ranked by how far
-/// they are off in the map that the kept ones agree on, the 114 worst are all off by more than
-/// 4 m or 0.3 rad.
+/// 114 of the file's 350 closures are said to be false; which ones is not in the file. So this
+/// judges by consistency, not by truth: the 114 that are furthest off in the map that the kept
+/// ones agree on (all by more than 4 m) must be named, and few others.
 #[test]
 fn a_robust_solve_names_false_closures() {
     let Some(mut graph) = load("B25b_0.150") else {
