@@ -1,15 +1,49 @@
 //! The only place that speaks SQL: routes, the durable journal of uploads, jobs, graphs.
+//!
+//! An embedded SQLite in a directory that one process holds. Everything that writes is a
+//! [`request`] to the one [`writer`] task, which executes what has queued up in one transaction
+//! and answers after the commit has reached the disk; a caller that goes away meanwhile changes
+//! nothing. Reads run on a few connections of their own, short and side by side.
+//!
+//! [`request`]: self::request
+//! [`writer`]: self::writer
 
+mod body;
+mod columns;
+mod connection;
+mod error;
+mod graph;
+mod graph_rows;
+mod inbox;
+mod jobs;
+mod journal;
+mod lock;
 mod records;
+mod request;
+mod results;
+mod routes;
+mod trips;
+mod writer;
 
+pub use error::{Corruption, StoreError};
 pub use records::*;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
+use sqlx::SqlitePool;
+use tokio::sync::{Mutex, Notify, watch};
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
 
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
+use connection::Database;
+use inbox::Outbox;
+use lock::DirectoryLock;
+use request::Reply;
+use writer::{Health, Writer};
 
 /// Where and how to open the store.
 #[derive(Debug, Clone)]
@@ -20,7 +54,20 @@ pub struct StoreOptions {
 
 /// The store; cheap to clone.
 #[derive(Clone)]
-pub struct Store {}
+pub struct Store {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    outbox: Outbox,
+    readers: SqlitePool,
+    health: watch::Receiver<Health>,
+    jobs: Arc<Notify>,
+    shutdown: CancellationToken,
+    writer: Mutex<Option<JoinHandle<Result<(), StoreError>>>>,
+    // After the readers: whoever takes the lock next finds no connection of ours.
+    _lock: Arc<DirectoryLock>,
+}
 
 /// Whether a PUT made something new.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,76 +78,177 @@ pub enum Put {
     Updated,
 }
 
-/// Why the store could not do it.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// The disk is full; nothing was written.
-    #[error("the disk is full")]
-    Full,
-    /// The writer is overloaded or shutting down; nothing was written.
-    #[error("the store does not take writes at the moment")]
-    Unavailable,
-    /// The route is not there.
-    #[error("there is no such route")]
-    UnknownRoute,
-    /// Another process holds the data directory.
-    #[error("the data directory {0} is in use by another process")]
-    Locked(PathBuf),
-}
-
-#[allow(clippy::todo, unused_variables, missing_docs)]
 impl Store {
+    /// Locks the directory, brings the schema up to date, gives back the jobs of a process that
+    /// died, and starts the writer on the current runtime.
+    ///
+    /// # Errors
+    /// [`StoreError::Locked`] if another process holds the directory.
     pub async fn open(options: StoreOptions) -> Result<Self, StoreError> {
-        todo!()
-    }
-    /// Waits for the writes that were taken and closes the database.
-    pub async fn close(self) -> Result<(), StoreError> {
-        todo!()
-    }
-    /// Whether the writer takes writes and a reader answers; the error says why not.
-    pub async fn check_ready(&self) -> Result<(), StoreError> {
-        todo!()
-    }
-    /// Resolves when a job may be ready to claim (a hint: claim_job decides).
-    pub async fn job_hint(&self) {
-        todo!()
+        let data_dir = options.data_dir.clone();
+        let lock = tokio::task::spawn_blocking(move || DirectoryLock::acquire(&data_dir))
+            .await
+            .map_err(|_| StoreError::Unavailable)??;
+        let lock = Arc::new(lock);
+        let database = Database::in_directory(&options.data_dir);
+        let mut connection = database.open_writer().await?;
+        database.migrate(&mut connection).await?;
+        jobs::release_orphans(&mut connection).await?;
+        let readers = database.open_readers().await?;
+
+        let (outbox, inbox) = inbox::queues();
+        let (health_sender, health) = watch::channel(Health::Ready);
+        let jobs = Arc::new(Notify::new());
+        let shutdown = CancellationToken::new();
+        let writer = Writer {
+            database,
+            connection: Some(connection),
+            inbox,
+            health: health_sender,
+            jobs: Arc::clone(&jobs),
+            shutdown: shutdown.clone(),
+            lock: Arc::clone(&lock),
+        };
+        let shared = Shared {
+            outbox,
+            readers,
+            health,
+            jobs,
+            shutdown,
+            writer: Mutex::new(Some(tokio::spawn(writer.run()))),
+            _lock: lock,
+        };
+        Ok(Self {
+            shared: Arc::new(shared),
+        })
     }
 
+    /// Waits for the writes that were taken and closes the database. Other clones get
+    /// [`StoreError::Unavailable`] from now on.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the log could not be moved into the database; nothing acknowledged is
+    /// lost by that.
+    pub async fn close(self) -> Result<(), StoreError> {
+        self.shared.shutdown.cancel();
+        let writer = self.shared.writer.lock().await.take();
+        let closed = match writer {
+            Some(writer) => writer.await.map_err(|_| StoreError::Unavailable)?,
+            None => Ok(()),
+        };
+        self.shared.readers.close().await;
+        closed.map_err(StoreError::named)
+    }
+
+    /// Whether the writer takes writes and a reader answers; the error says why not.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::Unavailable`], [`StoreError::Corrupt`].
+    pub async fn check_ready(&self) -> Result<(), StoreError> {
+        if self.shared.shutdown.is_cancelled() {
+            return Err(StoreError::Unavailable);
+        }
+        let health = *self.shared.health.borrow();
+        if let Some(refusal) = health.refusal() {
+            return Err(refusal);
+        }
+        self.routes(None, 1).await.map(|_| ())
+    }
+
+    /// Resolves when a job may be ready to claim (a hint: [`Store::claim_job`] decides). A hint
+    /// may be missed, and a job may become ready by time alone: look from time to time as well.
+    pub async fn job_hint(&self) {
+        self.shared.jobs.notified().await;
+    }
+
+    /// Creates a route or changes it.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn put_route(
         &self,
         id: &RouteId,
         update: RouteUpdate,
         now: Timestamp,
     ) -> Result<Put, StoreError> {
-        todo!()
+        let id = id.clone();
+        self.work(routes::PutRoute { id, update, now }).await
     }
+
+    /// One route.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn route(&self, id: &RouteId) -> Result<Option<RouteRecord>, StoreError> {
-        todo!()
+        named(routes::route(&self.shared.readers, id).await)
     }
+
     /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn routes(
         &self,
         after: Option<&RouteId>,
         limit: u32,
     ) -> Result<Vec<RouteRecord>, StoreError> {
-        todo!()
-    }
-    /// Whether it was there.
-    pub async fn delete_route(&self, id: &RouteId) -> Result<bool, StoreError> {
-        todo!()
+        named(routes::routes(&self.shared.readers, after, limit).await)
     }
 
-    pub async fn journal_batch(&self, batch: NewBatch) -> Result<Journaled, StoreError> {
-        todo!()
+    /// Deletes a route with its uploads, jobs and graph. Returns whether it was there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_route(&self, id: &RouteId) -> Result<bool, StoreError> {
+        self.work(routes::DeleteRoute(id.clone())).await
     }
+
+    /// Stores an upload and, if it is its turn in its trip, its job. Returns after the commit has
+    /// reached the disk. What is wrong with its place in its trip becomes its status.
+    ///
+    /// # Errors
+    /// [`StoreError::UnknownRoute`], [`StoreError::Full`], [`StoreError::Unavailable`].
+    pub async fn journal_batch(&self, mut batch: NewBatch) -> Result<Journaled, StoreError> {
+        let body = std::mem::take(&mut batch.body);
+        // Compressing a large body takes milliseconds: not on the async threads, not in the
+        // writer.
+        let body = tokio::task::spawn_blocking(move || body::SealedBody::seal(&body))
+            .await
+            .map_err(|_| StoreError::Unavailable)??;
+        let request = journal::Journal { batch, body };
+        let reply = self.shared.outbox.send_upload(request).await?;
+        let journaled = outcome::<journal::Journal>(reply).await?;
+        journaled.ok_or(StoreError::UnknownRoute)
+    }
+
+    /// One upload.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn batch(
         &self,
         route: &RouteId,
         id: &BatchId,
     ) -> Result<Option<BatchRecord>, StoreError> {
-        todo!()
+        named(journal::batch(&self.shared.readers, route, id).await)
     }
-    /// In the order of arrival.
+
+    /// One upload with its body.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Body`] if the body has lost its checksum.
+    pub async fn journal_entry(
+        &self,
+        route: &RouteId,
+        id: &BatchId,
+    ) -> Result<Option<JournalEntry>, StoreError> {
+        named(journal::entry(&self.shared.readers, route, id).await)
+    }
+
+    /// In the order of arrival, after `after`, at most `limit`; none if `after` is not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn batches(
         &self,
         route: &RouteId,
@@ -108,21 +256,53 @@ impl Store {
         after: Option<&BatchId>,
         limit: u32,
     ) -> Result<Vec<BatchRecord>, StoreError> {
-        todo!()
+        named(journal::batches(&self.shared.readers, route, filter, after, limit).await)
     }
 
-    /// The oldest job whose time has come on a route that no live lease holds.
+    /// The oldest job whose time has come on a route that no live lease holds; its batch is
+    /// `processing` from now on. A batch whose body has rotted is quarantined on the way.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn claim_job(
         &self,
         now: Timestamp,
         lease: Duration,
     ) -> Result<Option<ClaimedJob>, StoreError> {
-        todo!()
+        while let Some(claim) = self.work(jobs::ClaimJob { now, lease }).await? {
+            let (job_id, generation) = (claim.job_id, claim.generation);
+            match self.load_entries(claim).await {
+                Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id })) => {
+                    tracing::error!(%route_id, %batch_id, "a stored body is corrupt");
+                    let request = jobs::QuarantineRotten {
+                        job_id,
+                        generation,
+                        batch_id,
+                        now,
+                    };
+                    self.work(request).await?;
+                }
+                loaded => return loaded.map(Some),
+            }
+        }
+        Ok(None)
     }
+
+    /// Writes a job's result, ends its batches, and queues what their end lets run: all or
+    /// nothing. After [`Applied::Stale`] the job is still held if the route alone has moved on:
+    /// it may be computed again from [`Store::load_graph`].
+    ///
+    /// # Errors
+    /// [`StoreError::InvalidResult`] if the result contradicts itself or the store.
     pub async fn apply_result(&self, result: JobResult) -> Result<Applied, StoreError> {
-        todo!()
+        self.work(results::ApplyResult(result)).await
     }
-    /// Puts a failed job back with a delay, or quarantines its batch after the last try.
+
+    /// Puts a failed job back with a delay (1, 4, 16, 64 s), or quarantines its batch after the
+    /// fifth try. A job that this worker does not hold any more is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn fail_job(
         &self,
         job_id: i64,
@@ -130,52 +310,157 @@ impl Store {
         reason: &str,
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        todo!()
-    }
-    /// Queues held batches whose `hold_s` is over; returns how many.
-    pub async fn release_overdue(&self, now: Timestamp) -> Result<u64, StoreError> {
-        todo!()
+        let reason = reason.to_owned();
+        let request = jobs::FailJob {
+            job_id,
+            generation,
+            reason,
+            now,
+        };
+        self.work(request).await
     }
 
+    /// Queues held batches whose `hold_s` is over, at most 256 of them; returns how many.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn release_overdue(&self, now: Timestamp) -> Result<u64, StoreError> {
+        self.work(jobs::ReleaseOverdue { now }).await
+    }
+
+    /// A route's graph, read at one instant.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
     pub async fn load_graph(&self, route: &RouteId) -> Result<Option<RouteGraph>, StoreError> {
-        todo!()
+        named(graph::load(&self.shared.readers, route).await)
     }
+
+    /// Every node, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn nodes(&self, route: &RouteId) -> Result<Vec<NodeRecord>, StoreError> {
-        todo!()
+        named(graph::nodes(&self.shared.readers, route).await)
     }
+
+    /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn node_page(
+        &self,
+        route: &RouteId,
+        after: Option<NodeId>,
+        limit: u32,
+    ) -> Result<Vec<NodeRecord>, StoreError> {
+        named(graph::node_page(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// One node.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn node(
         &self,
         route: &RouteId,
         id: NodeId,
     ) -> Result<Option<NodeRecord>, StoreError> {
-        todo!()
+        named(graph::node(&self.shared.readers, route, id).await)
     }
+
     /// Every active node with its scan, by id: what a map picture is drawn from.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
     pub async fn nodes_with_scans(&self, route: &RouteId) -> Result<Vec<NodeWithScan>, StoreError> {
-        todo!()
+        named(graph::nodes_with_scans(&self.shared.readers, route).await)
     }
+
+    /// The scan of a node: the bytes of [`crate::scan::encode_scan`].
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if it has lost its checksum.
     pub async fn node_scan(
         &self,
         route: &RouteId,
         id: NodeId,
     ) -> Result<Option<Vec<u8>>, StoreError> {
-        todo!()
+        named(graph::node_scan(&self.shared.readers, route, id).await)
     }
+
+    /// The nodes of a trip, active or not, in the order of their scans.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn trip_nodes(
         &self,
         route: &RouteId,
         trip: &TripId,
     ) -> Result<Vec<NodeRecord>, StoreError> {
-        todo!()
+        named(graph::trip_nodes(&self.shared.readers, route, trip).await)
     }
+
+    /// Every edge, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn edges(&self, route: &RouteId) -> Result<Vec<EdgeRecord>, StoreError> {
-        todo!()
+        named(graph::edges(&self.shared.readers, route).await)
     }
+
+    /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edge_page(
+        &self,
+        route: &RouteId,
+        after: Option<EdgeId>,
+        limit: u32,
+    ) -> Result<Vec<EdgeRecord>, StoreError> {
+        named(graph::edge_page(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// One edge.
+    ///
+    /// # Errors
+    /// [`StoreError`].
     pub async fn edge(
         &self,
         route: &RouteId,
         id: EdgeId,
     ) -> Result<Option<EdgeRecord>, StoreError> {
-        todo!()
+        named(graph::edge(&self.shared.readers, route, id).await)
     }
+
+    async fn work<R: request::Request>(&self, request: R) -> Result<R::Outcome, StoreError> {
+        outcome::<R>(self.shared.outbox.send_work(request).await?).await
+    }
+
+    async fn load_entries(&self, claim: jobs::Claim) -> Result<ClaimedJob, StoreError> {
+        let mut entries = Vec::with_capacity(claim.batch_ids.len());
+        for batch_id in &claim.batch_ids {
+            // Gone only if the route was deleted a moment ago; the fence will say so.
+            entries.extend(self.journal_entry(&claim.route_id, batch_id).await?);
+        }
+        Ok(ClaimedJob {
+            job_id: claim.job_id,
+            generation: claim.generation,
+            attempts: claim.attempts,
+            route_id: claim.route_id,
+            entries,
+            after_gap: claim.after_gap,
+        })
+    }
+}
+
+/// Waits for what became of a request; the writer drops it unanswered only when it is lost itself.
+async fn outcome<R: request::Request>(reply: Reply<R>) -> Result<R::Outcome, StoreError> {
+    let outcome = reply.await.map_err(|_| StoreError::Unavailable)?;
+    outcome.map_err(StoreError::named)
+}
+
+fn named<T>(read: Result<T, StoreError>) -> Result<T, StoreError> {
+    read.map_err(StoreError::named)
 }

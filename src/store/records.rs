@@ -237,7 +237,8 @@ pub struct ClaimedJob {
     /// The trip's batches that are not in the map yet, in sequence: those that could not be
     /// anchored before, and this job's own, last.
     pub entries: Vec<JournalEntry>,
-    /// Whether the predecessor of the first entry never came and it is used on its own.
+    /// Whether the predecessor of the first entry never came, or was quarantined, and it is used
+    /// on its own. Gaps further on show in the entries' sequences.
     pub after_gap: bool,
 }
 
@@ -409,6 +410,10 @@ pub struct RouteGraph {
     pub stage: Stage,
     /// The settings.
     pub settings: RouteSettings,
+    /// The lowest id that no node ever had; new nodes take ids from here on.
+    pub next_node_id: NodeId,
+    /// The lowest id that no edge ever had; new edges take ids from here on.
+    pub next_edge_id: EdgeId,
     /// Every node by id, with scans.
     pub nodes: Vec<NodeWithScan>,
     /// Every edge by id.

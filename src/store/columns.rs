@@ -1,0 +1,167 @@
+//! How values stand in columns: the texts of enumerations, times, names, flags.
+
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
+
+use super::error::{Corruption, StoreError};
+use super::records::{BatchStatus, Detector, Stage};
+use crate::geometry::{Information, Pose2};
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{BatchId, InvalidName, RouteId, TripId, VehicleId};
+
+/// An enumeration that is stored as text.
+pub(super) trait Text: Sized {
+    /// What stands in the column.
+    fn text(self) -> &'static str;
+    /// The value of a column's text.
+    fn parse(text: &str) -> Option<Self>;
+}
+
+macro_rules! text_column {
+    ($type:ty { $($variant:ident = $text:literal),+ $(,)? }) => {
+        impl Text for $type {
+            fn text(self) -> &'static str {
+                match self { $(Self::$variant => $text),+ }
+            }
+            fn parse(text: &str) -> Option<Self> {
+                match text { $($text => Some(Self::$variant),)+ _ => None }
+            }
+        }
+    };
+}
+
+text_column!(Detector {
+    Fused = "fused",
+    Seed = "seed",
+});
+text_column!(Stage {
+    Mapping = "mapping",
+    Monitoring = "monitoring",
+});
+text_column!(BatchStatus {
+    Queued = "queued",
+    Processing = "processing",
+    Held = "held",
+    Merged = "merged",
+    Unanchored = "unanchored",
+    Quarantined = "quarantined",
+});
+text_column!(EdgeKind {
+    Odometry = "odometry",
+    LoopClosure = "loop_closure",
+});
+text_column!(EdgeStatus {
+    Active = "active",
+    Retired = "retired",
+    Quarantined = "quarantined",
+});
+
+/// A client-chosen name that is stored as text.
+pub(super) trait Name: Sized {
+    /// Checks the name.
+    fn from_text(text: String) -> Result<Self, InvalidName>;
+}
+
+macro_rules! name_column {
+    ($($type:ident),+) => {
+        $(impl Name for $type {
+            fn from_text(text: String) -> Result<Self, InvalidName> {
+                Self::new(text)
+            }
+        })+
+    };
+}
+
+name_column!(RouteId, VehicleId, TripId, BatchId);
+
+fn corrupt(column: &'static str) -> StoreError {
+    StoreError::Corrupt(Corruption::Value { column })
+}
+
+/// An enumeration's column.
+pub(super) fn text<T: Text>(row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+    T::parse(row.try_get(column)?).ok_or_else(|| corrupt(column))
+}
+
+/// A name's column.
+pub(super) fn name<T: Name>(row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+    T::from_text(row.try_get(column)?).map_err(|_| corrupt(column))
+}
+
+/// A time as it is stored.
+pub(super) fn micros(time: Timestamp) -> i64 {
+    time.as_microsecond()
+}
+
+/// A time's column, if there is one.
+pub(super) fn optional_time(
+    row: &SqliteRow,
+    column: &'static str,
+) -> Result<Option<Timestamp>, StoreError> {
+    let micros: Option<i64> = row.try_get(column)?;
+    micros
+        .map(Timestamp::from_microsecond)
+        .transpose()
+        .map_err(|_| corrupt(column))
+}
+
+/// A time's column.
+pub(super) fn time(row: &SqliteRow, column: &'static str) -> Result<Timestamp, StoreError> {
+    optional_time(row, column)?.ok_or_else(|| corrupt(column))
+}
+
+/// Flags as they are stored.
+pub(super) fn flags_text(flags: &[String]) -> String {
+    serde_json::Value::from(flags).to_string()
+}
+
+/// The flags of a column's text.
+pub(super) fn parse_flags(text: &str) -> Result<Vec<String>, StoreError> {
+    serde_json::from_str(text).map_err(|_| corrupt("flags"))
+}
+
+/// Three columns that make a pose.
+pub(super) fn pose(row: &SqliteRow, columns: [&'static str; 3]) -> Result<Pose2, StoreError> {
+    let [x, y, theta] = columns;
+    // As it was stored, to the bit: wrapping again must not touch it.
+    Ok(Pose2 {
+        x: row.try_get(x)?,
+        y: row.try_get(y)?,
+        theta: row.try_get(theta)?,
+    })
+}
+
+/// Six columns that make an information matrix.
+pub(super) fn information(
+    row: &SqliteRow,
+    columns: [&'static str; 6],
+) -> Result<Information, StoreError> {
+    let mut upper = [0.0; 6];
+    for (value, column) in upper.iter_mut().zip(columns) {
+        *value = row.try_get(column)?;
+    }
+    Ok(Information::from_upper(upper))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_are_read_back() {
+        use BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
+        for status in [Queued, Processing, Held, Merged, Unanchored, Quarantined] {
+            assert_eq!(BatchStatus::parse(status.text()), Some(status));
+        }
+        assert_eq!(EdgeKind::parse("loop_closure"), Some(EdgeKind::LoopClosure));
+        assert_eq!(EdgeStatus::parse("Active"), None);
+    }
+
+    #[test]
+    fn flags_are_read_back() {
+        let flags = vec!["a \"quoted\" ü".to_owned(), String::new()];
+        assert_eq!(parse_flags(&flags_text(&flags)).unwrap(), flags);
+        assert!(parse_flags("{").is_err());
+    }
+}

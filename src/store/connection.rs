@@ -1,0 +1,190 @@
+//! How connections to the database are opened.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
+use sqlx::{ConnectOptions, SqliteConnection};
+
+use super::error::StoreError;
+
+const FILE_NAME: &str = "mapshift.db";
+/// Before it, two connections that write and checkpoint at one instant can corrupt the file.
+const SQLITE_VERSION_MIN: [u32; 3] = [3, 51, 3];
+const READERS: u32 = 3;
+const WRITER_BUSY_TIMEOUT: Duration = Duration::from_secs(1);
+const READER_BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+const WAL_AUTOCHECKPOINT_PAGES: &str = "4000";
+/// The log is truncated above this length.
+pub(super) const WAL_BYTES_MAX: u64 = 64 << 20;
+const WAL_BYTES_MAX_TEXT: &str = "67108864";
+
+static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+
+/// The database file of a data directory.
+#[derive(Debug, Clone)]
+pub(super) struct Database {
+    path: PathBuf,
+}
+
+impl Database {
+    /// The database of a data directory.
+    pub(super) fn in_directory(directory: &Path) -> Self {
+        Self {
+            path: directory.join(FILE_NAME),
+        }
+    }
+
+    /// Length of the write-ahead log; 0 if there is none.
+    pub(super) fn wal_bytes(&self) -> u64 {
+        let mut path = self.path.clone().into_os_string();
+        path.push("-wal");
+        std::fs::metadata(path).map_or(0, |log| log.len())
+    }
+
+    /// The connection that writes; there is one at a time.
+    ///
+    /// # Errors
+    /// [`StoreError::Setting`] if a setting that durability rests on does not hold.
+    pub(super) async fn open_writer(&self) -> Result<SqliteConnection, StoreError> {
+        let mut connection = self
+            .options()
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(WRITER_BUSY_TIMEOUT)
+            .pragma("wal_autocheckpoint", WAL_AUTOCHECKPOINT_PAGES)
+            .pragma("journal_size_limit", WAL_BYTES_MAX_TEXT)
+            .connect()
+            .await?;
+        check_version(&mut connection).await?;
+        check_settings(&mut connection).await?;
+        Ok(connection)
+    }
+
+    /// Brings the schema up to date.
+    pub(super) async fn migrate(&self, writer: &mut SqliteConnection) -> Result<(), StoreError> {
+        Ok(MIGRATIONS.run(writer).await?)
+    }
+
+    /// The pool of connections that read. The database is there already.
+    pub(super) async fn open_readers(&self) -> Result<SqlitePool, StoreError> {
+        let options = self
+            .options()
+            .read_only(true)
+            .busy_timeout(READER_BUSY_TIMEOUT)
+            .pragma("query_only", "ON");
+        let pool = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .min_connections(1)
+            .acquire_timeout(READER_BUSY_TIMEOUT)
+            .idle_timeout(None)
+            .max_lifetime(None)
+            .connect_with(options)
+            .await?;
+        Ok(pool)
+    }
+
+    fn options(&self) -> SqliteConnectOptions {
+        SqliteConnectOptions::new()
+            .filename(&self.path)
+            .foreign_keys(true)
+            .pragma("mmap_size", "0")
+            .pragma("cell_size_check", "ON")
+            .pragma("trusted_schema", "OFF")
+            .disable_statement_logging()
+    }
+}
+
+/// Moves the log into the database and truncates it. Returns false if a reader was in the way.
+pub(super) async fn truncate_wal(writer: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    let (busy, _, _): (i64, i64, i64) = sqlx::query_as("PRAGMA wal_checkpoint(TRUNCATE)")
+        .fetch_one(writer)
+        .await?;
+    Ok(busy == 0)
+}
+
+async fn check_version(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let version: String = sqlx::query_scalar("SELECT sqlite_version()")
+        .fetch_one(connection)
+        .await?;
+    if is_recent(&version) {
+        Ok(())
+    } else {
+        Err(StoreError::SqliteTooOld(version))
+    }
+}
+
+fn is_recent(version: &str) -> bool {
+    let parts: Result<Vec<u32>, _> = version.split('.').map(str::parse).collect();
+    parts.is_ok_and(|parts| parts.as_slice() >= SQLITE_VERSION_MIN.as_slice())
+}
+
+fn check_setting(name: &'static str, found: String, wanted: &str) -> Result<(), StoreError> {
+    if found == wanted {
+        Ok(())
+    } else {
+        Err(StoreError::Setting { name, found })
+    }
+}
+
+/// Reads back what durability rests on.
+async fn check_settings(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let mode: String = sqlx::query_scalar("PRAGMA journal_mode")
+        .fetch_one(&mut *connection)
+        .await?;
+    check_setting("journal_mode", mode, "wal")?;
+    let synchronous: i64 = sqlx::query_scalar("PRAGMA synchronous")
+        .fetch_one(&mut *connection)
+        .await?;
+    check_setting("synchronous", synchronous.to_string(), "2")?;
+    let foreign_keys: i64 = sqlx::query_scalar("PRAGMA foreign_keys")
+        .fetch_one(&mut *connection)
+        .await?;
+    check_setting("foreign_keys", foreign_keys.to_string(), "1")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_compared_as_numbers() {
+        for good in ["3.51.3", "3.52.0", "3.100.0", "4.0.0"] {
+            assert!(is_recent(good), "{good}");
+        }
+        for bad in ["3.51.2", "3.9.9", "3.51", "", "3.x.9"] {
+            assert!(!is_recent(bad), "{bad}");
+        }
+    }
+
+    #[tokio::test]
+    async fn settings_hold_on_both_kinds_of_connection() {
+        let directory = tempfile::tempdir().unwrap();
+        let database = Database::in_directory(directory.path());
+        let mut writer = database.open_writer().await.unwrap();
+        database.migrate(&mut writer).await.unwrap();
+        database.migrate(&mut writer).await.unwrap();
+        for (pragma, wanted) in [
+            ("PRAGMA wal_autocheckpoint", 4000_i64),
+            ("PRAGMA journal_size_limit", 64 << 20),
+            ("PRAGMA mmap_size", 0),
+            ("PRAGMA cell_size_check", 1),
+            ("PRAGMA trusted_schema", 0),
+        ] {
+            let found: i64 = sqlx::query_scalar(pragma)
+                .fetch_one(&mut writer)
+                .await
+                .unwrap();
+            assert_eq!(found, wanted, "{pragma}");
+        }
+        let readers = database.open_readers().await.unwrap();
+        let write = sqlx::query("DELETE FROM routes").execute(&readers).await;
+        assert!(write.is_err());
+        assert!(truncate_wal(&mut writer).await.unwrap());
+        assert_eq!(database.wal_bytes(), 0);
+    }
+}

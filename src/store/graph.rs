@@ -1,0 +1,315 @@
+//! Reading a route's graph.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
+
+use super::body::checksum;
+use super::columns::{information, name, pose, text};
+use super::error::{Corruption, StoreError};
+use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
+use super::routes::settings_of;
+use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
+
+macro_rules! select_nodes {
+    ($columns:literal, $joins:literal, $rest:literal) => {
+        concat!(
+            "SELECT nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, \
+             stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, reference, active, subgraph_id",
+            $columns,
+            " FROM routes JOIN nodes USING (route_key) \
+             JOIN batches ON batches.batch_key = nodes.batch_key ",
+            $joins,
+            " WHERE routes.id = ? ",
+            $rest
+        )
+    };
+}
+
+macro_rules! select_nodes_with_scans {
+    ($rest:literal) => {
+        select_nodes!(
+            ", scan, scan_sha256",
+            "JOIN node_scans ON node_scans.route_key = nodes.route_key \
+             AND node_scans.node_id = nodes.node_id",
+            $rest
+        )
+    };
+}
+
+macro_rules! select_edges {
+    ($rest:literal) => {
+        concat!(
+            "SELECT edges.edge_id, from_node, to_node, kind, edges.status, \
+             batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
+             edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
+             residual, subgraph_id, closures.x AS all_x, closures.y AS all_y, \
+             closures.theta AS all_theta, closures.info_xx AS all_xx, \
+             closures.info_xy AS all_xy, closures.info_xt AS all_xt, \
+             closures.info_yy AS all_yy, closures.info_yt AS all_yt, \
+             closures.info_tt AS all_tt, overlap, inlier_share, rmse_m, delta_f, \
+             all_points_residual \
+             FROM routes JOIN edges USING (route_key) \
+             JOIN batches ON batches.batch_key = edges.batch_key \
+             LEFT JOIN closures ON closures.route_key = edges.route_key \
+                 AND closures.edge_id = edges.edge_id \
+             WHERE routes.id = ? ",
+            $rest
+        )
+    };
+}
+
+/// A route's graph, read at one instant.
+pub(super) async fn load(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<Option<RouteGraph>, StoreError> {
+    let mut reader = readers.acquire().await?;
+    let graph = load_snapshot(&mut reader, route).await;
+    if graph.is_err() {
+        // SQLite may have rolled back by itself, which the driver does not notice: a connection
+        // is not trusted with a transaction again after an error.
+        reader.close_on_drop();
+    }
+    graph
+}
+
+async fn load_snapshot(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<Option<RouteGraph>, StoreError> {
+    let mut snapshot = reader.begin().await?;
+    let row = sqlx::query(
+        "SELECT revision, stage, detector, false_alarm_rate, hold_s, next_node_id, next_edge_id \
+         FROM routes WHERE id = ?",
+    )
+    .bind(route.as_str())
+    .fetch_optional(&mut *snapshot)
+    .await?;
+    let Some(row) = row else { return Ok(None) };
+    let nodes = sqlx::query(select_nodes_with_scans!("ORDER BY nodes.node_id"))
+        .bind(route.as_str())
+        .fetch_all(&mut *snapshot)
+        .await?;
+    let edges = sqlx::query(select_edges!("ORDER BY edges.edge_id"))
+        .bind(route.as_str())
+        .fetch_all(&mut *snapshot)
+        .await?;
+    snapshot.commit().await?;
+    let with_scan = |row: &SqliteRow| node_with_scan_of(row, route);
+    Ok(Some(RouteGraph {
+        revision: row.try_get("revision")?,
+        stage: text(&row, "stage")?,
+        settings: settings_of(&row)?,
+        next_node_id: NodeId(row.try_get("next_node_id")?),
+        next_edge_id: EdgeId(row.try_get("next_edge_id")?),
+        nodes: nodes.iter().map(with_scan).collect::<Result<_, _>>()?,
+        edges: edges.iter().map(edge_of).collect::<Result<_, _>>()?,
+    }))
+}
+
+/// Every node of a route, by id.
+pub(super) async fn nodes(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<Vec<NodeRecord>, StoreError> {
+    let rows = sqlx::query(select_nodes!("", "", "ORDER BY nodes.node_id"))
+        .bind(route.as_str())
+        .fetch_all(readers)
+        .await?;
+    rows.iter().map(node_of).collect()
+}
+
+/// Nodes by id, after `after`.
+pub(super) async fn node_page(
+    readers: &SqlitePool,
+    route: &RouteId,
+    after: Option<NodeId>,
+    limit: u32,
+) -> Result<Vec<NodeRecord>, StoreError> {
+    let rows = sqlx::query(select_nodes!(
+        "",
+        "",
+        "AND nodes.node_id > ? ORDER BY nodes.node_id LIMIT ?"
+    ))
+    .bind(route.as_str())
+    .bind(after.map_or(-1, |id| id.0))
+    .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(node_of).collect()
+}
+
+/// One node.
+pub(super) async fn node(
+    readers: &SqlitePool,
+    route: &RouteId,
+    id: NodeId,
+) -> Result<Option<NodeRecord>, StoreError> {
+    let row = sqlx::query(select_nodes!("", "", "AND nodes.node_id = ?"))
+        .bind(route.as_str())
+        .bind(id.0)
+        .fetch_optional(readers)
+        .await?;
+    row.as_ref().map(node_of).transpose()
+}
+
+/// The nodes of a trip, in the order of their scans.
+pub(super) async fn trip_nodes(
+    readers: &SqlitePool,
+    route: &RouteId,
+    trip: &TripId,
+) -> Result<Vec<NodeRecord>, StoreError> {
+    let rows = sqlx::query(select_nodes!(
+        "",
+        "",
+        "AND batches.trip_id = ? ORDER BY stamp_ns, nodes.node_id"
+    ))
+    .bind(route.as_str())
+    .bind(trip.as_str())
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(node_of).collect()
+}
+
+/// Every active node with its scan, by id.
+pub(super) async fn nodes_with_scans(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<Vec<NodeWithScan>, StoreError> {
+    let rows = sqlx::query(select_nodes_with_scans!(
+        "AND active ORDER BY nodes.node_id"
+    ))
+    .bind(route.as_str())
+    .fetch_all(readers)
+    .await?;
+    rows.iter()
+        .map(|row| node_with_scan_of(row, route))
+        .collect()
+}
+
+/// The scan of a node.
+pub(super) async fn node_scan(
+    readers: &SqlitePool,
+    route: &RouteId,
+    id: NodeId,
+) -> Result<Option<Vec<u8>>, StoreError> {
+    let row = sqlx::query(
+        "SELECT scan, scan_sha256 FROM routes JOIN node_scans USING (route_key) \
+         WHERE routes.id = ? AND node_id = ?",
+    )
+    .bind(route.as_str())
+    .bind(id.0)
+    .fetch_optional(readers)
+    .await?;
+    row.map(|row| scan_of(&row, route, id)).transpose()
+}
+
+/// Every edge of a route, by id.
+pub(super) async fn edges(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<Vec<EdgeRecord>, StoreError> {
+    let rows = sqlx::query(select_edges!("ORDER BY edges.edge_id"))
+        .bind(route.as_str())
+        .fetch_all(readers)
+        .await?;
+    rows.iter().map(edge_of).collect()
+}
+
+/// Edges by id, after `after`.
+pub(super) async fn edge_page(
+    readers: &SqlitePool,
+    route: &RouteId,
+    after: Option<EdgeId>,
+    limit: u32,
+) -> Result<Vec<EdgeRecord>, StoreError> {
+    let rows = sqlx::query(select_edges!(
+        "AND edges.edge_id > ? ORDER BY edges.edge_id LIMIT ?"
+    ))
+    .bind(route.as_str())
+    .bind(after.map_or(-1, |id| id.0))
+    .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(edge_of).collect()
+}
+
+/// One edge.
+pub(super) async fn edge(
+    readers: &SqlitePool,
+    route: &RouteId,
+    id: EdgeId,
+) -> Result<Option<EdgeRecord>, StoreError> {
+    let row = sqlx::query(select_edges!("AND edges.edge_id = ?"))
+        .bind(route.as_str())
+        .bind(id.0)
+        .fetch_optional(readers)
+        .await?;
+    row.as_ref().map(edge_of).transpose()
+}
+
+fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
+    Ok(NodeRecord {
+        id: NodeId(row.try_get("node_id")?),
+        batch_id: name(row, "batch_id")?,
+        vehicle_id: name(row, "vehicle_id")?,
+        trip_id: name(row, "trip_id")?,
+        stamp: StampNs(row.try_get("stamp_ns")?),
+        pose: pose(row, ["x", "y", "theta"])?,
+        odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
+        reference: row.try_get("reference")?,
+        active: row.try_get("active")?,
+        subgraph_id: row.try_get("subgraph_id")?,
+    })
+}
+
+fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, StoreError> {
+    let node = node_of(row)?;
+    let scan = scan_of(row, route, node.id)?;
+    Ok(NodeWithScan { node, scan })
+}
+
+fn scan_of(row: &SqliteRow, route: &RouteId, node_id: NodeId) -> Result<Vec<u8>, StoreError> {
+    let scan: Vec<u8> = row.try_get("scan")?;
+    let sha256: &[u8] = row.try_get("scan_sha256")?;
+    if checksum(&scan) == *sha256 {
+        return Ok(scan);
+    }
+    let route_id = route.clone();
+    Err(StoreError::Corrupt(Corruption::Scan { route_id, node_id }))
+}
+
+fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
+    let columns = [
+        "info_xx", "info_xy", "info_xt", "info_yy", "info_yt", "info_tt",
+    ];
+    Ok(EdgeRecord {
+        id: EdgeId(row.try_get("edge_id")?),
+        from: NodeId(row.try_get("from_node")?),
+        to: NodeId(row.try_get("to_node")?),
+        kind: text(row, "kind")?,
+        status: text(row, "status")?,
+        batch_id: name(row, "batch_id")?,
+        measurement: pose(row, ["x", "y", "theta"])?,
+        information: information(row, columns)?,
+        residual: row.try_get("residual")?,
+        subgraph_id: row.try_get("subgraph_id")?,
+        closure: closure_of(row)?,
+    })
+}
+
+fn closure_of(row: &SqliteRow) -> Result<Option<ClosureRecord>, StoreError> {
+    let Some(overlap) = row.try_get("overlap")? else {
+        return Ok(None);
+    };
+    let columns = ["all_xx", "all_xy", "all_xt", "all_yy", "all_yt", "all_tt"];
+    Ok(Some(ClosureRecord {
+        all_points_measurement: pose(row, ["all_x", "all_y", "all_theta"])?,
+        all_points_information: information(row, columns)?,
+        overlap,
+        inlier_share: row.try_get("inlier_share")?,
+        rmse_m: row.try_get("rmse_m")?,
+        delta_f: row.try_get("delta_f")?,
+        all_points_residual: row.try_get("all_points_residual")?,
+    }))
+}

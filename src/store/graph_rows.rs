@@ -1,0 +1,215 @@
+//! Writing a route's graph, many rows in a statement: a solve may move a whole map at once, and
+//! uploads wait meanwhile.
+
+use sqlx::query_builder::Separated;
+use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+
+use super::body::checksum;
+use super::columns::Text;
+use super::error::StoreError;
+use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
+use super::results::Members;
+use crate::geometry::{Information, Pose2};
+use crate::ids::{BatchId, EdgeId};
+
+/// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 17.
+const ROWS_MAX: usize = 256;
+
+type Values<'a, 'b> = Separated<'a, Sqlite, &'b str>;
+
+/// Inserts nodes and their scans.
+pub(super) async fn insert_nodes(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    members: &Members,
+    nodes: &[NodeWithScan],
+) -> Result<(), StoreError> {
+    for rows in nodes.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new(
+            "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
+             odom_x, odom_y, odom_theta, reference, active, subgraph_id) ",
+        );
+        query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
+            values
+                .push_bind(route_key)
+                .push_bind(node.id.0)
+                .push_bind(batch_key(members, &node.batch_id))
+                .push_bind(node.stamp.0);
+            push_pose(&mut values, &node.pose);
+            push_pose(&mut values, &node.odom_from_base);
+            values
+                .push_bind(node.reference)
+                .push_bind(node.active)
+                .push_bind(node.subgraph_id);
+        });
+        query.build().execute(&mut *transaction).await?;
+        insert_scans(transaction, route_key, rows).await?;
+    }
+    Ok(())
+}
+
+async fn insert_scans(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    nodes: &[NodeWithScan],
+) -> Result<(), StoreError> {
+    let mut query =
+        QueryBuilder::new("INSERT INTO node_scans (route_key, node_id, scan, scan_sha256) ");
+    query.push_values(nodes, |mut values, NodeWithScan { node, scan }| {
+        values
+            .push_bind(route_key)
+            .push_bind(node.id.0)
+            .push_bind(scan.as_slice())
+            .push_bind(checksum(scan).to_vec());
+    });
+    query.build().execute(transaction).await?;
+    Ok(())
+}
+
+/// Inserts edges and what their closures say.
+pub(super) async fn insert_edges(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    members: &Members,
+    edges: &[EdgeRecord],
+) -> Result<(), StoreError> {
+    for rows in edges.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new(
+            "INSERT INTO edges (route_key, edge_id, from_node, to_node, kind, status, batch_key, \
+             x, y, theta, info_xx, info_xy, info_xt, info_yy, info_yt, info_tt, residual, \
+             subgraph_id) ",
+        );
+        query.push_values(rows, |mut values, edge| {
+            values
+                .push_bind(route_key)
+                .push_bind(edge.id.0)
+                .push_bind(edge.from.0)
+                .push_bind(edge.to.0)
+                .push_bind(edge.kind.text())
+                .push_bind(edge.status.text())
+                .push_bind(batch_key(members, &edge.batch_id));
+            push_pose(&mut values, &edge.measurement);
+            push_information(&mut values, &edge.information);
+            values.push_bind(edge.residual).push_bind(edge.subgraph_id);
+        });
+        query.build().execute(&mut *transaction).await?;
+    }
+    let closures = edges.iter();
+    let closures: Vec<_> = closures
+        .filter_map(|edge| Some((edge.id, edge.closure?)))
+        .collect();
+    insert_closures(transaction, route_key, &closures).await
+}
+
+async fn insert_closures(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    closures: &[(EdgeId, ClosureRecord)],
+) -> Result<(), StoreError> {
+    for rows in closures.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new(
+            "INSERT INTO closures (route_key, edge_id, x, y, theta, info_xx, info_xy, info_xt, \
+             info_yy, info_yt, info_tt, overlap, inlier_share, rmse_m, delta_f, \
+             all_points_residual) ",
+        );
+        query.push_values(rows, |mut values, (id, closure)| {
+            values.push_bind(route_key).push_bind(id.0);
+            push_pose(&mut values, &closure.all_points_measurement);
+            push_information(&mut values, &closure.all_points_information);
+            values
+                .push_bind(closure.overlap)
+                .push_bind(closure.inlier_share)
+                .push_bind(closure.rmse_m)
+                .push_bind(closure.delta_f)
+                .push_bind(closure.all_points_residual);
+        });
+        query.build().execute(&mut *transaction).await?;
+    }
+    Ok(())
+}
+
+/// Moves nodes.
+///
+/// # Errors
+/// [`StoreError::InvalidResult`] if one of them is not there.
+pub(super) async fn update_nodes(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    changes: &[NodeChange],
+) -> Result<(), StoreError> {
+    for rows in changes.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new("WITH change(id, x, y, theta, active, block) AS (");
+        query.push_values(rows, |mut values, change| {
+            values.push_bind(change.id.0);
+            push_pose(&mut values, &change.pose);
+            values
+                .push_bind(change.active)
+                .push_bind(change.subgraph_id);
+        });
+        query.push(
+            ") UPDATE nodes SET x = change.x, y = change.y, theta = change.theta, \
+             active = change.active, subgraph_id = change.block FROM change \
+             WHERE nodes.node_id = change.id AND nodes.route_key = ",
+        );
+        query.push_bind(route_key);
+        let changed = query.build().execute(&mut *transaction).await?;
+        check_all_changed("node", changed.rows_affected(), rows.len())?;
+    }
+    Ok(())
+}
+
+/// Brings residuals, states and blocks of edges up to date.
+///
+/// # Errors
+/// [`StoreError::InvalidResult`] if one of them is not there.
+pub(super) async fn update_edges(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    changes: &[EdgeChange],
+) -> Result<(), StoreError> {
+    for rows in changes.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new("WITH change(id, status, residual, block) AS (");
+        query.push_values(rows, |mut values, change| {
+            values
+                .push_bind(change.id.0)
+                .push_bind(change.status.text())
+                .push_bind(change.residual)
+                .push_bind(change.subgraph_id);
+        });
+        query.push(
+            ") UPDATE edges SET status = change.status, residual = change.residual, \
+             subgraph_id = change.block FROM change \
+             WHERE edges.edge_id = change.id AND edges.route_key = ",
+        );
+        query.push_bind(route_key);
+        let changed = query.build().execute(&mut *transaction).await?;
+        check_all_changed("edge", changed.rows_affected(), rows.len())?;
+    }
+    Ok(())
+}
+
+fn check_all_changed(what: &str, changed: u64, wanted: usize) -> Result<(), StoreError> {
+    if usize::try_from(changed) == Ok(wanted) {
+        return Ok(());
+    }
+    let reason = format!("a {what} that it changes is not there, or is named twice");
+    Err(StoreError::InvalidResult(reason))
+}
+
+/// `None` (refused by NOT NULL) for a batch that is not of the job; it was checked before.
+fn batch_key(members: &Members, id: &BatchId) -> Option<i64> {
+    members.get(id).map(|member| member.batch_key)
+}
+
+fn push_pose(values: &mut Values<'_, '_>, pose: &Pose2) {
+    values
+        .push_bind(pose.x)
+        .push_bind(pose.y)
+        .push_bind(pose.theta);
+}
+
+fn push_information(values: &mut Values<'_, '_>, information: &Information) {
+    for value in information.upper() {
+        values.push_bind(value);
+    }
+}

@@ -1,0 +1,241 @@
+//! The durable journal of uploads.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+
+use super::body::{SealedBody, unseal};
+use super::columns::{Text, flags_text, micros, name, optional_time, parse_flags, text, time};
+use super::error::{Corruption, StoreError};
+use super::records::{BatchFilter, BatchRecord, BatchStatus, JournalEntry, Journaled, NewBatch};
+use super::request::Request;
+use super::trips::{Place, Placement, add_job, place};
+use crate::ids::{BatchId, RouteId};
+
+macro_rules! select_batches {
+    ($columns:literal, $rest:literal) => {
+        concat!(
+            "SELECT routes.id AS route_id, batches.id, vehicle_id, trip_id, sequence, status, \
+             reason, flags, batches.scans, nodes_added, batches.loop_closures, received_at_us, \
+             processed_at_us",
+            $columns,
+            " FROM batches JOIN routes USING (route_key) ",
+            $rest
+        )
+    };
+}
+
+/// Stores an upload and, if it is its turn, its job.
+pub(super) struct Journal {
+    /// The upload; its body is in `body`.
+    pub(super) batch: NewBatch,
+    /// The body as it is stored.
+    pub(super) body: SealedBody,
+}
+
+impl Request for Journal {
+    /// `None`: there is no such route.
+    type Outcome = Option<Journaled>;
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<Journaled>, StoreError> {
+        // The id is looked up before the insert, so that a replay leaves no trace: nobody else
+        // writes, and the table's UNIQUE stands behind it.
+        let found: Option<(i64, Option<Vec<u8>>)> = sqlx::query_as(
+            "SELECT routes.route_key, body_sha256 FROM routes \
+             LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = ? \
+             WHERE routes.id = ?",
+        )
+        .bind(self.batch.id.as_str())
+        .bind(self.batch.route_id.as_str())
+        .fetch_optional(&mut *transaction)
+        .await?;
+        match found {
+            None => Ok(None),
+            Some((_, Some(sha256))) if sha256 == self.body.sha256 => Ok(Some(Journaled::Replayed)),
+            Some((_, Some(_))) => Ok(Some(Journaled::Conflict)),
+            Some((route_key, None)) => {
+                self.store(transaction, route_key).await?;
+                Ok(Some(Journaled::Stored))
+            }
+        }
+    }
+}
+
+impl Journal {
+    async fn store(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+    ) -> Result<(), StoreError> {
+        self.count(transaction, route_key).await?;
+        let placement = place(transaction, route_key, &self.batch).await?;
+        let batch_key = self.insert(transaction, route_key, &placement).await?;
+        sqlx::query("INSERT INTO batch_bodies (batch_key, body) VALUES (?, ?)")
+            .bind(batch_key)
+            .bind(&self.body.compressed)
+            .execute(&mut *transaction)
+            .await?;
+        if placement.status == BatchStatus::Queued {
+            let place = Place {
+                batch_key,
+                route_key,
+                trip_id: self.batch.trip_id.to_string(),
+                sequence: self.batch.sequence,
+            };
+            add_job(transaction, &place).await?;
+        }
+        Ok(())
+    }
+
+    /// Before the insert: a vehicle counts with its first batch.
+    async fn count(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+    ) -> Result<(), StoreError> {
+        sqlx::query(
+            "UPDATE routes SET batches = batches + 1, scans = scans + ?, vehicles = vehicles + \
+             NOT EXISTS (SELECT 1 FROM batches WHERE route_key = ?2 AND vehicle_id = ?3) \
+             WHERE route_key = ?2",
+        )
+        .bind(self.batch.scans)
+        .bind(route_key)
+        .bind(self.batch.vehicle_id.as_str())
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+
+    async fn insert(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+        placement: &Placement,
+    ) -> Result<i64, StoreError> {
+        let batch = &self.batch;
+        let batch_key = sqlx::query_scalar(
+            "INSERT INTO batches (route_key, id, vehicle_id, trip_id, sequence, status, reason, \
+             flags, scans, body_sha256, body_bytes, received_at_us) \
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
+        )
+        .bind(route_key)
+        .bind(batch.id.as_str())
+        .bind(batch.vehicle_id.as_str())
+        .bind(batch.trip_id.as_str())
+        .bind(batch.sequence)
+        .bind(placement.status.text())
+        .bind(placement.reason.as_deref())
+        .bind(flags_text(&batch.flags))
+        .bind(batch.scans)
+        .bind(self.body.sha256.as_slice())
+        .bind(self.body.bytes)
+        .bind(micros(batch.received_at))
+        .fetch_one(transaction)
+        .await?;
+        Ok(batch_key)
+    }
+}
+
+/// One upload.
+pub(super) async fn batch(
+    readers: &SqlitePool,
+    route: &RouteId,
+    id: &BatchId,
+) -> Result<Option<BatchRecord>, StoreError> {
+    let row = sqlx::query(select_batches!(
+        "",
+        "WHERE routes.id = ? AND batches.id = ?"
+    ))
+    .bind(route.as_str())
+    .bind(id.as_str())
+    .fetch_optional(readers)
+    .await?;
+    row.as_ref().map(batch_of).transpose()
+}
+
+/// Uploads in the order of arrival, after `after`; none after an id that is not there.
+pub(super) async fn batches(
+    readers: &SqlitePool,
+    route: &RouteId,
+    filter: &BatchFilter,
+    after: Option<&BatchId>,
+    limit: u32,
+) -> Result<Vec<BatchRecord>, StoreError> {
+    let mut query: QueryBuilder<Sqlite> =
+        QueryBuilder::new(select_batches!("", "WHERE routes.id = "));
+    query.push_bind(route.as_str());
+    if let Some(vehicle_id) = &filter.vehicle_id {
+        query.push(" AND vehicle_id = ");
+        query.push_bind(vehicle_id.as_str());
+    }
+    if let Some(status) = filter.status {
+        query.push(" AND status = ");
+        query.push_bind(status.text());
+    }
+    if let Some(after) = after {
+        query.push(
+            " AND batch_key > (SELECT cursor.batch_key FROM batches AS cursor \
+             WHERE cursor.route_key = routes.route_key AND cursor.id = ",
+        );
+        query.push_bind(after.as_str());
+        query.push(")");
+    }
+    query.push(" ORDER BY batch_key LIMIT ");
+    query.push_bind(limit);
+    let rows = query.build().fetch_all(readers).await?;
+    rows.iter().map(batch_of).collect()
+}
+
+/// An upload with its body.
+///
+/// # Errors
+/// [`Corruption::Body`] if the body has lost its checksum.
+pub(super) async fn entry(
+    readers: &SqlitePool,
+    route: &RouteId,
+    id: &BatchId,
+) -> Result<Option<JournalEntry>, StoreError> {
+    let row = sqlx::query(select_batches!(
+        ", body, body_bytes, body_sha256",
+        "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = ? AND batches.id = ?"
+    ))
+    .bind(route.as_str())
+    .bind(id.as_str())
+    .fetch_optional(readers)
+    .await?;
+    let Some(row) = row else { return Ok(None) };
+    let batch = batch_of(&row)?;
+    let compressed: Option<Vec<u8>> = row.try_get("body")?;
+    let bytes: i64 = row.try_get("body_bytes")?;
+    let sha256: Vec<u8> = row.try_get("body_sha256")?;
+    // Decompressing a large body takes milliseconds: not on the async threads.
+    let body = tokio::task::spawn_blocking(move || unseal(&compressed?, bytes, &sha256))
+        .await
+        .map_err(|_| StoreError::Unavailable)?;
+    let Some(body) = body else {
+        let (route_id, batch_id) = (route.clone(), id.clone());
+        return Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id }));
+    };
+    Ok(Some(JournalEntry { batch, body }))
+}
+
+fn batch_of(row: &SqliteRow) -> Result<BatchRecord, StoreError> {
+    Ok(BatchRecord {
+        id: name(row, "id")?,
+        route_id: name(row, "route_id")?,
+        vehicle_id: name(row, "vehicle_id")?,
+        trip_id: name(row, "trip_id")?,
+        sequence: row.try_get("sequence")?,
+        status: text(row, "status")?,
+        reason: row.try_get("reason")?,
+        flags: parse_flags(row.try_get("flags")?)?,
+        scans: row.try_get("scans")?,
+        nodes_added: row.try_get("nodes_added")?,
+        loop_closures: row.try_get("loop_closures")?,
+        received_at: time(row, "received_at_us")?,
+        processed_at: optional_time(row, "processed_at_us")?,
+    })
+}

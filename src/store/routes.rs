@@ -1,0 +1,183 @@
+//! Routes.
+
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection, SqlitePool};
+
+use super::Put;
+use super::columns::{Text, micros, name, text, time};
+use super::error::StoreError;
+use super::records::{GeoAnchor, RouteCounts, RouteRecord, RouteSettings, RouteUpdate, Stage};
+use super::request::Request;
+use crate::ids::RouteId;
+
+macro_rules! select_routes {
+    ($rest:literal) => {
+        concat!(
+            "SELECT id, display_name, geo_latitude, geo_longitude, geo_heading, detector, \
+             false_alarm_rate, hold_s, stage, map_version, epoch, revision, batches, scans, \
+             vehicles, nodes, edges, loop_closures, subgraphs, created_at_us, updated_at_us, \
+             (SELECT count(*) FROM jobs WHERE jobs.route_key = routes.route_key) AS pending \
+             FROM routes ",
+            $rest
+        )
+    };
+}
+
+/// Creates a route or changes it.
+pub(super) struct PutRoute {
+    pub(super) id: RouteId,
+    pub(super) update: RouteUpdate,
+    pub(super) now: Timestamp,
+}
+
+impl Request for PutRoute {
+    type Outcome = Put;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Put, StoreError> {
+        if self.change(transaction).await? {
+            return Ok(Put::Updated);
+        }
+        self.create(transaction).await?;
+        Ok(Put::Created)
+    }
+}
+
+impl PutRoute {
+    async fn change(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let geo = self.update.geo_anchor;
+        let settings = self.update.settings.as_ref();
+        let changed = sqlx::query(
+            "UPDATE routes SET display_name = coalesce(?, display_name), \
+             geo_latitude = coalesce(?, geo_latitude), \
+             geo_longitude = coalesce(?, geo_longitude), \
+             geo_heading = coalesce(?, geo_heading), detector = coalesce(?, detector), \
+             false_alarm_rate = coalesce(?, false_alarm_rate), hold_s = coalesce(?, hold_s), \
+             updated_at_us = ? WHERE id = ?",
+        )
+        .bind(self.update.display_name.as_deref())
+        .bind(geo.map(|geo| geo.latitude))
+        .bind(geo.map(|geo| geo.longitude))
+        .bind(geo.map(|geo| geo.heading))
+        .bind(settings.map(|settings| settings.detector.text()))
+        .bind(settings.map(|settings| settings.false_alarm_rate))
+        .bind(settings.map(|settings| settings.hold_s))
+        .bind(micros(self.now))
+        .bind(self.id.as_str())
+        .execute(transaction)
+        .await?;
+        Ok(changed.rows_affected() > 0)
+    }
+
+    async fn create(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let geo = self.update.geo_anchor;
+        let settings = self.update.settings.clone().unwrap_or_default();
+        sqlx::query(
+            "INSERT INTO routes (id, display_name, geo_latitude, geo_longitude, geo_heading, \
+             detector, false_alarm_rate, hold_s, stage, map_version, epoch, revision, \
+             next_node_id, next_edge_id, created_at_us, updated_at_us) \
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1, 1, 0, 1, 1, ?, ?)",
+        )
+        .bind(self.id.as_str())
+        .bind(self.update.display_name.as_deref())
+        .bind(geo.map(|geo| geo.latitude))
+        .bind(geo.map(|geo| geo.longitude))
+        .bind(geo.map(|geo| geo.heading))
+        .bind(settings.detector.text())
+        .bind(settings.false_alarm_rate)
+        .bind(settings.hold_s)
+        .bind(Stage::Mapping.text())
+        .bind(micros(self.now))
+        .bind(micros(self.now))
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+}
+
+/// Deletes a route with everything in it.
+pub(super) struct DeleteRoute(pub(super) RouteId);
+
+impl Request for DeleteRoute {
+    type Outcome = bool;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let deleted = sqlx::query("DELETE FROM routes WHERE id = ?")
+            .bind(self.0.as_str())
+            .execute(transaction)
+            .await?;
+        Ok(deleted.rows_affected() > 0)
+    }
+}
+
+/// One route.
+pub(super) async fn route(
+    readers: &SqlitePool,
+    id: &RouteId,
+) -> Result<Option<RouteRecord>, StoreError> {
+    let row = sqlx::query(select_routes!("WHERE id = ?"))
+        .bind(id.as_str())
+        .fetch_optional(readers)
+        .await?;
+    row.as_ref().map(route_of).transpose()
+}
+
+/// Routes by id, after `after`.
+pub(super) async fn routes(
+    readers: &SqlitePool,
+    after: Option<&RouteId>,
+    limit: u32,
+) -> Result<Vec<RouteRecord>, StoreError> {
+    let rows = sqlx::query(select_routes!("WHERE id > ? ORDER BY id LIMIT ?"))
+        .bind(after.map_or("", RouteId::as_str))
+        .bind(limit)
+        .fetch_all(readers)
+        .await?;
+    rows.iter().map(route_of).collect()
+}
+
+/// The settings in a route's row.
+pub(super) fn settings_of(row: &SqliteRow) -> Result<RouteSettings, StoreError> {
+    Ok(RouteSettings {
+        detector: text(row, "detector")?,
+        false_alarm_rate: row.try_get("false_alarm_rate")?,
+        hold_s: row.try_get("hold_s")?,
+    })
+}
+
+fn route_of(row: &SqliteRow) -> Result<RouteRecord, StoreError> {
+    let latitude: Option<f64> = row.try_get("geo_latitude")?;
+    let geo_anchor = match latitude {
+        None => None,
+        Some(latitude) => Some(GeoAnchor {
+            latitude,
+            longitude: row.try_get("geo_longitude")?,
+            heading: row.try_get("geo_heading")?,
+        }),
+    };
+    Ok(RouteRecord {
+        id: name(row, "id")?,
+        display_name: row.try_get("display_name")?,
+        geo_anchor,
+        settings: settings_of(row)?,
+        stage: text(row, "stage")?,
+        map_version: row.try_get("map_version")?,
+        epoch: row.try_get("epoch")?,
+        revision: row.try_get("revision")?,
+        counts: RouteCounts {
+            batches: row.try_get("batches")?,
+            scans: row.try_get("scans")?,
+            nodes: row.try_get("nodes")?,
+            edges: row.try_get("edges")?,
+            loop_closures: row.try_get("loop_closures")?,
+            subgraphs: row.try_get("subgraphs")?,
+            vehicles: row.try_get("vehicles")?,
+            open_alerts: 0,
+        },
+        pending_batches: row.try_get("pending")?,
+        created_at: time(row, "created_at_us")?,
+        updated_at: time(row, "updated_at_us")?,
+    })
+}

@@ -1,0 +1,187 @@
+//! The order of the batches of a trip.
+//!
+//! A trip's batches are worked on one after the other: the one whose sequence is due has a job,
+//! later ones are held. When a batch ends, however it ends, the next one is due.
+
+use sqlx::SqliteConnection;
+
+use super::error::StoreError;
+use super::records::{BatchStatus, NewBatch};
+
+/// Where a batch is put when it arrives.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Placement {
+    /// Queued, held or quarantined.
+    pub(super) status: BatchStatus,
+    /// Why it is quarantined.
+    pub(super) reason: Option<String>,
+}
+
+impl Placement {
+    fn quarantined(reason: String) -> Self {
+        Self {
+            status: BatchStatus::Quarantined,
+            reason: Some(reason),
+        }
+    }
+}
+
+/// A batch's place in its trip.
+#[derive(Debug, Clone)]
+pub(super) struct Place {
+    pub(super) batch_key: i64,
+    pub(super) route_key: i64,
+    pub(super) trip_id: String,
+    pub(super) sequence: i64,
+}
+
+/// Decides where a batch is put that was not there before; makes its trip if it is the first.
+pub(super) async fn place(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    batch: &NewBatch,
+) -> Result<Placement, StoreError> {
+    sqlx::query(
+        "INSERT INTO trips (route_key, trip_id, vehicle_id, next_sequence) \
+         VALUES (?, ?, ?, 0) ON CONFLICT DO NOTHING",
+    )
+    .bind(route_key)
+    .bind(batch.trip_id.as_str())
+    .bind(batch.vehicle_id.as_str())
+    .execute(&mut *transaction)
+    .await?;
+    let (vehicle_id, next_sequence): (String, i64) = sqlx::query_as(
+        "SELECT vehicle_id, next_sequence FROM trips WHERE route_key = ? AND trip_id = ?",
+    )
+    .bind(route_key)
+    .bind(batch.trip_id.as_str())
+    .fetch_one(&mut *transaction)
+    .await?;
+    let NewBatch {
+        trip_id, sequence, ..
+    } = batch;
+    if vehicle_id != batch.vehicle_id.as_str() {
+        let reason = format!("trip {trip_id} belongs to vehicle {vehicle_id}");
+        return Ok(Placement::quarantined(reason));
+    }
+    if let Some(holder) = holder(transaction, route_key, batch).await? {
+        let reason = format!("sequence {sequence} of trip {trip_id} was already used by {holder}");
+        return Ok(Placement::quarantined(reason));
+    }
+    let status = match batch.sequence.cmp(&next_sequence) {
+        std::cmp::Ordering::Less => {
+            let reason = format!(
+                "sequence {sequence} of trip {trip_id} came after its successors were used"
+            );
+            return Ok(Placement::quarantined(reason));
+        }
+        std::cmp::Ordering::Equal => BatchStatus::Queued,
+        std::cmp::Ordering::Greater => BatchStatus::Held,
+    };
+    Ok(Placement {
+        status,
+        reason: None,
+    })
+}
+
+/// The batch that has the sequence already: one that had its turn or waits for it, not one that
+/// was refused on arrival.
+async fn holder(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    batch: &NewBatch,
+) -> Result<Option<String>, StoreError> {
+    let holder: Option<String> = sqlx::query_scalar(
+        "SELECT id FROM batches WHERE route_key = ? AND trip_id = ? AND sequence = ? \
+         AND (status <> 'quarantined' OR processed_at_us IS NOT NULL) LIMIT 1",
+    )
+    .bind(route_key)
+    .bind(batch.trip_id.as_str())
+    .bind(batch.sequence)
+    .fetch_optional(transaction)
+    .await?;
+    Ok(holder)
+}
+
+/// Gives a batch a job that is due at once.
+pub(super) async fn queue(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+) -> Result<(), StoreError> {
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+        .bind(place.batch_key)
+        .execute(&mut *transaction)
+        .await?;
+    add_job(transaction, place).await
+}
+
+/// Adds the job of a batch whose row says `queued` already.
+pub(super) async fn add_job(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "INSERT INTO jobs (batch_key, route_key, trip_id, sequence, state) \
+         VALUES (?, ?, ?, ?, 'queued')",
+    )
+    .bind(place.batch_key)
+    .bind(place.route_key)
+    .bind(&place.trip_id)
+    .bind(place.sequence)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+/// Ends a batch's turn: its job goes, and a held successor whose turn it is gets one.
+pub(super) async fn end_turn(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+) -> Result<(), StoreError> {
+    sqlx::query("DELETE FROM jobs WHERE batch_key = ?")
+        .bind(place.batch_key)
+        .execute(&mut *transaction)
+        .await?;
+    // The greater of the two: an unanchored batch has its turn again after later ones had theirs.
+    let next_sequence: i64 = sqlx::query_scalar(
+        "UPDATE trips SET next_sequence = max(next_sequence, ?) \
+         WHERE route_key = ? AND trip_id = ? RETURNING next_sequence",
+    )
+    .bind(place.sequence + 1)
+    .bind(place.route_key)
+    .bind(&place.trip_id)
+    .fetch_one(&mut *transaction)
+    .await?;
+    let successor: Option<i64> = sqlx::query_scalar(
+        "SELECT batch_key FROM batches \
+         WHERE route_key = ? AND trip_id = ? AND sequence = ? AND status = 'held'",
+    )
+    .bind(place.route_key)
+    .bind(&place.trip_id)
+    .bind(next_sequence)
+    .fetch_optional(&mut *transaction)
+    .await?;
+    if let Some(batch_key) = successor {
+        let successor = Place {
+            batch_key,
+            sequence: next_sequence,
+            ..place.clone()
+        };
+        queue(transaction, &successor).await?;
+    }
+    Ok(())
+}
+
+/// Starts a trip anew at a held batch whose predecessor never came.
+pub(super) async fn skip_gap(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+) -> Result<(), StoreError> {
+    sqlx::query("UPDATE trips SET next_sequence = ? WHERE route_key = ? AND trip_id = ?")
+        .bind(place.sequence)
+        .bind(place.route_key)
+        .bind(&place.trip_id)
+        .execute(&mut *transaction)
+        .await?;
+    queue(transaction, place).await
+}
