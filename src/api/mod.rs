@@ -16,8 +16,10 @@ mod openapi;
 mod operations;
 mod paging;
 pub mod problem;
+mod residuals;
 mod routes;
 mod state;
+mod subgraphs;
 mod trajectories;
 mod types;
 mod upload;
@@ -53,6 +55,8 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(edges::get_edge))
         .routes(routes!(trajectories::get_trajectory))
         .routes(routes!(trajectories::get_trajectory_tum))
+        .routes(routes!(subgraphs::list_subgraphs))
+        .routes(routes!(residuals::get_residuals))
         .routes(routes!(maps::get_map_png))
         .routes(routes!(maps::get_map_pgm))
         .routes(routes!(maps::get_map_yaml))

@@ -58,7 +58,11 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
         }
     }
     let below_route = path.strip_prefix("/v1/routes/{route}/").unwrap_or_default();
-    if method == "get" && (below_route.contains('{') || below_route.starts_with("map.")) {
+    if method == "get"
+        && (below_route.contains('{')
+            || below_route.starts_with("map.")
+            || below_route == "residuals")
+    {
         kinds.push(K::NotFound);
     }
     let takes_body = operation.contains_key("requestBody");

@@ -239,13 +239,18 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        let kind = match &error {
-            StoreError::UnknownRoute => return Self::unknown_route(),
-            StoreError::Full => ProblemKind::DiskFull,
-            StoreError::Unavailable => ProblemKind::Overloaded,
-            _ => return Self::internal(error),
-        };
-        Self::new(kind, "nothing was written; send the same again later")
+        match error {
+            StoreError::UnknownRoute => Self::unknown_route(),
+            StoreError::Full => Self::new(
+                ProblemKind::DiskFull,
+                "the disk is full and nothing was written; send the same again later",
+            ),
+            StoreError::Unavailable => Self::new(
+                ProblemKind::Overloaded,
+                "the store does not answer at the moment; send the same again later",
+            ),
+            _ => Self::internal(error),
+        }
     }
 }
 

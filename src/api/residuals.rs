@@ -1,0 +1,206 @@
+//! The residual series of a route or of one of its sub-graphs.
+
+use axum::Json;
+use axum::extract::State;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery};
+use super::problem::Problem;
+use crate::change::series::{
+    ClosureSample, ConvergenceRule, ResidualSeries, SeriesEntry, SeriesParams, Verdict,
+    residual_series,
+};
+use crate::graph::EdgeKind;
+use crate::ids::RouteId;
+use crate::store::{Detector, EdgeRecord};
+
+/// A residual series.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ResidualSeries)]
+pub(super) struct ResidualSeriesBody {
+    /// The sub-graph; null for the whole route.
+    #[schema(required)]
+    subgraph_id: Option<i64>,
+    /// Which residuals.
+    measurement: MeasurementName,
+    /// The n at which f settled; null before.
+    #[schema(required)]
+    converged_at: Option<u64>,
+    /// σ² = f(n) at that n; null before.
+    #[schema(required)]
+    sigma2: Option<f64>,
+    /// What ΔF is compared with; null before.
+    #[schema(required)]
+    threshold: Option<f64>,
+    /// The smoothing looks ahead by this many closures: the last entries may still change.
+    delay: u64,
+    /// One a loop closure, in the order of insertion.
+    entries: Vec<ResidualEntryBody>,
+}
+
+/// A loop closure in the series.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ResidualEntry)]
+struct ResidualEntryBody {
+    /// 1, 2, …
+    n: u64,
+    /// The closure.
+    edge_id: i64,
+    /// F(n).
+    total: f64,
+    /// f(n) = F(n)/n.
+    mean: f64,
+    /// F(n) − F(n−1).
+    delta_f: f64,
+    /// The derivative of the smoothed F at n.
+    smoothed: f64,
+    /// What `delta_f` is compared with; null while warming up.
+    #[schema(required)]
+    threshold: Option<f64>,
+    /// `delta_f` over the threshold; null while warming up.
+    #[schema(required)]
+    ratio: Option<f64>,
+    /// Probability of a `delta_f` this large without a change.
+    p_value: f64,
+    /// What the paper's rule says.
+    verdict: VerdictName,
+}
+
+/// What the paper's rule says about a closure.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum VerdictName {
+    /// Too early to say.
+    WarmingUp,
+    /// It agrees with the map.
+    Consistent,
+    /// It contradicts the map.
+    Contradiction,
+}
+
+/// Which residuals of the closures.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum MeasurementName {
+    /// What each closure added to the optimum F.
+    #[default]
+    Robust,
+    /// The residual of each closure's all-points estimate, which is watched and not optimised.
+    AllPoints,
+}
+
+/// Which series to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ResidualQuery {
+    /// Only the closures of this sub-graph.
+    #[param(nullable = false)]
+    subgraph_id: Option<i64>,
+    /// Which residuals; `robust` if left out.
+    #[param(nullable = false, inline)]
+    measurement: Option<MeasurementName>,
+}
+
+/// Read a residual series.
+///
+/// F, f and ΔF over the loop closures as the paper has them, with its threshold.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/residuals", tag = "residuals",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ResidualQuery,
+    ),
+    responses((status = 200, description = "The series", body = ResidualSeriesBody))
+)]
+pub(super) async fn get_residuals(
+    State(state): State<ApiState>,
+    ApiPath(route_id): ApiPath<RouteId>,
+    ApiQuery(query): ApiQuery<ResidualQuery>,
+) -> Result<Json<ResidualSeriesBody>, Problem> {
+    let route = state.known_route(&route_id).await?;
+    let edges = state.store.edges(&route_id).await?;
+    let (subgraph_id, measurement) = (query.subgraph_id, query.measurement.unwrap_or_default());
+    let detector = route.settings.detector;
+    let work = move || {
+        let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
+        series(edges.iter().filter(within), measurement, detector)
+    };
+    let series = state.rendering.run(work).await?;
+    if subgraph_id.is_some() && series.entries.is_empty() {
+        return Err(Problem::not_found("sub-graph with loop closures"));
+    }
+    Ok(Json(body(subgraph_id, measurement, &series)))
+}
+
+/// The series that says how settled a sub-graph is, as `robust` residuals tell it.
+pub(super) fn robust_series<'a>(
+    edges: impl Iterator<Item = &'a EdgeRecord>,
+    detector: Detector,
+) -> ResidualSeries {
+    series(edges, MeasurementName::Robust, detector)
+}
+
+fn series<'a>(
+    edges: impl Iterator<Item = &'a EdgeRecord>,
+    measurement: MeasurementName,
+    detector: Detector,
+) -> ResidualSeries {
+    let closures = edges.filter(|edge| edge.kind == EdgeKind::LoopClosure);
+    let samples: Vec<ClosureSample> = closures
+        .filter_map(|edge| {
+            let closure = edge.closure?;
+            Some(ClosureSample {
+                edge_id: edge.id,
+                delta_f: match measurement {
+                    MeasurementName::Robust => closure.delta_f,
+                    MeasurementName::AllPoints => closure.all_points_residual,
+                },
+            })
+        })
+        .collect();
+    let mut params = SeriesParams::default();
+    if detector == Detector::Seed {
+        params.convergence = ConvergenceRule::PAPER;
+    }
+    residual_series(&samples, &params)
+}
+
+fn body(
+    subgraph_id: Option<i64>,
+    measurement: MeasurementName,
+    series: &ResidualSeries,
+) -> ResidualSeriesBody {
+    ResidualSeriesBody {
+        subgraph_id,
+        measurement,
+        converged_at: series.converged_at.map(|n| n as u64),
+        sigma2: series.sigma2,
+        threshold: series.threshold,
+        delay: series.delay as u64,
+        entries: series.entries.iter().map(ResidualEntryBody::from).collect(),
+    }
+}
+
+impl From<&SeriesEntry> for ResidualEntryBody {
+    fn from(entry: &SeriesEntry) -> Self {
+        Self {
+            n: entry.n as u64,
+            edge_id: entry.edge_id.0,
+            total: entry.total,
+            mean: entry.mean,
+            delta_f: entry.delta_f,
+            smoothed: entry.smoothed,
+            threshold: entry.threshold,
+            ratio: entry.ratio,
+            p_value: entry.p_value,
+            verdict: match entry.verdict {
+                Verdict::WarmingUp => VerdictName::WarmingUp,
+                Verdict::Consistent => VerdictName::Consistent,
+                Verdict::Contradiction => VerdictName::Contradiction,
+            },
+        }
+    }
+}
