@@ -92,7 +92,7 @@ fn extend_in_batches(
         match map.extend(&drive) {
             Ok(added) => {
                 nodes += added.nodes.len();
-                closures += added.loop_closures.len();
+                closures += added.closures.len();
                 waiting.clear();
                 refused = None;
             }

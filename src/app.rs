@@ -12,6 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, ApiState};
 use crate::config::AppConfig;
+use crate::pipeline;
 use crate::store::{Store, StoreOptions};
 use crate::telemetry;
 
@@ -49,13 +50,14 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());
     let drain_timeout = config.limits.drain_timeout;
 
-    // Every background task stops by itself soon after `stopping` is cancelled. Workers go here.
+    // Every background task stops by itself soon after `stopping` is cancelled.
+    let mut background = pipeline::start_workers(&store, &stopping)?;
     let upkeep_metrics = metrics.clone();
-    let background = vec![tokio::spawn(repeat_until(
+    background.push(tokio::spawn(repeat_until(
         stopping.clone(),
         METRICS_UPKEEP,
         move || upkeep_metrics.run_upkeep(),
-    ))];
+    )));
 
     let state = ApiState::new(
         store.clone(),

@@ -38,6 +38,7 @@ pub mod graph;
 pub mod ids;
 pub mod mapping;
 pub mod matching;
+pub mod pipeline;
 pub mod scan;
 pub mod sim;
 pub mod solver;

@@ -7,24 +7,28 @@ use crate::matching::{Estimate, IcpParams, ReferenceCloud, Termination, agreemen
 
 /// Both measurements of one closure.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClosureMeasurement {
-    /// What enters the map: the robust estimate of `old_from_new`.
+pub(super) struct ClosureMeasurement {
+    /// What makes the map: the robust estimate of `old_from_new`.
     pub robust: Estimate,
-    /// What is only watched: the estimate from all points.
+    /// What is watched: the estimate from all points.
     pub all_points: Estimate,
 }
 
-/// A closure in the graph.
+/// A closure that was added to the graph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Closure {
-    /// The edge.
+    /// The edge from the old node to the new one.
     pub edge: EdgeId,
-    /// Both measurements.
-    pub measurement: ClosureMeasurement,
+    /// The robust estimate of `old_from_new`.
+    pub robust: Estimate,
+    /// The all-points estimate of `old_from_new`.
+    pub all_points_measurement: Pose2,
+    /// The information that the all-points estimate is weighed with.
+    pub all_points_information: Information,
     /// What it added to the optimum F when it was inserted (paper: ΔF).
     pub delta_f: f64,
-    /// eᵀΩe of the measurement that is not optimised, at the optimum when it was inserted.
-    pub watched_residual: f64,
+    /// eᵀΩe of the all-points estimate at the optimum when it was inserted.
+    pub all_points_residual: f64,
 }
 
 /// Least share of points with a counterpart.
@@ -37,12 +41,12 @@ const CONTRADICTION_SHARE_MAX: f64 = 0.2;
 const DEPTH_TOLERANCE_M: f64 = 0.15;
 /// Turn error allowed for in that comparison, radians.
 const DEPTH_SIGMA_THETA_RAD: f64 = 0.005;
-/// Least length of a standing direction's information that counts as measured.
+/// Fewest directions of motion that the points must fix.
 const OBSERVABLE_MIN: usize = 2;
 
 /// How far a match may end from where it was expected.
 #[derive(Debug, Clone, Copy)]
-pub struct Slack {
+pub(super) struct Slack {
     /// Metres.
     pub distance_m: f64,
     /// Radians.
@@ -53,7 +57,7 @@ pub struct Slack {
 ///
 /// `None` if they do not show the same place: too little overlap or agreement, a result beyond
 /// the slack, or one scan's points in the other's free space.
-pub fn measure(
+pub(super) fn measure(
     old: &Placed<'_>,
     new: &Placed<'_>,
     old_from_new: &Pose2,
@@ -97,7 +101,7 @@ pub fn measure(
 }
 
 /// The larger share of one scan's points in the other's free space.
-pub fn contradiction_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> f64 {
+fn contradiction_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> f64 {
     let look = |points, scan, pose: &Pose2| {
         agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD)
             .contradiction_share()
@@ -109,11 +113,4 @@ pub fn contradiction_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Po
         &old_from_new.inverse(),
     );
     new_in_old.max(old_in_new)
-}
-
-impl ClosureMeasurement {
-    /// The information of the all-points estimate for its residual test.
-    pub fn all_points_information(&self) -> Information {
-        self.all_points.information
-    }
 }

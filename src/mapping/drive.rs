@@ -16,7 +16,7 @@ pub struct Drive {
 }
 
 /// One scan with the odometry's word for where it was taken.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct DriveScan {
     /// When it was taken.
     pub stamp: StampNs,

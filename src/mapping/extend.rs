@@ -29,8 +29,8 @@ pub struct Extension {
     pub nodes: Vec<NodeId>,
     /// New edges, closures among them.
     pub edges: Vec<EdgeId>,
-    /// New loop closures.
-    pub loop_closures: Vec<EdgeId>,
+    /// What the closures among them measured.
+    pub closures: Vec<Closure>,
 }
 
 /// Why a drive could not be used; the map is as it was.
@@ -272,32 +272,29 @@ impl RouteMap {
             kind: EdgeKind::LoopClosure,
             status: EdgeStatus::Active,
         };
-        let cost_before = self.graph.cost();
         self.graph.add_edge(edge)?;
-        self.solver
-            .solve_touched(&mut self.graph, &[edge.id], &SolveOptions::default());
-        let closure = Closure {
-            edge: edge.id,
-            measurement,
-            delta_f: self.graph.cost() - cost_before,
-            watched_residual: self.watched_residual(&edge, &measurement),
+        let options = SolveOptions::default();
+        let solved = self
+            .solver
+            .solve_touched(&mut self.graph, &[edge.id], &options);
+        let all_points_measurement = measurement.all_points.pose;
+        let all_points_information = match self.weighting {
+            Weighting::Robust => measurement.all_points.information,
+            Weighting::AllPointsIdentity => Information::identity(),
         };
-        self.closures.insert(edge.id, closure);
+        let nodes = self.graph.nodes();
+        let (from, to) = (nodes[partner].pose, nodes[index].pose);
+        let error = Pose2::edge_error(&from, &to, &all_points_measurement);
         added.edges.push(edge.id);
-        added.loop_closures.push(edge.id);
+        added.closures.push(Closure {
+            edge: edge.id,
+            robust: measurement.robust,
+            all_points_measurement,
+            all_points_information,
+            delta_f: solved.delta_f,
+            all_points_residual: all_points_information.squared_norm(&error),
+        });
         Ok(())
-    }
-
-    fn watched_residual(&self, edge: &Edge, measurement: &ClosureMeasurement) -> f64 {
-        let (watched, information) = match self.weighting {
-            Weighting::Robust => (&measurement.all_points, measurement.all_points.information),
-            Weighting::AllPointsIdentity => (&measurement.robust, Information::identity()),
-        };
-        let poses = (self.graph.node(edge.from), self.graph.node(edge.to));
-        let (Some(from), Some(to)) = poses else {
-            return 0.0;
-        };
-        information.squared_norm(&Pose2::edge_error(&from.pose, &to.pose, &watched.pose))
     }
 }
 

@@ -10,7 +10,7 @@ use crate::scan::SurfacePoint;
 
 /// A measured motion.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion {
+pub(super) struct Motion {
     /// `last_from_base`.
     pub measurement: Pose2,
     /// Of the measurement.
@@ -50,7 +50,7 @@ fn support(estimate: &Estimate) -> f64 {
 ///
 /// `last_from_base` is the odometry's word. Directions that the scan does not fix, and scans that
 /// cannot be matched, keep it, with the odometry's information.
-pub fn measure_motion(
+pub(super) fn measure_motion(
     local_map: &LocalMap<'_>,
     points: &[SurfacePoint],
     last_from_base: &Pose2,

@@ -8,7 +8,7 @@ use crate::scan::SurfacePoint;
 
 /// Keyframes placed in a common frame.
 #[derive(Clone)]
-pub struct LocalMap<'a> {
+pub(super) struct LocalMap<'a> {
     scans: Vec<(Pose2, &'a [SurfacePoint])>,
 }
 

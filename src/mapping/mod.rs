@@ -15,8 +15,8 @@ mod partners;
 mod route_map;
 
 pub use anchor::AnchorError;
-pub use closure::{Closure, ClosureMeasurement};
+pub use closure::Closure;
 pub use drive::{Drive, DriveScan, InitialPose};
 pub use extend::{Extension, NotExtended};
 pub use keyframe::Keyframe;
-pub use route_map::{MapError, RouteMap, Weighting};
+pub use route_map::{RouteMap, Weighting};

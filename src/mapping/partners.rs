@@ -26,7 +26,7 @@ const REACH_TOLERANCE_M: f64 = 0.6;
 
 /// A placed keyframe.
 #[derive(Clone, Copy)]
-pub struct Placed<'a> {
+pub(super) struct Placed<'a> {
     /// `map_from_base`.
     pub pose: Pose2,
     /// Its scan.
@@ -34,7 +34,7 @@ pub struct Placed<'a> {
 }
 
 /// Whether a place has a reference node already.
-pub fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) -> bool {
+pub(super) fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) -> bool {
     let mut references = references;
     references.any(|reference| {
         (reference.translation() - pose.translation()).norm() < COVERED_DISTANCE_M
@@ -58,7 +58,7 @@ fn reach_share(new: &Placed<'_>, old: &Placed<'_>) -> f64 {
 
 /// The reference nodes that a new node is tied to: those that share the most of its view, and
 /// among those about equal the oldest, a distance apart.
-pub fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
+pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
     let mut ranked: Vec<(u32, Placed<'a>)> = candidates
         .iter()
         .map(|old| (reach_share(new, old), *old))

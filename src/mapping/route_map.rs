@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::closure::Closure;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::Pose2;
@@ -13,20 +12,18 @@ use crate::solver::Solver;
 /// Which measurement of a closure enters the optimisation, and how it is weighed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Weighting {
-    /// Robust estimates with their information; all-points estimates are watched.
+    /// Robust estimates with their information; all-points estimates are only watched.
     #[default]
     Robust,
-    /// All-points estimates with Ω = I, as in the paper's statistics (section 4.1); robust
-    /// estimates are watched.
+    /// All-points estimates with Ω = I, as in the paper's statistics (section 4.1).
     AllPointsIdentity,
 }
 
-/// A route's map: the pose graph, a keyframe for each node, both measurements of each closure.
+/// A route's map: the pose graph and a keyframe for each node.
 pub struct RouteMap {
     pub(super) graph: PoseGraph,
     /// In the order of `graph.nodes()`.
     pub(super) keyframes: Vec<Keyframe>,
-    pub(super) closures: BTreeMap<EdgeId, Closure>,
     pub(super) solver: Solver,
     pub(super) weighting: Weighting,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
@@ -35,21 +32,12 @@ pub struct RouteMap {
     next_edge: i64,
 }
 
-/// Why a map cannot be put together.
-#[derive(Debug, thiserror::Error)]
-pub enum MapError {
-    /// A node or an edge does not fit.
-    #[error(transparent)]
-    Graph(#[from] GraphError),
-}
-
 impl RouteMap {
     /// An empty map.
     pub fn new(weighting: Weighting) -> Self {
         Self {
             graph: PoseGraph::new(),
             keyframes: Vec::new(),
-            closures: BTreeMap::new(),
             solver: Solver::default(),
             weighting,
             trips: BTreeMap::new(),
@@ -61,23 +49,20 @@ impl RouteMap {
     /// A map from its parts, as they were saved. The next ids are the first never used.
     ///
     /// # Errors
-    /// [`MapError`] if they do not fit together.
+    /// [`GraphError`] if they do not fit together.
     pub fn restore(
         weighting: Weighting,
         nodes: impl IntoIterator<Item = (Pose2, Keyframe)>,
-        edges: impl IntoIterator<Item = (Edge, Option<Closure>)>,
+        edges: impl IntoIterator<Item = Edge>,
         next_node: NodeId,
         next_edge: EdgeId,
-    ) -> Result<Self, MapError> {
+    ) -> Result<Self, GraphError> {
         let mut map = Self::new(weighting);
         for (pose, keyframe) in nodes {
             map.insert_keyframe(pose, keyframe)?;
         }
-        for (edge, closure) in edges {
+        for edge in edges {
             map.graph.add_edge(edge)?;
-            if let Some(closure) = closure {
-                map.closures.insert(edge.id, closure);
-            }
         }
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
@@ -94,14 +79,14 @@ impl RouteMap {
         &self.keyframes
     }
 
-    /// The closure of an edge between scans.
-    pub fn closure(&self, edge: EdgeId) -> Option<&Closure> {
-        self.closures.get(&edge)
+    /// The first node id never used.
+    pub fn next_node_id(&self) -> NodeId {
+        NodeId(self.next_node)
     }
 
-    /// Every closure, by edge.
-    pub fn closures(&self) -> impl Iterator<Item = &Closure> {
-        self.closures.values()
+    /// The first edge id never used.
+    pub fn next_edge_id(&self) -> EdgeId {
+        EdgeId(self.next_edge)
     }
 
     /// The keyframe at a place of [`RouteMap::keyframes`] with its pose.

@@ -153,6 +153,7 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
         stamp: StampNs(1_000 * id),
         pose: Pose2::new(id as f64 / 3.0, -0.1, std::f64::consts::PI),
         odom_from_base: Pose2::new(0.0, id as f64, -3.1),
+        drift_m: id as f64,
         reference: id % 2 == 0,
         active: true,
         subgraph_id: (id % 3 == 0).then_some(id),
