@@ -66,8 +66,8 @@ const TYPICAL_RMSE_M: f64 = 0.02;
 
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
-const STEP_TOLERANCE_M: f64 = 1e-5;
-const STEP_TOLERANCE_RAD: f64 = 1e-6;
+const STEP_TOLERANCE_M: f64 = 1e-4;
+const STEP_TOLERANCE_RAD: f64 = 2e-5;
 
 #[derive(Default)]
 struct NormalEquations {
