@@ -84,8 +84,9 @@ pub fn agreement(
     sigma_theta_rad: f64,
 ) -> Agreement {
     let mut counts = Agreement::default();
+    let to_seen_by = seen_by_from_points.to_transform();
     for point in points {
-        let position = seen_by_from_points.transform(&point.position);
+        let position = to_seen_by.apply(&point.position);
         let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
         match look_at(seen_by, &position, allowed_m) {
             Visibility::Unseen => counts.unseen += 1,
