@@ -578,7 +578,7 @@ fn scans() -> Vec<Case> {
             upload("/scans/0/ranges", json!([])),
             422,
             "scan-geometry",
-            "/scans/1/ranges",
+            "/scans/0/ranges",
         ),
         case(
             "8,193 beams",
@@ -666,7 +666,9 @@ fn scans() -> Vec<Case> {
         ),
         case(
             "odometry 1e400",
-            raw(batch(0, 1).to_string().replacen("0.0", "1e400", 1)),
+            raw(batch(0, 1)
+                .to_string()
+                .replacen("\"x\":0.0", "\"x\":1e400", 1)),
             422,
             "out-of-range",
             "/scans/0/odometry/x",
