@@ -18,6 +18,7 @@ CREATE TABLE nodes (
     odom_y      REAL    NOT NULL CHECK (abs(odom_y) < 9e999),
     odom_theta  REAL    NOT NULL CHECK (abs(odom_theta) < 3.1415927),
     -- Whether later laps are tied to it.
+    drift_m     REAL    NOT NULL CHECK (drift_m >= 0 AND drift_m < 9e999), -- way driven since last tied to the map
     reference   INTEGER NOT NULL CHECK (reference IN (0, 1)),
     -- Whether it takes part in the optimisation.
     active      INTEGER NOT NULL CHECK (active IN (0, 1)),

@@ -13,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, ApiState};
 use crate::config::AppConfig;
+use crate::pipeline;
 use crate::store::{Store, StoreOptions};
 use crate::telemetry;
 
@@ -50,15 +51,12 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());
     let drain_timeout = config.limits.drain_timeout;
 
-    // The one place where background tasks start: workers go here too. Each ends soon after
-    // `stopping` is cancelled.
+    // The one place where background tasks start. Each ends soon after `stopping` is cancelled.
+    let mut background = pipeline::start_workers(&store, &stopping)?;
     let upkeep_metrics = metrics.clone();
     let upkeep = move || upkeep_metrics.run_upkeep();
-    let background = vec![tokio::spawn(repeat_until(
-        stopping.clone(),
-        METRICS_UPKEEP,
-        upkeep,
-    ))];
+    let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
+    background.push(tokio::spawn(upkeep));
 
     let state = ApiState::new(
         store.clone(),

@@ -14,7 +14,7 @@ pub struct ServiceArgs {
     #[arg(long, env = "MAPSHIFT_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
     /// Directory that holds the database; made if it is missing.
-    #[arg(long, env = "MAPSHIFT_DATA", default_value = "./data")]
+    #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
     pub data: PathBuf,
     /// Form of the log on standard error.
     #[arg(long, env = "MAPSHIFT_LOG_FORMAT", default_value = "text")]
@@ -72,6 +72,11 @@ impl ServiceArgs {
             limits: Limits::default(),
         })
     }
+}
+
+/// A directory of its own for a service that is thrown away afterwards; not made yet.
+pub fn temporary_data_dir() -> PathBuf {
+    std::env::temp_dir().join(format!("mapshift-{}", uuid::Uuid::now_v7()))
 }
 
 #[cfg(test)]

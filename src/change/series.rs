@@ -348,7 +348,7 @@ mod tests {
                     &SeriesParams::default(),
                 );
                 let settled = series.converged_at.unwrap();
-                assert!(settled >= 20 && settled < 700, "{settled}");
+                assert!((20..700).contains(&settled), "{settled}");
                 let sigma2 = series.sigma2.unwrap();
                 assert!(
                     (sigma2 / (1e-4 * degrees as f64) - 1.0).abs() < 0.4,

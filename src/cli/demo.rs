@@ -1,13 +1,211 @@
 //! `mapshift demo`.
 
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Context;
+use jiff::Timestamp;
+
+use super::fleet::Fleet;
+use super::gateway::Gateway;
+use super::progress::say;
+use super::serve::StopSignal;
+use crate::app::{self, RunningApp};
+use crate::config::{LogFormat, ServiceArgs, temporary_data_dir};
+use crate::ids::RouteId;
+use crate::sim::Hall;
+
+const ROUTE: &str = "demo-hall";
+const SEED: u64 = 4;
+/// A batch a person can follow …
+const PACE: Duration = Duration::from_millis(600);
+/// … and the whole drive in a time that a person waits, however many the laps.
+const DRIVE_MAX: Duration = Duration::from_secs(45);
+
 /// Arguments of `mapshift demo`.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// Where the service listens; port 0 takes a free one.
+    #[arg(long, default_value = "127.0.0.1:8080")]
+    listen: SocketAddr,
+    /// Where the service keeps its data; else a temporary directory that is removed at the end.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Laps of each vehicle.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=50))]
+    laps: u8,
+    /// End by itself after the laps, and do not dawdle: for scripts.
+    #[arg(long)]
+    exit: bool,
+}
 
 /// Runs the command.
 ///
 /// # Errors
-/// Not built yet.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("not built yet")
+/// If the service could not be started or did not take the laps.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .context("the runtime could not be started")?
+        .block_on(demo(&args))
+}
+
+async fn demo(args: &Args) -> anyhow::Result<()> {
+    let data = DataDirectory::open(args.data.as_deref())?;
+    let mut stop = StopSignal::listen()?;
+    let service = start_service(args.listen, &data.path).await?;
+    let url = format!("http://{}", service.local_addr());
+    let route = RouteId::new(ROUTE)?;
+    say(&welcome(&url, &data));
+    let driven = tokio::select! {
+        driven = drive_laps(args, &url, &route) => driven.map(|()| true),
+        () = stop.received() => Ok(false),
+    };
+    if matches!(driven, Ok(true)) && !args.exit {
+        say("The service keeps running: ctrl-c ends it.");
+        stop.received().await;
+    }
+    service.shutdown().await?;
+    driven.map(|_| ())
+}
+
+async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<RunningApp> {
+    let settings = ServiceArgs {
+        listen,
+        data: data.to_owned(),
+        log_format: LogFormat::Text,
+        log: String::new(),
+        insecure_open_to_network: false,
+    };
+    app::start(settings.app_config()?)
+        .await
+        .with_context(|| format!("if {listen} is taken, choose another with --listen 127.0.0.1:0"))
+}
+
+async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<()> {
+    let hall = Hall::generate(SEED)?;
+    let fleet = Fleet::new(&hall, args.laps.into(), SEED, Timestamp::now())?;
+    let gateway = Gateway::new(url, say)?;
+    gateway
+        .ensure_route(route, Some("Demonstration hall"))
+        .await?;
+    say(&format!(
+        "a hall of 40 m × 25 m with {} objects, a route of {:.0} m, laps of each vehicle: {}",
+        hall.world.shapes().len() - 1,
+        hall.route.length_m(),
+        args.laps,
+    ));
+    let pace = if args.exit {
+        Duration::ZERO
+    } else {
+        PACE.min(DRIVE_MAX / fleet.batch_count().max(1) as u32)
+    };
+    fleet.drive(&gateway, route, pace).await?;
+    let settled = fleet.settle(&gateway, route).await?;
+    let report = gateway.route(route).await?;
+    say(&format!(
+        "{} batches with {} scans are {}",
+        settled.batches,
+        settled.scans,
+        if settled.left_out.is_empty() {
+            "all in the map"
+        } else {
+            "stored"
+        },
+    ));
+    for line in &settled.left_out {
+        say(&format!("  {line}"));
+    }
+    say(&format!(
+        "the map is {}: version {}, {} nodes, {} edges, {} loop closures\nlook at it: {}/map.png",
+        report.stage,
+        report.map_version,
+        report.counts.nodes,
+        report.counts.edges,
+        report.counts.loop_closures,
+        gateway.route_url(route),
+    ));
+    Ok(())
+}
+
+fn welcome(url: &str, data: &DataDirectory) -> String {
+    let route = format!("{url}/v1/routes/{ROUTE}");
+    let fate = if data.temporary {
+        " (removed at the end)"
+    } else {
+        ""
+    };
+    in_a_box(&[
+        "mapshift demo: two vehicles map a hall".to_owned(),
+        String::new(),
+        format!("address    {url}"),
+        format!("data       {}{fate}", data.path.display()),
+        String::new(),
+        format!("try next   curl {route}"),
+        format!("           curl -o map.png {route}/map.png"),
+        format!("           curl {route}/graph"),
+        format!("           curl {route}/residuals"),
+    ])
+}
+
+fn in_a_box(lines: &[String]) -> String {
+    let width = lines.iter().map(|l| l.chars().count()).max().unwrap_or(0);
+    let bar = "─".repeat(width + 2);
+    let inside: String = lines
+        .iter()
+        .map(|line| format!("│ {line:<width$} │\n"))
+        .collect();
+    format!("┌{bar}┐\n{inside}└{bar}┘")
+}
+
+/// Where the service keeps its data; removed when dropped, if it is temporary.
+struct DataDirectory {
+    path: PathBuf,
+    temporary: bool,
+}
+
+impl DataDirectory {
+    fn open(chosen: Option<&Path>) -> anyhow::Result<Self> {
+        let temporary = chosen.is_none();
+        let path = chosen.map_or_else(temporary_data_dir, Path::to_owned);
+        std::fs::create_dir_all(&path)
+            .with_context(|| format!("the directory {} could not be made", path.display()))?;
+        Ok(Self { path, temporary })
+    }
+}
+
+impl Drop for DataDirectory {
+    fn drop(&mut self) {
+        if self.temporary && std::fs::remove_dir_all(&self.path).is_err() {
+            say(&format!("{} could not be removed", self.path.display()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_are_straight() {
+        let text = in_a_box(&["äöü".into(), "longer".into()]);
+        let lengths: Vec<_> = text.lines().map(|l| l.chars().count()).collect();
+        assert_eq!(lengths, [10, 10, 10, 10]);
+    }
+
+    #[test]
+    fn only_temporary_data_is_removed() {
+        let temporary = DataDirectory::open(None).unwrap();
+        let path = temporary.path.clone();
+        assert!(path.is_dir());
+        drop(temporary);
+        assert!(!path.exists());
+
+        let kept = tempfile::tempdir().unwrap();
+        let chosen = kept.path().join("data");
+        drop(DataDirectory::open(Some(&chosen)).unwrap());
+        assert!(chosen.is_dir());
+    }
 }

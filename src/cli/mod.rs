@@ -1,11 +1,19 @@
 //! The command line: one file per command.
 
+mod batch_body;
 mod demo;
+mod fleet;
+mod gateway;
 mod openapi;
 mod optimise;
+#[cfg(test)]
+mod pretend;
+mod progress;
+mod recording;
 mod serve;
 mod upload;
 
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -44,7 +52,7 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            let _ = writeln!(io::stderr(), "error: {error:#}");
             ExitCode::FAILURE
         }
     }

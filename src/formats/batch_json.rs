@@ -6,9 +6,8 @@ mod validate;
 
 use jiff::Timestamp;
 
-use crate::geometry::Pose2;
-use crate::ids::{StampNs, TripId, VehicleId};
-use crate::scan::LaserScan;
+use crate::ids::{TripId, VehicleId};
+use crate::mapping::{DriveScan, InitialPose};
 
 use super::json::{JsonError, JsonMistake, Object, from_json};
 
@@ -31,32 +30,10 @@ pub struct UploadedBatch {
     /// Where the first scan's base is, roughly.
     pub initial_pose: Option<InitialPose>,
     /// 1 to [`SCANS_MAX`], their stamps strictly increasing, all with the same number of beams.
-    pub scans: Vec<UploadedScan>,
+    pub scans: Vec<DriveScan>,
     /// What was noticed, in alphabetical order: `clock_skew`, `empty_scans`, `late`,
     /// `wild_odometry`.
     pub flags: Vec<String>,
-}
-
-/// A rough pose in the map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InitialPose {
-    /// `map_from_base` of the batch's first scan.
-    pub pose: Pose2,
-    /// Standard deviation of x and of y, metres.
-    pub sigma_xy_m: f64,
-    /// Standard deviation of the heading, radians.
-    pub sigma_theta_rad: f64,
-}
-
-/// One sweep and where the vehicle took itself to be.
-#[derive(Debug, Clone, PartialEq)]
-pub struct UploadedScan {
-    /// When it was taken.
-    pub stamp: StampNs,
-    /// In the vehicle's own odometry frame; only differences mean something.
-    pub odom_from_base: Pose2,
-    /// The sweep.
-    pub scan: LaserScan,
 }
 
 /// What kind of mistake a body holds.

@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn what_is_no_log_says_so() {
         let error = read("P5\n10 10\n255\n").unwrap_err().to_string();
-        assert!(error.contains("3 × no scan of this lidar"), "{error}");
+        assert!(error.contains("3 × another message"), "{error}");
         assert!(read("").unwrap_err().to_string().contains("CARMEN"));
         let degrees = line("1", 1.0).replace(" 0.1 5 ", " 1.0 5 ");
         assert!(matches!(read(&degrees), Err(CarmenError::Lidar(_))));

@@ -38,7 +38,7 @@ pub enum SkipReason {
 impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::OtherMessage => "no scan of this lidar (another message)",
+            Self::OtherMessage => "another message than a scan of this lidar",
             Self::TooLong => "longer than any scan",
             Self::Truncated => "the line ends early",
             Self::NotANumber => "a field is not a believable number",

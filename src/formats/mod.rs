@@ -1,4 +1,4 @@
-//! Bytes to core types and back: recordings of other programs, pictures of maps.
+//! Bytes to core types and back: uploads, recordings of other programs, pictures of maps.
 
 pub mod batch_json;
 pub mod g2o;
@@ -6,6 +6,7 @@ pub mod json;
 
 mod carmen;
 mod carmen_line;
+mod cells;
 mod map_image;
 mod occupancy;
 

@@ -11,16 +11,16 @@ pub struct KeyframeRule {
     pub turn_rad: f64,
 }
 
-impl Default for KeyframeRule {
-    fn default() -> Self {
+impl KeyframeRule {
+    /// A tenth of the lidar's range, 0.1 to 0.5 m, or 20°: so that neighbours share most of
+    /// their view.
+    pub fn for_range(range_max_m: f64) -> Self {
         Self {
-            distance_m: 0.5,
+            distance_m: (0.1 * range_max_m).clamp(0.1, 0.5),
             turn_rad: 0.35,
         }
     }
-}
 
-impl KeyframeRule {
     /// Whether a motion since the last keyframe makes the next one due.
     pub fn is_due(&self, motion: &Pose2) -> bool {
         motion.translation().norm() >= self.distance_m || motion.theta.abs() >= self.turn_rad
@@ -33,7 +33,7 @@ mod tests {
 
     #[test]
     fn distance_and_turn_each_suffice() {
-        let rule = KeyframeRule::default();
+        let rule = KeyframeRule::for_range(30.0);
         assert!(!rule.is_due(&Pose2::new(0.3, -0.3, 0.2)));
         assert!(rule.is_due(&Pose2::new(0.4, -0.4, 0.0)));
         assert!(rule.is_due(&Pose2::new(0.0, 0.0, -0.4)));

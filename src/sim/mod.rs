@@ -1,1 +1,20 @@
-//! To be written.
+//! Simulated worlds and vehicles that drive laps in them: for the demonstration and the tests.
+//!
+//! Everything is a function of its arguments and a seed.
+
+mod drive;
+mod hall;
+mod lidar;
+mod random;
+mod route;
+mod shape;
+mod vehicle;
+mod world;
+
+pub use drive::{SimScan, drive};
+pub use hall::Hall;
+pub use lidar::SimLidar;
+pub use route::{Route, RouteError};
+pub use shape::Shape;
+pub use vehicle::{OdometryError, Vehicle};
+pub use world::{Hit, World};

@@ -15,6 +15,10 @@ const DAMPING_MAX: f64 = 1e9;
 /// So many plain steps in a row may end above the best cost: where residuals are large,
 /// Gauss-Newton's way to the minimum leads over a ridge that damped steps creep along.
 const STEPS_ABOVE_BEST_MAX: usize = 4;
+/// The factor is kept as long as every step promises less than this part of the one before, …
+const PROMISE_SHRINKS: f64 = 0.1;
+/// … and lowers the cost by what it promised, to within this part.
+const MODEL_TRUE_TO: f64 = 0.1;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
@@ -28,11 +32,17 @@ pub(super) struct Minimiser {
     trial: Vec<Pose2>,
 }
 
-/// Where the descent is: the damping, and how far it has strayed from the best poses.
+/// Where the descent is, and how it goes on.
 struct Descent {
     damping: f64,
     growth: f64,
+    /// Plain steps since the best cost.
     steps_above_best: usize,
+    /// What the last step promised, if it was a plain one.
+    last_promise: Option<f64>,
+    /// Whether the next step is taken by the factor as it is: cheaper by far, and as good while
+    /// the quadratic model holds.
+    keep_factor: bool,
 }
 
 impl Minimiser {
@@ -83,14 +93,9 @@ impl Minimiser {
         let mut descent = Descent::plain();
         self.poses.clone_from(&problem.poses);
         let mut cost_here = summary.final_cost;
-        equations.linearise(&problem.factors, &self.poses);
         while summary.iterations < options.iterations_max {
             summary.iterations += 1;
-            let promised = if equations.factorise(descent.damping) {
-                equations.step(&mut self.step)
-            } else {
-                None
-            };
+            let promised = self.promised_step(equations, problem, &descent);
             let (cost, gain) = match promised {
                 None => (f64::INFINITY, 0.0),
                 Some(decrease) => {
@@ -110,25 +115,39 @@ impl Minimiser {
             {
                 return termination;
             }
-            if descent.accepts(better, cost, gain) {
+            if descent.accepts(better, cost, gain, promised) {
                 std::mem::swap(&mut self.poses, &mut self.trial);
                 cost_here = cost;
-                equations.linearise(&problem.factors, &self.poses);
+            } else if descent.damping > DAMPING_MAX {
+                return match promised {
+                    None => Termination::Unsolvable,
+                    Some(_) => Termination::NoProgress,
+                };
             } else {
-                if descent.damping > DAMPING_MAX {
-                    return match promised {
-                        None => Termination::Unsolvable,
-                        Some(_) => Termination::NoProgress,
-                    };
-                }
-                if cost_here > summary.final_cost {
-                    self.poses.clone_from(&problem.poses);
-                    cost_here = summary.final_cost;
-                    equations.linearise(&problem.factors, &self.poses);
-                }
+                self.poses.clone_from(&problem.poses);
+                cost_here = summary.final_cost;
             }
         }
         Termination::IterationLimit
+    }
+
+    /// Finds the step from the current poses, and the decrease that it promises; `None` if the
+    /// equations cannot be solved.
+    fn promised_step(
+        &mut self,
+        equations: &mut NormalEquations,
+        problem: &Problem,
+        descent: &Descent,
+    ) -> Option<f64> {
+        if descent.keep_factor {
+            equations.linearise_gradient(&problem.factors, &self.poses);
+        } else {
+            equations.linearise(&problem.factors, &self.poses);
+            if !equations.factorise(descent.damping) {
+                return None;
+            }
+        }
+        equations.step(&mut self.step)
     }
 
     /// Only a plain step that ends at the best cost can tell: a damped one is short for another
@@ -159,22 +178,36 @@ impl Descent {
             damping: DAMPING_MIN,
             growth: 10.0,
             steps_above_best: 0,
+            last_promise: None,
+            keep_factor: false,
         }
     }
 
-    /// Whether to go on from the trial poses; sets the next damping either way.
-    fn accepts(&mut self, better: bool, cost: f64, gain: f64) -> bool {
+    /// Whether to go on from the trial poses, or else from the best; says how either way.
+    fn accepts(&mut self, better: bool, cost: f64, gain: f64, promised: Option<f64>) -> bool {
+        let plain = self.damping <= DAMPING_MIN;
         if better {
             // Nielsen's rule: the better the quadratic model was, the less damping.
             let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
             let relaxed = self.damping * factor;
-            *self = Self::plain();
+            let shrinks = match (promised, self.last_promise) {
+                (Some(promise), Some(last)) => promise < PROMISE_SHRINKS * last,
+                _ => true,
+            };
+            *self = Self {
+                last_promise: promised.filter(|_| plain),
+                keep_factor: plain && shrinks && (gain - 1.0).abs() < MODEL_TRUE_TO,
+                ..Self::plain()
+            };
             if relaxed >= DAMPING_DROPPED {
                 self.damping = relaxed;
             }
             return true;
         }
-        let plain = self.damping <= DAMPING_MIN;
+        self.last_promise = None;
+        if std::mem::take(&mut self.keep_factor) {
+            return false;
+        }
         if plain && cost.is_finite() && self.steps_above_best < STEPS_ABOVE_BEST_MAX {
             self.steps_above_best += 1;
             return true;

@@ -108,6 +108,25 @@ impl NormalEquations {
         }
     }
 
+    /// Fills in g alone at these poses.
+    pub(super) fn linearise_gradient(&mut self, factors: &[Factor], poses: &[Pose2]) {
+        self.gradient.fill(0.0);
+        for factor in factors {
+            let (from, to) = (&poses[factor.from], &poses[factor.to]);
+            let at = Pose2::edge_error_with_jacobians(from, to, &factor.measurement);
+            let weighted = factor.information.matrix() * at.error * factor.weight;
+            let parts = [
+                (factor.from, at.jacobian_from.tr_mul(&weighted)),
+                (factor.to, at.jacobian_to.tr_mul(&weighted)),
+            ];
+            for (pose, part) in parts {
+                if let Some(offset) = self.offset(pose) {
+                    add_to(&mut self.gradient, offset, &part);
+                }
+            }
+        }
+    }
+
     /// Factors H + λ D, where D is H's diagonal, raised where it is next to nothing; `false`
     /// if that is not positive definite.
     pub(super) fn factorise(&mut self, damping: f64) -> bool {

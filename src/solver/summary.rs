@@ -3,7 +3,7 @@
 /// When a solve stops.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveOptions {
-    /// The most factorisations that are tried.
+    /// The most steps that are tried.
     pub iterations_max: usize,
     /// Converged once a step promises to lower the cost by less than this part of it.
     pub cost_tolerance: f64,
@@ -70,7 +70,7 @@ pub struct SolveSummary {
     pub initial_cost: f64,
     /// F after; never above the cost before.
     pub final_cost: f64,
-    /// Factorisations of the normal equations, refused steps included.
+    /// Steps tried, refused ones included.
     pub iterations: usize,
     /// Why it stopped.
     pub termination: Termination,

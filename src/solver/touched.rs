@@ -37,7 +37,8 @@ impl Solver {
     /// Within a block its node nearest to the component's first node is held, and whatever
     /// hangs off its other nodes is carried along rigidly, so that all other edges keep their
     /// errors. If the rest of the graph was at its optimum, the whole graph is afterwards.
-    /// Touched edges that are not active, or not there, are passed over.
+    /// Touched edges that are not active, or not there, are passed over: after retiring an edge
+    /// its block may have fallen apart, and the whole graph wants solving.
     pub fn solve_touched(
         &mut self,
         graph: &mut PoseGraph,

@@ -14,7 +14,7 @@ macro_rules! select_nodes {
     ($columns:literal, $joins:literal, $rest:literal) => {
         concat!(
             "SELECT nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, \
-             stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, reference, active, subgraph_id",
+             stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id",
             $columns,
             " FROM routes JOIN nodes USING (route_key) \
              JOIN batches ON batches.batch_key = nodes.batch_key ",
@@ -257,6 +257,7 @@ fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
         stamp: StampNs(row.try_get("stamp_ns")?),
         pose: pose(row, ["x", "y", "theta"])?,
         odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
+        drift_m: row.try_get("drift_m")?,
         reference: row.try_get("reference")?,
         active: row.try_get("active")?,
         subgraph_id: row.try_get("subgraph_id")?,

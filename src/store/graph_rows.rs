@@ -27,7 +27,7 @@ pub(super) async fn insert_nodes(
     for rows in nodes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
-             odom_x, odom_y, odom_theta, reference, active, subgraph_id) ",
+             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id) ",
         );
         query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
             values
@@ -38,6 +38,7 @@ pub(super) async fn insert_nodes(
             push_pose(&mut values, &node.pose);
             push_pose(&mut values, &node.odom_from_base);
             values
+                .push_bind(node.drift_m)
                 .push_bind(node.reference)
                 .push_bind(node.active)
                 .push_bind(node.subgraph_id);

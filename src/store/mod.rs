@@ -1,17 +1,17 @@
 //! The only place that speaks SQL: routes, the durable journal of uploads, jobs, graphs.
 //!
 //! An embedded SQLite in a directory that one process holds. Everything that writes is a
-//! [`request`] to the one [`writer`] task, which executes what has queued up in one transaction
+//! request to the one writer task, which executes what has queued up in one transaction
 //! and answers after the commit has reached the disk; a caller that goes away meanwhile changes
 //! nothing. Reads run on a few connections of their own, short and side by side.
-//!
-//! [`request`]: self::request
-//! [`writer`]: self::writer
 
 mod body;
+mod claims;
 mod columns;
 mod connection;
 mod error;
+mod failures;
+mod gaps;
 mod graph;
 mod graph_rows;
 mod inbox;
@@ -269,12 +269,12 @@ impl Store {
         now: Timestamp,
         lease: Duration,
     ) -> Result<Option<ClaimedJob>, StoreError> {
-        while let Some(claim) = self.work(jobs::ClaimJob { now, lease }).await? {
+        while let Some(claim) = self.work(claims::ClaimJob { now, lease }).await? {
             let (job_id, generation) = (claim.job_id, claim.generation);
             match self.load_entries(claim).await {
                 Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id })) => {
                     tracing::error!(%route_id, %batch_id, "a stored body is corrupt");
-                    let request = jobs::QuarantineRotten {
+                    let request = failures::QuarantineRotten {
                         job_id,
                         generation,
                         batch_id,
@@ -311,7 +311,7 @@ impl Store {
         now: Timestamp,
     ) -> Result<(), StoreError> {
         let reason = reason.to_owned();
-        let request = jobs::FailJob {
+        let request = failures::FailJob {
             job_id,
             generation,
             reason,
@@ -325,7 +325,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn release_overdue(&self, now: Timestamp) -> Result<u64, StoreError> {
-        self.work(jobs::ReleaseOverdue { now }).await
+        self.work(gaps::ReleaseOverdue { now }).await
     }
 
     /// A route's graph, read at one instant.
@@ -438,7 +438,7 @@ impl Store {
         outcome::<R>(self.shared.outbox.send_work(request).await?).await
     }
 
-    async fn load_entries(&self, claim: jobs::Claim) -> Result<ClaimedJob, StoreError> {
+    async fn load_entries(&self, claim: claims::Claim) -> Result<ClaimedJob, StoreError> {
         let mut entries = Vec::with_capacity(claim.batch_ids.len());
         for batch_id in &claim.batch_ids {
             // Gone only if the route was deleted a moment ago; the fence will say so.

@@ -259,6 +259,8 @@ pub struct NodeRecord {
     pub pose: Pose2,
     /// `odom_from_base` as the vehicle sent it.
     pub odom_from_base: Pose2,
+    /// Way driven since the trip was last tied to the map, metres.
+    pub drift_m: f64,
     /// Whether later laps are tied to it.
     pub reference: bool,
     /// Whether it takes part in the optimisation.

@@ -7,7 +7,7 @@ use sqlx::{Row, SqliteConnection};
 use super::columns::{Text, flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
-use super::jobs::held_place;
+use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, BatchStatus, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
@@ -33,8 +33,8 @@ impl Request for ApplyResult {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Applied, StoreError> {
         let result = &self.0;
-        let place = held_place(transaction, result.job_id, result.generation).await?;
-        let Some(place) = place else {
+        let job = held_job(transaction, result.job_id, result.generation).await?;
+        let Some(Job { place, .. }) = job else {
             return Ok(Applied::Stale);
         };
         let Some(marks) = marks(transaction, &place, result).await? else {

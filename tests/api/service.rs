@@ -169,6 +169,7 @@ fn node(id: i64) -> NodeWithScan {
             stamp: StampNs(1_795_154_399_000_000_000 + id * 1_000_000_000),
             pose: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
             odom_from_base: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
+            drift_m: 0.0,
             reference: true,
             active: true,
             subgraph_id: Some(1),

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 
-use super::UploadedScan;
+use crate::mapping::DriveScan;
 
 /// Faster than any vehicle on a route, m/s.
 const SPEED_MAX_M_PER_S: f64 = 50.0;
@@ -12,8 +12,8 @@ const SKEW_MAX_NS: i128 = 24 * 3_600 * 1_000_000_000;
 const LATE_MIN_NS: i128 = 30 * SKEW_MAX_NS;
 
 /// The flags in alphabetical order.
-pub(super) fn flags(scans: &[UploadedScan], received_at: Timestamp) -> Vec<String> {
-    let age_ns = |scan: &UploadedScan| received_at.as_nanosecond() - i128::from(scan.stamp.0);
+pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> {
+    let age_ns = |scan: &DriveScan| received_at.as_nanosecond() - i128::from(scan.stamp.0);
     let flags = [
         ("clock_skew", scans.iter().any(|s| age_ns(s) < -SKEW_MAX_NS)),
         (
@@ -27,7 +27,7 @@ pub(super) fn flags(scans: &[UploadedScan], received_at: Timestamp) -> Vec<Strin
     raised.map(|(name, _)| (*name).to_owned()).collect()
 }
 
-fn is_wild(pair: &[UploadedScan]) -> bool {
+fn is_wild(pair: &[DriveScan]) -> bool {
     let [before, after] = pair else { return false };
     let elapsed_s = (after.stamp.0 - before.stamp.0) as f64 * 1e-9;
     let motion = before.odom_from_base.between(&after.odom_from_base);

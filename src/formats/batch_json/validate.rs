@@ -9,12 +9,12 @@ use jiff::Timestamp;
 use super::flags::flags;
 use super::raw;
 use super::{
-    BEAMS_TOTAL_MAX, BatchBodyError, BatchProblem, COORDINATE_MAX_M, InitialPose, SCANS_MAX,
-    UploadedBatch, UploadedScan,
+    BEAMS_TOTAL_MAX, BatchBodyError, BatchProblem, COORDINATE_MAX_M, SCANS_MAX, UploadedBatch,
 };
 use crate::formats::json::Object;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
+use crate::mapping::{DriveScan, InitialPose};
 use crate::scan::{LaserScan, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M, ScanError};
 
 const SIGMA_XY_DEFAULT_M: f64 = 0.5;
@@ -47,7 +47,7 @@ pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<Uploaded
     check_counts(&raw.scans)?;
     let beams = raw.scans.kept.first().map_or(0, |scan| scan.ranges.count);
     check_angle_max(&lidar, angle_max_rad, beams)?;
-    let mut scans: Vec<UploadedScan> = Vec::with_capacity(raw.scans.kept.len());
+    let mut scans: Vec<DriveScan> = Vec::with_capacity(raw.scans.kept.len());
     for (k, raw_scan) in raw.scans.kept.into_iter().enumerate() {
         let scan = scan(k, raw_scan, &lidar, beams)?;
         if let Some(before) = scans.last()
@@ -187,7 +187,7 @@ fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
     Ok(Pose2::new(raw.x, raw.y, raw.theta))
 }
 
-fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<UploadedScan> {
+fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<DriveScan> {
     let stamp = stamp(k, raw.stamp)?;
     let odom_from_base = pose(raw.odometry.0, &format!("/scans/{k}/odometry"))?;
     let ranges_pointer = || format!("/scans/{k}/ranges");
@@ -224,7 +224,7 @@ fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<U
             error.to_string(),
         )
     })?;
-    Ok(UploadedScan {
+    Ok(DriveScan {
         stamp,
         odom_from_base,
         scan,

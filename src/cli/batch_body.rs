@@ -1,0 +1,216 @@
+//! What a batch upload looks like on the wire.
+
+use std::io::Write;
+
+use anyhow::Context;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use jiff::Timestamp;
+use serde::Serialize;
+
+use crate::geometry::Pose2;
+use crate::ids::{BatchId, StampNs, TripId, VehicleId};
+use crate::scan::Lidar;
+
+/// How far a stated initial pose may be off, metres.
+const INITIAL_SIGMA_XY_M: f64 = 0.5;
+/// How far a stated initial heading may be off, radians.
+const INITIAL_SIGMA_THETA_RAD: f64 = 0.15;
+
+/// Who drove, and with what.
+#[derive(Debug, Clone)]
+pub(super) struct Trip {
+    pub vehicle_id: VehicleId,
+    pub trip_id: TripId,
+    pub lidar: Lidar,
+    /// `map_from_base` of the trip's first scan, roughly.
+    pub initial_pose: Option<Pose2>,
+}
+
+/// A scan to send.
+pub(super) struct ScanToSend<'a> {
+    pub stamp: StampNs,
+    pub odom_from_base: Pose2,
+    pub ranges_m: &'a [Option<f64>],
+}
+
+/// A batch ready to be sent, as often as it takes.
+#[derive(Debug, Clone)]
+pub(super) struct EncodedBatch {
+    pub id: BatchId,
+    /// The same bytes for the same content.
+    pub gzip: Vec<u8>,
+}
+
+impl Trip {
+    /// The trip's batch `sequence`. Its id follows from the trip and the sequence, so that a
+    /// repeated upload is recognised.
+    pub(super) fn encode<'a>(
+        &self,
+        sequence: usize,
+        scans: impl IntoIterator<Item = ScanToSend<'a>>,
+    ) -> anyhow::Result<EncodedBatch> {
+        let scans: Vec<_> = scans.into_iter().map(scan_json).collect::<Result<_, _>>()?;
+        let body = BatchJson {
+            vehicle_id: self.vehicle_id.as_str(),
+            trip_id: self.trip_id.as_str(),
+            sequence,
+            lidar: lidar_json(&self.lidar),
+            initial_pose: self
+                .initial_pose
+                .filter(|_| sequence == 0)
+                .map(|pose| InitialPoseJson {
+                    x: pose.x,
+                    y: pose.y,
+                    theta: pose.theta,
+                    sigma_xy: INITIAL_SIGMA_XY_M,
+                    sigma_theta: INITIAL_SIGMA_THETA_RAD,
+                }),
+            scans,
+        };
+        let json = serde_json::to_vec(&body)?;
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(&json)?;
+        Ok(EncodedBatch {
+            id: batch_id(&self.trip_id, sequence)?,
+            gzip: encoder.finish()?,
+        })
+    }
+}
+
+/// The id of a trip's batch.
+pub(super) fn batch_id(trip_id: &TripId, sequence: usize) -> anyhow::Result<BatchId> {
+    BatchId::new(format!("{trip_id}-{sequence:05}"))
+        .with_context(|| format!("the trip's name {trip_id} is too long: choose one with --trip"))
+}
+
+#[derive(Serialize)]
+struct BatchJson<'a> {
+    vehicle_id: &'a str,
+    trip_id: &'a str,
+    sequence: usize,
+    lidar: LidarJson,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    initial_pose: Option<InitialPoseJson>,
+    scans: Vec<ScanJson<'a>>,
+}
+
+#[derive(Serialize)]
+struct LidarJson {
+    angle_min: f64,
+    angle_increment: f64,
+    range_min: f64,
+    range_max: f64,
+    mount: PoseJson,
+    range_sigma: f64,
+}
+
+#[derive(Serialize)]
+struct PoseJson {
+    x: f64,
+    y: f64,
+    theta: f64,
+}
+
+#[derive(Serialize)]
+struct InitialPoseJson {
+    x: f64,
+    y: f64,
+    theta: f64,
+    sigma_xy: f64,
+    sigma_theta: f64,
+}
+
+#[derive(Serialize)]
+struct ScanJson<'a> {
+    stamp: Timestamp,
+    odometry: PoseJson,
+    ranges: &'a [Option<f64>],
+}
+
+fn pose_json(pose: &Pose2) -> PoseJson {
+    PoseJson {
+        x: pose.x,
+        y: pose.y,
+        theta: pose.theta,
+    }
+}
+
+fn lidar_json(lidar: &Lidar) -> LidarJson {
+    LidarJson {
+        angle_min: lidar.angle_min_rad,
+        angle_increment: lidar.angle_increment_rad,
+        range_min: lidar.range_min_m,
+        range_max: lidar.range_max_m,
+        mount: pose_json(&lidar.mount),
+        range_sigma: lidar.range_sigma_m,
+    }
+}
+
+fn scan_json(scan: ScanToSend<'_>) -> Result<ScanJson<'_>, jiff::Error> {
+    Ok(ScanJson {
+        stamp: Timestamp::from_nanosecond(i128::from(scan.stamp.0))?,
+        odometry: pose_json(&scan.odom_from_base),
+        ranges: scan.ranges_m,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+
+    fn trip() -> Trip {
+        Trip {
+            vehicle_id: VehicleId::new("agv-07").unwrap(),
+            trip_id: TripId::new("monday").unwrap(),
+            lidar: Lidar {
+                angle_min_rad: -1.5,
+                angle_increment_rad: 0.5,
+                range_min_m: 0.05,
+                range_max_m: 20.0,
+                mount: Pose2::new(0.2, 0.0, 0.0),
+                range_sigma_m: 0.01,
+            },
+            initial_pose: Some(Pose2::new(3.5, 3.4, 0.25)),
+        }
+    }
+
+    fn encode(sequence: usize) -> EncodedBatch {
+        let scan = ScanToSend {
+            stamp: StampNs(976_052_890_244_111_000),
+            odom_from_base: Pose2::new(1.0, -2.0, 0.5),
+            ranges_m: &[Some(1.92), None, Some(1.95)],
+        };
+        trip().encode(sequence, [scan]).unwrap()
+    }
+
+    fn unzip(batch: &EncodedBatch) -> String {
+        let mut text = String::new();
+        let mut decoder = flate2::read::GzDecoder::new(batch.gzip.as_slice());
+        decoder.read_to_string(&mut text).unwrap();
+        text
+    }
+
+    #[test]
+    fn the_body_is_what_the_interface_takes() {
+        let batch = encode(0);
+        assert_eq!(batch.id.as_str(), "monday-00000");
+        let expected = concat!(
+            r#"{"vehicle_id":"agv-07","trip_id":"monday","sequence":0,"#,
+            r#""lidar":{"angle_min":-1.5,"angle_increment":0.5,"range_min":0.05,"#,
+            r#""range_max":20.0,"mount":{"x":0.2,"y":0.0,"theta":0.0},"range_sigma":0.01},"#,
+            r#""initial_pose":{"x":3.5,"y":3.4,"theta":0.25,"sigma_xy":0.5,"sigma_theta":0.15},"#,
+            r#""scans":[{"stamp":"2000-12-05T21:48:10.244111Z","#,
+            r#""odometry":{"x":1.0,"y":-2.0,"theta":0.5},"ranges":[1.92,null,1.95]}]}"#,
+        );
+        assert_eq!(unzip(&batch), expected);
+    }
+
+    #[test]
+    fn a_repeat_has_the_same_id_and_bytes() {
+        let (once, again) = (encode(7), encode(7));
+        assert_eq!((once.id, once.gzip), (again.id, again.gzip));
+        assert!(!unzip(&encode(1)).contains("initial_pose"));
+    }
+}

@@ -1,0 +1,304 @@
+//! A client of the service that repeats what may be repeated.
+
+mod answers;
+mod retry;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap};
+use reqwest::{Method, StatusCode};
+use serde::de::DeserializeOwned;
+
+use super::batch_body::EncodedBatch;
+use crate::ids::{BatchId, RouteId};
+
+pub(super) use answers::{BatchReport, Refusal, RouteReport};
+use retry::{is_temporary, retry_after, wait_before_repeat};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
+/// A request is given up once it has waited this long in all.
+const WAIT_TOTAL_MAX: Duration = Duration::from_secs(900);
+
+/// What became of an upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// Stored durably by this request.
+    Stored,
+    /// The same bytes were there already.
+    Replayed,
+}
+
+/// Why a request failed for good.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum GatewayError {
+    /// The client could not be made.
+    #[error("the HTTP client could not be made")]
+    Client(#[source] reqwest::Error),
+    /// Nothing answered at the address, ever.
+    #[error("nothing answers at {url}: is the service running there? (mapshift serve)")]
+    Unreachable { url: String, source: reqwest::Error },
+    /// The address is no address.
+    #[error("{url:?} is no address: give one like http://127.0.0.1:8080")]
+    Url { url: String, source: reqwest::Error },
+    /// The service will not take it, however often it is sent.
+    #[error("{what} was refused: {problem}")]
+    Refused { what: String, problem: Refusal },
+    /// The service could not take it for a long time.
+    #[error("{what} was given up after {waited_s} s of waiting; the last failure: {last}")]
+    GivenUp {
+        what: String,
+        waited_s: u64,
+        last: String,
+    },
+    /// The answer is not what the interface promises.
+    #[error("the answer to {what} cannot be read: is {url} this service?")]
+    Answer {
+        what: String,
+        url: String,
+        source: serde_json::Error,
+    },
+}
+
+struct Answer {
+    status: StatusCode,
+    headers: HeaderMap,
+    body: Vec<u8>,
+}
+
+struct Request<'a> {
+    method: Method,
+    path: String,
+    /// For people.
+    what: String,
+    body: Option<&'a [u8]>,
+    gzip: bool,
+}
+
+/// A client of one service.
+///
+/// 408, 429, 5xx, resets and time-outs: the same bytes again after `Retry-After`, else after
+/// 1 s × 2ⁿ up to 5 min, with jitter. Any other 4xx: never again.
+pub(super) struct Gateway {
+    client: reqwest::Client,
+    url: String,
+    reached: Arc<AtomicBool>,
+    notify: Box<dyn Fn(&str) + Send + Sync>,
+}
+
+impl Gateway {
+    /// A client of the service at `url`; `notify` is told of every wait.
+    pub(super) fn new(
+        url: &str,
+        notify: impl Fn(&str) + Send + Sync + 'static,
+    ) -> Result<Self, GatewayError> {
+        let url = url.trim_end_matches('/').to_owned();
+        let mut builder = reqwest::Client::builder()
+            .user_agent(concat!("mapshift/", env!("CARGO_PKG_VERSION")))
+            .connect_timeout(CONNECT_TIMEOUT)
+            .timeout(REQUEST_TIMEOUT)
+            .redirect(reqwest::redirect::Policy::none());
+        if is_loopback(&url) {
+            builder = builder.no_proxy();
+        }
+        Ok(Self {
+            client: builder.build().map_err(GatewayError::Client)?,
+            url,
+            reached: Arc::new(AtomicBool::new(false)),
+            notify: Box::new(notify),
+        })
+    }
+
+    /// The same client with somebody else to tell of waits.
+    pub(super) fn notifying(&self, notify: impl Fn(&str) + Send + Sync + 'static) -> Self {
+        Self {
+            client: self.client.clone(),
+            url: self.url.clone(),
+            reached: self.reached.clone(),
+            notify: Box::new(notify),
+        }
+    }
+
+    /// Where a route's resources are.
+    pub(super) fn route_url(&self, route: &RouteId) -> String {
+        format!("{}/v1/routes/{route}", self.url)
+    }
+
+    /// Makes the route unless it is there; says whether it was made.
+    pub(super) async fn ensure_route(
+        &self,
+        route: &RouteId,
+        display_name: Option<&str>,
+    ) -> Result<bool, GatewayError> {
+        match self.route(route).await {
+            Ok(_) => Ok(false),
+            Err(GatewayError::Refused { problem, .. }) if problem.status == 404 => {
+                let fields = display_name.map(|name| ("display_name", name));
+                let body = serde_json::Value::from_iter(fields).to_string();
+                let answer = self
+                    .send(Request {
+                        method: Method::PUT,
+                        path: format!("/v1/routes/{route}"),
+                        what: format!("route {route}"),
+                        body: Some(body.as_bytes()),
+                        gzip: false,
+                    })
+                    .await?;
+                Ok(answer.status == StatusCode::CREATED)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Sends a batch until the service has it.
+    pub(super) async fn put_batch(
+        &self,
+        route: &RouteId,
+        batch: &EncodedBatch,
+    ) -> Result<Outcome, GatewayError> {
+        let answer = self
+            .send(Request {
+                method: Method::PUT,
+                path: format!("/v1/routes/{route}/batches/{}", batch.id),
+                what: format!("batch {}", batch.id),
+                body: Some(&batch.gzip),
+                gzip: true,
+            })
+            .await?;
+        Ok(if answer.status == StatusCode::OK {
+            Outcome::Replayed
+        } else {
+            Outcome::Stored
+        })
+    }
+
+    /// How a route stands.
+    pub(super) async fn route(&self, route: &RouteId) -> Result<RouteReport, GatewayError> {
+        self.get(format!("/v1/routes/{route}"), format!("route {route}"))
+            .await
+    }
+
+    /// What became of a batch.
+    pub(super) async fn batch(
+        &self,
+        route: &RouteId,
+        batch: &BatchId,
+    ) -> Result<BatchReport, GatewayError> {
+        let path = format!("/v1/routes/{route}/batches/{batch}");
+        self.get(path, format!("batch {batch}")).await
+    }
+
+    async fn get<T: DeserializeOwned>(
+        &self,
+        path: String,
+        what: String,
+    ) -> Result<T, GatewayError> {
+        let request = Request {
+            method: Method::GET,
+            path,
+            what: what.clone(),
+            body: None,
+            gzip: false,
+        };
+        let answer = self.send(request).await?;
+        serde_json::from_slice(&answer.body).map_err(|source| GatewayError::Answer {
+            what,
+            url: self.url.clone(),
+            source,
+        })
+    }
+
+    async fn send(&self, request: Request<'_>) -> Result<Answer, GatewayError> {
+        let mut waited = Duration::ZERO;
+        let mut attempt = 0;
+        loop {
+            let (failure, retry_after) = match self.attempt(&request).await {
+                Ok(answer) if answer.status.is_success() => return Ok(answer),
+                Ok(answer) => {
+                    let problem = Refusal::read(answer.status, &answer.body);
+                    if !is_temporary(answer.status) {
+                        let what = request.what;
+                        return Err(GatewayError::Refused { what, problem });
+                    }
+                    (problem.to_string(), retry_after(&answer.headers))
+                }
+                Err(source) if source.is_builder() => {
+                    let url = self.url.clone();
+                    return Err(GatewayError::Url { url, source });
+                }
+                Err(source) if self.never_reached(&source) => {
+                    let url = self.url.clone();
+                    return Err(GatewayError::Unreachable { url, source });
+                }
+                Err(error) => (innermost(&error), None),
+            };
+            let wait = wait_before_repeat(attempt, retry_after, &request.path);
+            if waited + wait > WAIT_TOTAL_MAX {
+                return Err(GatewayError::GivenUp {
+                    what: request.what,
+                    waited_s: waited.as_secs(),
+                    last: failure,
+                });
+            }
+            (self.notify)(&format!(
+                "{}: {failure}; again in {:.1} s",
+                request.what,
+                wait.as_secs_f64()
+            ));
+            tokio::time::sleep(wait).await;
+            waited += wait;
+            attempt += 1;
+        }
+    }
+
+    async fn attempt(&self, request: &Request<'_>) -> Result<Answer, reqwest::Error> {
+        let url = format!("{}{}", self.url, request.path);
+        let mut builder = self.client.request(request.method.clone(), url);
+        if let Some(body) = request.body {
+            builder = builder
+                .header(CONTENT_TYPE, "application/json")
+                .body(body.to_vec());
+        }
+        if request.gzip {
+            builder = builder.header(CONTENT_ENCODING, "gzip");
+        }
+        let response = builder.send().await?;
+        self.reached.store(true, Ordering::Relaxed);
+        Ok(Answer {
+            status: response.status(),
+            headers: response.headers().clone(),
+            body: response.bytes().await?.into(),
+        })
+    }
+
+    /// A wrong address should be told at once, a service that restarts waited for.
+    fn never_reached(&self, error: &reqwest::Error) -> bool {
+        error.is_connect() && !self.reached.load(Ordering::Relaxed)
+    }
+}
+
+fn is_loopback(url: &str) -> bool {
+    let host = reqwest::Url::parse(url).ok().and_then(|u| {
+        let host = u.host_str()?;
+        Some(host.trim_matches(['[', ']']).to_owned())
+    });
+    host.is_some_and(|host| {
+        host == "localhost"
+            || host
+                .parse::<std::net::IpAddr>()
+                .is_ok_and(|ip| ip.is_loopback())
+    })
+}
+
+fn innermost(error: &reqwest::Error) -> String {
+    let mut cause: &dyn std::error::Error = error;
+    while let Some(source) = cause.source() {
+        cause = source;
+    }
+    cause.to_string()
+}
+
+#[cfg(test)]
+mod tests;

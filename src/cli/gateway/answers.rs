@@ -1,0 +1,93 @@
+//! What the service answers.
+
+use reqwest::StatusCode;
+use serde::Deserialize;
+
+/// What the service says about a route.
+#[derive(Debug, Clone, Deserialize)]
+pub(in crate::cli) struct RouteReport {
+    pub stage: String,
+    pub map_version: i64,
+    pub counts: RouteCounts,
+    pub pending_batches: i64,
+}
+
+/// What a route holds.
+#[derive(Debug, Clone, Deserialize)]
+pub(in crate::cli) struct RouteCounts {
+    pub nodes: i64,
+    pub edges: i64,
+    pub loop_closures: i64,
+}
+
+/// What the service says about a batch.
+#[derive(Debug, Clone, Deserialize)]
+pub(in crate::cli) struct BatchReport {
+    pub status: String,
+    pub reason: Option<String>,
+    pub nodes_added: i64,
+    pub loop_closures: i64,
+}
+
+impl BatchReport {
+    /// Whether the service still means to work on it without being asked.
+    pub(in crate::cli) fn is_under_way(&self) -> bool {
+        matches!(self.status.as_str(), "queued" | "processing" | "held")
+    }
+}
+
+/// A refusal in the service's own words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::cli) struct Refusal {
+    pub status: u16,
+    problem: Problem,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(default)]
+struct Problem {
+    title: String,
+    detail: String,
+    errors: Vec<FieldError>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(default)]
+struct FieldError {
+    pointer: String,
+    detail: String,
+}
+
+impl Refusal {
+    pub(super) fn read(status: StatusCode, body: &[u8]) -> Self {
+        Self {
+            status: status.as_u16(),
+            problem: serde_json::from_slice(body).unwrap_or_default(),
+        }
+    }
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Problem {
+            title,
+            detail,
+            errors,
+        } = &self.problem;
+        write!(f, "{}", self.status)?;
+        if !title.is_empty() {
+            write!(f, " {title}")?;
+        }
+        if !detail.is_empty() && detail != title {
+            write!(f, ": {detail}")?;
+        }
+        for error in errors {
+            write!(f, " [at {}", error.pointer)?;
+            if !error.detail.is_empty() && error.detail != *detail {
+                write!(f, ": {}", error.detail)?;
+            }
+            write!(f, "]")?;
+        }
+        Ok(())
+    }
+}

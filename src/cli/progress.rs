@@ -1,0 +1,73 @@
+//! Progress for people: a bar on a terminal, plain lines elsewhere.
+
+use std::io::{self, IsTerminal, Write};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Plain lines are written whenever this share of the work is done.
+const PLAIN_STEPS: u64 = 10;
+
+/// Writes a line for the user; a closed pipe is no error.
+pub(super) fn say(text: &str) {
+    let _ = writeln!(io::stdout().lock(), "{text}");
+}
+
+/// How far a piece of long work has come.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    plain: bool,
+    what: &'static str,
+    total: u64,
+    done: u64,
+}
+
+impl Progress {
+    /// Work of `total` pieces; `what` names them.
+    pub(super) fn new(total: u64, what: &'static str) -> Self {
+        let plain = !io::stderr().is_terminal();
+        let bar = if plain {
+            ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden())
+        } else {
+            ProgressBar::new(total)
+        };
+        let template = "{bar:32} {pos}/{len} {msg} {elapsed} (about {eta} left)";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        Self {
+            bar,
+            plain,
+            what,
+            total,
+            done: 0,
+        }
+    }
+
+    /// Writes a line beside the bar.
+    pub(super) fn say(&self, text: &str) {
+        self.bar.suspend(|| say(text));
+    }
+
+    /// Something to write lines with while the work is under way.
+    pub(super) fn speaker(&self) -> impl Fn(&str) + Send + Sync + 'static {
+        let bar = self.bar.clone();
+        move |text| bar.suspend(|| say(text))
+    }
+
+    /// Some pieces are done.
+    pub(super) fn advance(&mut self, pieces: u64) {
+        let step = |done: u64| done * PLAIN_STEPS / self.total.max(1);
+        let (before, after) = (step(self.done), step(self.done + pieces));
+        self.done += pieces;
+        self.bar.inc(pieces);
+        if self.plain && after > before {
+            say(&format!("  {}/{} {}", self.done, self.total, self.what));
+        }
+    }
+
+    /// Takes the bar away.
+    pub(super) fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,187 @@
+//! The place of a trip that does not say where it is.
+
+use super::closure::{self, Slack};
+use super::drive::{Drive, InitialPose};
+use super::local_map::LocalMap;
+use super::partners::{self, Placed};
+use super::route_map::RouteMap;
+use crate::geometry::{Pose2, Vector2};
+use crate::matching::{LikelihoodGrid, SearchParams, SearchWindow, search};
+
+/// Where the first trip of a route starts if it does not say.
+pub(super) const ORIGIN: InitialPose = InitialPose {
+    pose: Pose2::IDENTITY,
+    sigma_xy_m: 0.1,
+    sigma_theta_rad: 0.05,
+};
+
+/// Why a trip has no place in the map.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AnchorError {
+    /// The scans show too little.
+    #[error(
+        "the trip has only {0} usable keyframes so far; {KEYFRAMES_MIN} are needed to find its place"
+    )]
+    TooShort(usize),
+    /// Nothing in the map looks like it.
+    #[error("nothing in the map looks like it")]
+    Unknown,
+    /// Two places look like it.
+    #[error("two places look alike: near ({:.1}, {:.1}) and near ({:.1}, {:.1})", .0.x, .0.y, .1.x, .1.y)]
+    Ambiguous(Pose2, Pose2),
+    /// The best place does not stand a closer look.
+    #[error("the most similar place, near ({:.1}, {:.1}), agrees with only {agreeing} of {compared} scans", .place.x, .place.y)]
+    Contradicted {
+        /// `map_from_base` of the trip's first scan there.
+        place: Pose2,
+        /// Scans that a closer match confirms.
+        agreeing: usize,
+        /// Scans that were compared.
+        compared: usize,
+    },
+}
+
+/// Fewest keyframes that a place is told from.
+const KEYFRAMES_MIN: usize = 4;
+const GRID_RESOLUTION_M: f64 = 0.1;
+const GRID_LEVELS: usize = 7;
+const POINTS_MAX: usize = 300;
+/// Least share of the compared scans that must agree.
+const AGREEING_SHARE_MIN: f64 = 0.6;
+
+const EVERYWHERE: SearchParams = SearchParams {
+    score_min: 0.4,
+    distinct_distance_m: 0.7,
+    distinct_turn_rad: 0.35,
+    rival_share: 0.9,
+};
+
+/// The pose of the drive's first scan in the map.
+pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorError> {
+    let mut own = RouteMap::new(map.weighting);
+    let own_drive = Drive {
+        initial_pose: Some(ORIGIN),
+        ..drive.clone()
+    };
+    let extended = own.extend(&own_drive);
+    if extended.is_err() || own.keyframes.len() < KEYFRAMES_MIN {
+        return Err(AnchorError::TooShort(own.keyframes.len()));
+    }
+    let references: Vec<Placed<'_>> = (0..map.keyframes.len())
+        .filter(|&k| map.keyframes[k].reference)
+        .map(|k| map.placed(k))
+        .collect();
+    let all_own: Vec<Placed<'_>> = (0..own.keyframes.len()).map(|k| own.placed(k)).collect();
+    let map_from_own = search_everywhere(&references, &all_own)?;
+    confirm(&references, &all_own, &map_from_own)?;
+    Ok(InitialPose {
+        pose: map_from_own.compose(&all_own[0].pose),
+        sigma_xy_m: 0.05,
+        sigma_theta_rad: 0.015,
+    })
+}
+
+fn search_everywhere(references: &[Placed<'_>], own: &[Placed<'_>]) -> Result<Pose2, AnchorError> {
+    let reference_map = placed_map(references);
+    let grid = reference_map
+        .grid(GRID_RESOLUTION_M, GRID_LEVELS)
+        .ok_or(AnchorError::Unknown)?;
+    let own_map = placed_map(own);
+    let points = own_map.thinned(GRID_RESOLUTION_M, POINTS_MAX);
+    let middle = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
+    let centred: Vec<_> = points.iter().map(|p| p - middle).collect();
+    let hit = search(
+        &grid,
+        &centred,
+        &SearchWindow::everywhere(&grid),
+        &EVERYWHERE,
+    )
+    .ok_or(AnchorError::Unknown)?;
+    let own_from_centred = Pose2::new(middle.x, middle.y, 0.0);
+    let to_map_from_own = |pose: &Pose2| pose.compose(&own_from_centred.inverse());
+    let best = to_map_from_own(&hit.pose);
+    if let Some((rival, _)) = hit.rival {
+        let first = own[0].pose;
+        return Err(AnchorError::Ambiguous(
+            best.compose(&first),
+            to_map_from_own(&rival).compose(&first),
+        ));
+    }
+    Ok(best)
+}
+
+fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
+    let scans = placed
+        .iter()
+        .map(|p| (p.pose, p.keyframe.points.as_slice()));
+    LocalMap::new(scans.collect())
+}
+
+/// Compares each of the trip's scans with its partners at the place found.
+fn confirm(
+    references: &[Placed<'_>],
+    own: &[Placed<'_>],
+    map_from_own: &Pose2,
+) -> Result<(), AnchorError> {
+    const SLACK: Slack = Slack {
+        distance_m: 0.8,
+        turn_rad: 0.3,
+    };
+    let (mut compared, mut agreeing) = (0, 0);
+    for keyframe in own {
+        let expected = Placed {
+            pose: map_from_own.compose(&keyframe.pose),
+            ..*keyframe
+        };
+        let chosen = partners::choose(&expected, references);
+        if chosen.is_empty() {
+            continue;
+        }
+        compared += 1;
+        let agrees = chosen.iter().any(|old| {
+            let old_from_new = old.pose.between(&expected.pose);
+            closure::measure(old, &expected, &old_from_new, &SLACK).is_some()
+        });
+        agreeing += usize::from(agrees);
+    }
+    let enough = agreeing >= KEYFRAMES_MIN.min(own.len())
+        && agreeing as f64 >= AGREEING_SHARE_MIN * compared as f64;
+    if enough {
+        return Ok(());
+    }
+    Err(AnchorError::Contradicted {
+        place: map_from_own.compose(&own[0].pose),
+        agreeing,
+        compared,
+    })
+}
+
+const NEARBY: SearchParams = SearchParams {
+    score_min: 0.45,
+    distinct_distance_m: 0.5,
+    distinct_turn_rad: 0.2,
+    rival_share: 0.9,
+};
+const NEARBY_RESOLUTION_M: f64 = 0.05;
+
+/// The pose of a trip's newest keyframe among reference nodes, from its local map (frame: the
+/// newest keyframe's base), within a slack around the expected `map_from_base`.
+///
+/// `None` if the place does not look like it, or if two poses within the slack do.
+pub(super) fn relocate(
+    local_map: &LocalMap<'_>,
+    references: &[Placed<'_>],
+    expected: &Pose2,
+    slack: &Slack,
+) -> Option<Pose2> {
+    let reference_map = placed_map(references);
+    let grid: LikelihoodGrid = reference_map.grid(NEARBY_RESOLUTION_M, GRID_LEVELS)?;
+    let points = local_map.thinned(NEARBY_RESOLUTION_M, POINTS_MAX);
+    let window = SearchWindow {
+        centre: *expected,
+        half_width_m: slack.distance_m,
+        half_turn_rad: slack.turn_rad,
+    };
+    let hit = search(&grid, &points, &window, &NEARBY)?;
+    hit.rival.is_none().then_some(hit.pose)
+}

@@ -1,0 +1,116 @@
+//! A loop closure: two scans of one place, matched twice.
+
+use super::partners::Placed;
+use crate::geometry::{Information, Pose2, angle_difference_rad};
+use crate::ids::EdgeId;
+use crate::matching::{Estimate, IcpParams, ReferenceCloud, Termination, agreement, align};
+
+/// Both measurements of one closure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ClosureMeasurement {
+    /// What makes the map: the robust estimate of `old_from_new`.
+    pub robust: Estimate,
+    /// What is watched: the estimate from all points.
+    pub all_points: Estimate,
+}
+
+/// A closure that was added to the graph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closure {
+    /// The edge from the old node to the new one.
+    pub edge: EdgeId,
+    /// The robust estimate of `old_from_new`.
+    pub robust: Estimate,
+    /// The all-points estimate of `old_from_new`.
+    pub all_points_measurement: Pose2,
+    /// The information that the all-points estimate is weighed with.
+    pub all_points_information: Information,
+    /// What it added to the optimum F when it was inserted (paper: ΔF).
+    pub delta_f: f64,
+    /// eᵀΩe of the all-points estimate at the optimum when it was inserted.
+    pub all_points_residual: f64,
+}
+
+/// Least share of points with a counterpart.
+const OVERLAP_MIN: f64 = 0.4;
+/// Least share of the counterparts that agree.
+const INLIER_SHARE_MIN: f64 = 0.6;
+/// Largest share of one scan's points in the other's free space.
+const CONTRADICTION_SHARE_MAX: f64 = 0.2;
+/// Depth tolerance of that comparison, metres.
+const DEPTH_TOLERANCE_M: f64 = 0.15;
+/// Turn error allowed for in that comparison, radians.
+const DEPTH_SIGMA_THETA_RAD: f64 = 0.005;
+/// Fewest directions of motion that the points must fix.
+const OBSERVABLE_MIN: usize = 2;
+
+/// How far a match may end from where it was expected.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Slack {
+    /// Metres.
+    pub distance_m: f64,
+    /// Radians.
+    pub turn_rad: f64,
+}
+
+/// Matches a new scan with an old one, expected at `old_from_new`.
+///
+/// `None` if they do not show the same place: too little overlap or agreement, a result beyond
+/// the slack, or one scan's points in the other's free space.
+pub(super) fn measure(
+    old: &Placed<'_>,
+    new: &Placed<'_>,
+    old_from_new: &Pose2,
+    slack: &Slack,
+) -> Option<ClosureMeasurement> {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let sigma_m = old
+        .keyframe
+        .scan
+        .lidar()
+        .range_sigma_m
+        .max(new.keyframe.scan.lidar().range_sigma_m);
+    let points = &new.keyframe.points;
+    let robust = align(
+        &cloud,
+        points,
+        old_from_new,
+        sigma_m,
+        None,
+        &IcpParams::ROBUST,
+    );
+    let moved = old_from_new.between(&robust.pose);
+    let plausible = robust.termination != Termination::TooFewPoints
+        && robust.observable_directions >= OBSERVABLE_MIN
+        && robust.overlap >= OVERLAP_MIN
+        && robust.inlier_share >= INLIER_SHARE_MIN
+        && moved.translation().norm() <= slack.distance_m
+        && angle_difference_rad(moved.theta, 0.0) <= slack.turn_rad;
+    if !plausible || contradiction_share(old, new, &robust.pose) > CONTRADICTION_SHARE_MAX {
+        return None;
+    }
+    let all_points = align(
+        &cloud,
+        points,
+        &robust.pose,
+        sigma_m,
+        None,
+        &IcpParams::ALL_POINTS,
+    );
+    Some(ClosureMeasurement { robust, all_points })
+}
+
+/// The larger share of one scan's points in the other's free space.
+fn contradiction_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> f64 {
+    let look = |points, scan, pose: &Pose2| {
+        agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD)
+            .contradiction_share()
+    };
+    let new_in_old = look(&new.keyframe.points, &old.keyframe.scan, old_from_new);
+    let old_in_new = look(
+        &old.keyframe.points,
+        &new.keyframe.scan,
+        &old_from_new.inverse(),
+    );
+    new_in_old.max(old_in_new)
+}

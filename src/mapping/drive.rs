@@ -1,0 +1,38 @@
+//! A part of one vehicle's drive, as it was uploaded.
+
+use crate::geometry::Pose2;
+use crate::ids::{StampNs, TripId};
+use crate::scan::LaserScan;
+
+/// Consecutive scans of one trip.
+#[derive(Debug, Clone)]
+pub struct Drive {
+    /// The trip: one odometry frame.
+    pub trip: TripId,
+    /// Where the first scan's base is, if the sender knows.
+    pub initial_pose: Option<InitialPose>,
+    /// In the order of time.
+    pub scans: Vec<DriveScan>,
+}
+
+/// One scan with the odometry's word for where it was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DriveScan {
+    /// When it was taken.
+    pub stamp: StampNs,
+    /// Pose of the base in the vehicle's own odometry frame.
+    pub odom_from_base: Pose2,
+    /// What was seen.
+    pub scan: LaserScan,
+}
+
+/// A rough pose in the map frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InitialPose {
+    /// `map_from_base`.
+    pub pose: Pose2,
+    /// Standard deviation of x and of y, metres.
+    pub sigma_xy_m: f64,
+    /// Standard deviation of the heading, radians.
+    pub sigma_theta_rad: f64,
+}

@@ -1,0 +1,332 @@
+//! The walk of one drive through the map: this page is the method.
+
+use super::anchor::{self, AnchorError};
+use super::closure::{self, Closure, ClosureMeasurement, Slack};
+use super::drive::{Drive, DriveScan, InitialPose};
+use super::front_end::{Motion, measure_motion};
+use super::keyframe::Keyframe;
+use super::local_map::LocalMap;
+use super::odometry::OdometrySigmas;
+use super::partners::{self, Placed};
+use super::route_map::{RouteMap, Weighting};
+use crate::geometry::{Information, Pose2};
+use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
+use crate::ids::{EdgeId, NodeId};
+use crate::scan::KeyframeRule;
+use crate::solver::SolveOptions;
+
+/// Keyframes that a new scan is matched against.
+const LOCAL_MAP_KEYFRAMES: usize = 8;
+/// A trip's newest keyframes are no partners for its next one.
+const RECENT_KEYFRAMES: usize = 20;
+/// How far a partner may be, metres.
+const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
+
+/// What a drive added.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Extension {
+    /// New nodes.
+    pub nodes: Vec<NodeId>,
+    /// New edges, closures among them.
+    pub edges: Vec<EdgeId>,
+    /// What the closures among them measured.
+    pub closures: Vec<Closure>,
+}
+
+/// Why a drive could not be used; the map is as it was.
+#[derive(Debug, thiserror::Error)]
+pub enum NotExtended {
+    /// The trip has no place in the map yet.
+    #[error(transparent)]
+    Unanchored(#[from] AnchorError),
+    /// An id was used twice.
+    #[error(transparent)]
+    Graph(#[from] GraphError),
+}
+
+impl RouteMap {
+    /// Adds a drive: the first one of its trip, or its trip's next.
+    ///
+    /// # Errors
+    /// [`NotExtended::Unanchored`] if it is the trip's first part, has no initial pose, and its
+    /// place cannot be told from the map.
+    pub fn extend(&mut self, drive: &Drive) -> Result<Extension, NotExtended> {
+        let mut added = Extension::default();
+        let mut start = match self.trips.contains_key(&drive.trip) {
+            true => None,
+            false => Some(self.first_pose(drive)?),
+        };
+        for scan in &drive.scans {
+            match start.take() {
+                Some(initial) => self.start_trip(drive, scan, &initial, &mut added)?,
+                None => self.continue_trip(drive, scan, &mut added)?,
+            }
+        }
+        Ok(added)
+    }
+
+    /// The given pose, the origin for the first trip, or the place that the scans tell.
+    fn first_pose(&self, drive: &Drive) -> Result<InitialPose, AnchorError> {
+        match drive.initial_pose {
+            Some(given) => Ok(given),
+            None if self.keyframes.is_empty() => Ok(anchor::ORIGIN),
+            None => anchor::find(self, drive),
+        }
+    }
+
+    fn start_trip(
+        &mut self,
+        drive: &Drive,
+        scan: &DriveScan,
+        initial: &InitialPose,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let drift_m = if self.keyframes.is_empty() {
+            0.0
+        } else {
+            drift_of(initial.sigma_xy_m, initial.sigma_theta_rad)
+        };
+        let index = self.add_keyframe(drive, scan, initial.pose, drift_m, added)?;
+        self.close_loops(index, added)
+    }
+
+    fn continue_trip(
+        &mut self,
+        drive: &Drive,
+        scan: &DriveScan,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let Some(&last) = self.trips.get(&drive.trip).and_then(|trip| trip.last()) else {
+            return Ok(());
+        };
+        let last_keyframe = &self.keyframes[last];
+        let by_odometry = last_keyframe.odom_from_base.between(&scan.odom_from_base);
+        let rule = KeyframeRule::for_range(scan.scan.lidar().range_max_m);
+        if !rule.is_due(&by_odometry) {
+            return Ok(());
+        }
+        let keyframe = Keyframe::new(
+            NodeId(0),
+            drive.trip.clone(),
+            scan.stamp,
+            scan.odom_from_base,
+            scan.scan.clone(),
+        );
+        let local_map = self.local_map(last);
+        let sigma_m = scan.scan.lidar().range_sigma_m;
+        let motion = measure_motion(&local_map, &keyframe.points, &by_odometry, sigma_m);
+        let last_node = last_keyframe.node;
+        let drift_m = last_keyframe.drift_m + drift_of_motion(&motion);
+        let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
+        let index = self.insert_new(keyframe, pose, drift_m, added)?;
+        self.add_odometry(last_node, index, &motion, added)?;
+        self.close_loops(index, added)
+    }
+
+    fn add_keyframe(
+        &mut self,
+        drive: &Drive,
+        scan: &DriveScan,
+        pose: Pose2,
+        drift_m: f64,
+        added: &mut Extension,
+    ) -> Result<usize, GraphError> {
+        let keyframe = Keyframe::new(
+            NodeId(0),
+            drive.trip.clone(),
+            scan.stamp,
+            scan.odom_from_base,
+            scan.scan.clone(),
+        );
+        self.insert_new(keyframe, pose, drift_m, added)
+    }
+
+    fn insert_new(
+        &mut self,
+        mut keyframe: Keyframe,
+        pose: Pose2,
+        drift_m: f64,
+        added: &mut Extension,
+    ) -> Result<usize, GraphError> {
+        keyframe.node = self.take_node_id();
+        keyframe.drift_m = drift_m;
+        added.nodes.push(keyframe.node);
+        self.insert_keyframe(pose, keyframe)
+    }
+
+    fn add_odometry(
+        &mut self,
+        last: NodeId,
+        index: usize,
+        motion: &Motion,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let information = match self.weighting {
+            Weighting::Robust => motion.information,
+            Weighting::AllPointsIdentity => Information::identity(),
+        };
+        let edge = Edge {
+            id: self.take_edge_id(),
+            from: last,
+            to: self.keyframes[index].node,
+            measurement: motion.measurement,
+            information,
+            kind: EdgeKind::Odometry,
+            status: EdgeStatus::Active,
+        };
+        self.graph.add_edge(edge)?;
+        added.edges.push(edge.id);
+        Ok(())
+    }
+
+    /// The newest keyframes of a trip, in the base frame of the one at `last`.
+    pub(super) fn local_map(&self, last: usize) -> LocalMap<'_> {
+        let nodes = self.graph.nodes();
+        let trip = &self.trips[&self.keyframes[last].trip];
+        let end = trip
+            .iter()
+            .rposition(|&k| k == last)
+            .map_or(trip.len(), |k| k + 1);
+        let newest = &trip[end.saturating_sub(LOCAL_MAP_KEYFRAMES)..end];
+        let last_pose = nodes[last].pose;
+        let scans = newest.iter().map(|&k| {
+            let last_from_base = last_pose.between(&nodes[k].pose);
+            (last_from_base, self.keyframes[k].points.as_slice())
+        });
+        LocalMap::new(scans.collect())
+    }
+
+    /// Ties a new node to the reference, then decides whether it becomes part of it.
+    fn close_loops(&mut self, index: usize, added: &mut Extension) -> Result<(), GraphError> {
+        for (partner, measurement) in self.find_closures(index) {
+            self.insert_closure(partner, index, measurement, added)?;
+            self.keyframes[index].drift_m = 0.0;
+        }
+        let pose = self.graph.nodes()[index].pose;
+        let references = (0..index)
+            .filter(|&k| self.keyframes[k].reference)
+            .map(|k| self.graph.nodes()[k].pose);
+        self.keyframes[index].reference = !partners::is_covered(&pose, references);
+        Ok(())
+    }
+
+    fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
+        let new = self.placed(index);
+        let slack = slack_after(new.keyframe.drift_m);
+        let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m;
+        let nearby = self.references_near(index, &new.pose, within_m);
+        if nearby.is_empty() {
+            return Vec::new();
+        }
+        let pose = if new.keyframe.drift_m > DRIFT_SMALL_M {
+            let local_map = self.local_map(index);
+            match anchor::relocate(&local_map, &nearby, &new.pose, &slack) {
+                Some(pose) => pose,
+                None => return Vec::new(),
+            }
+        } else {
+            new.pose
+        };
+        let expected = Placed { pose, ..new };
+        let chosen = partners::choose(&expected, &nearby);
+        let measured = chosen.iter().filter_map(|old| {
+            let old_from_new = old.pose.between(&pose);
+            let found = closure::measure(old, &new, &old_from_new, &SLACK_SMALL)?;
+            Some((self.graph.node_position(old.keyframe.node)?, found))
+        });
+        measured.collect()
+    }
+
+    /// Reference nodes around a pose that are not the trip's newest.
+    fn references_near(&self, index: usize, pose: &Pose2, within_m: f64) -> Vec<Placed<'_>> {
+        let trip = &self.trips[&self.keyframes[index].trip];
+        let recent = trip.len().saturating_sub(RECENT_KEYFRAMES + 1);
+        let recent = &trip[recent..];
+        let nodes = self.graph.nodes();
+        let near =
+            |k: &usize| (nodes[*k].pose.translation() - pose.translation()).norm() <= within_m;
+        (0..self.keyframes.len())
+            .filter(|k| self.keyframes[*k].reference && !recent.contains(k))
+            .filter(near)
+            .map(|k| self.placed(k))
+            .collect()
+    }
+
+    fn insert_closure(
+        &mut self,
+        partner: usize,
+        index: usize,
+        measurement: ClosureMeasurement,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let (optimised, information) = match self.weighting {
+            Weighting::Robust => (measurement.robust.pose, measurement.robust.information),
+            Weighting::AllPointsIdentity => (measurement.all_points.pose, Information::identity()),
+        };
+        let edge = Edge {
+            id: self.take_edge_id(),
+            from: self.keyframes[partner].node,
+            to: self.keyframes[index].node,
+            measurement: optimised,
+            information,
+            kind: EdgeKind::LoopClosure,
+            status: EdgeStatus::Active,
+        };
+        self.graph.add_edge(edge)?;
+        let options = SolveOptions::default();
+        let solved = self
+            .solver
+            .solve_touched(&mut self.graph, &[edge.id], &options);
+        let all_points_measurement = measurement.all_points.pose;
+        let all_points_information = match self.weighting {
+            Weighting::Robust => measurement.all_points.information,
+            Weighting::AllPointsIdentity => Information::identity(),
+        };
+        let nodes = self.graph.nodes();
+        let (from, to) = (nodes[partner].pose, nodes[index].pose);
+        let error = Pose2::edge_error(&from, &to, &all_points_measurement);
+        added.edges.push(edge.id);
+        added.closures.push(Closure {
+            edge: edge.id,
+            robust: measurement.robust,
+            all_points_measurement,
+            all_points_information,
+            delta_f: solved.delta_f,
+            all_points_residual: all_points_information.squared_norm(&error),
+        });
+        Ok(())
+    }
+}
+
+/// A trip that has driven no farther than this since it was tied to the map is where it is
+/// expected, metres.
+const DRIFT_SMALL_M: f64 = 6.0;
+
+/// How far from the expected place a closure may be measured.
+const SLACK_SMALL: Slack = Slack {
+    distance_m: 0.45,
+    turn_rad: 0.16,
+};
+
+/// Where a trip may be after it has driven a way without being tied to the map: three hundredths
+/// of the way, one degree a metre.
+fn slack_after(drift_m: f64) -> Slack {
+    Slack {
+        distance_m: (0.3 + 0.03 * drift_m).min(4.0),
+        turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
+    }
+}
+
+/// A matched motion counts as its length, one by odometry alone as what it may be off.
+fn drift_of_motion(motion: &Motion) -> f64 {
+    if motion.matched {
+        return motion.measurement.translation().norm();
+    }
+    let sigmas = OdometrySigmas::assumed(&motion.measurement);
+    drift_of(sigmas.xy_m, sigmas.theta_rad)
+}
+
+/// The way after which [`slack_after`] is three such standard deviations.
+fn drift_of(sigma_xy_m: f64, sigma_theta_rad: f64) -> f64 {
+    (100.0 * sigma_xy_m).max(150.0 * sigma_theta_rad)
+}

@@ -1,0 +1,129 @@
+//! The motion between two keyframes of one trip.
+
+use super::local_map::LocalMap;
+use super::odometry::OdometrySigmas;
+use crate::geometry::{Information, Pose2};
+use crate::matching::{
+    Estimate, IcpParams, Prior, SearchParams, SearchWindow, Termination, align, search,
+};
+use crate::scan::SurfacePoint;
+
+/// A measured motion.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Motion {
+    /// `last_from_base`.
+    pub measurement: Pose2,
+    /// Of the measurement.
+    pub information: Information,
+    /// Whether the scans were matched; if not, the odometry stands alone.
+    pub matched: bool,
+}
+
+/// A match that explains this share of the points needs no search.
+const SUPPORT_GOOD: f64 = 0.85;
+/// A match that explains less is not used.
+const SUPPORT_MIN: f64 = 0.35;
+/// A search's result must explain so much more than the match that began at the odometry …
+const SUPPORT_GAIN: f64 = 0.05;
+/// … and so much more for every squared standard deviation that it is farther from the odometry.
+const SUPPORT_GAIN_PER_SQUARED_SIGMA: f64 = 0.015;
+
+/// A match farther from the odometry, in its standard deviations, is not used.
+const ODOMETRY_SIGMAS_MAX: f64 = 5.0;
+
+const SEARCH_RESOLUTION_M: f64 = 0.05;
+/// How far around the odometry a search goes, in its standard deviations …
+const SEARCH_SIGMAS: f64 = 4.0;
+/// … and at most, metres …
+const SEARCH_HALF_WIDTH_MAX_M: f64 = 1.5;
+/// … and radians.
+const SEARCH_HALF_TURN_MAX_RAD: f64 = 1.0;
+const SEARCH_LEVELS: usize = 5;
+const SEARCH_POINTS_MAX: usize = 200;
+
+/// Share of the scan's points that the map explains.
+fn support(estimate: &Estimate) -> f64 {
+    estimate.overlap * estimate.inlier_share
+}
+
+/// Matches a scan against the local map of the last keyframes (frame: the last keyframe's base).
+///
+/// `last_from_base` is the odometry's word. Directions that the scan does not fix, and scans that
+/// cannot be matched, keep it, with the odometry's information.
+pub(super) fn measure_motion(
+    local_map: &LocalMap<'_>,
+    points: &[SurfacePoint],
+    last_from_base: &Pose2,
+    range_sigma_m: f64,
+) -> Motion {
+    let sigmas = OdometrySigmas::assumed(last_from_base);
+    let wheels = sigmas.information();
+    let by_odometry = Motion {
+        measurement: *last_from_base,
+        information: wheels,
+        matched: false,
+    };
+    let Some(cloud) = local_map.cloud() else {
+        return by_odometry;
+    };
+    let prior = Prior {
+        pose: *last_from_base,
+        information: wheels,
+    };
+    let refine = |start: &Pose2| {
+        let params = &IcpParams::ROBUST;
+        align(&cloud, points, start, range_sigma_m, Some(&prior), params)
+    };
+    let odometry_error = |estimate: &Estimate| {
+        let error = Pose2::edge_error(&Pose2::IDENTITY, &estimate.pose, last_from_base);
+        sigmas.mahalanobis(&error)
+    };
+    let plausible = |estimate: &Estimate| {
+        estimate.termination != Termination::TooFewPoints
+            && support(estimate) >= SUPPORT_MIN
+            && odometry_error(estimate) <= ODOMETRY_SIGMAS_MAX
+    };
+    let mut best = refine(last_from_base);
+    if (support(&best) < SUPPORT_GOOD || !plausible(&best))
+        && let Some(start) = search_start(local_map, points, last_from_base, &sigmas)
+    {
+        let searched = refine(&start);
+        let farther = odometry_error(&searched).powi(2) - odometry_error(&best).powi(2);
+        let gain_min = SUPPORT_GAIN + SUPPORT_GAIN_PER_SQUARED_SIGMA * farther.max(0.0);
+        let better = support(&searched) > support(&best) + gain_min;
+        if plausible(&searched) && (better || !plausible(&best)) {
+            best = searched;
+        }
+    }
+    if !plausible(&best) {
+        return by_odometry;
+    }
+    Motion {
+        measurement: best.pose,
+        information: Information::from_matrix(&(best.information.matrix() + wheels.matrix())),
+        matched: true,
+    }
+}
+
+fn search_start(
+    local_map: &LocalMap<'_>,
+    points: &[SurfacePoint],
+    last_from_base: &Pose2,
+    sigmas: &OdometrySigmas,
+) -> Option<Pose2> {
+    let grid = local_map.grid(SEARCH_RESOLUTION_M, SEARCH_LEVELS)?;
+    let scan = LocalMap::new(vec![(Pose2::IDENTITY, points)]);
+    let window = SearchWindow {
+        centre: *last_from_base,
+        half_width_m: (SEARCH_SIGMAS * sigmas.xy_m).min(SEARCH_HALF_WIDTH_MAX_M),
+        half_turn_rad: (SEARCH_SIGMAS * sigmas.theta_rad).min(SEARCH_HALF_TURN_MAX_RAD),
+    };
+    let params = SearchParams {
+        score_min: 0.3,
+        distinct_distance_m: f64::INFINITY,
+        distinct_turn_rad: f64::INFINITY,
+        rival_share: 1.0,
+    };
+    let candidates = scan.thinned(SEARCH_RESOLUTION_M, SEARCH_POINTS_MAX);
+    Some(search(&grid, &candidates, &window, &params)?.pose)
+}

@@ -1,0 +1,50 @@
+//! What a node of the graph remembers of its scan.
+
+use crate::geometry::Pose2;
+use crate::ids::{NodeId, StampNs, TripId};
+use crate::scan::{LaserScan, SurfacePoint, surface_points};
+
+/// A node's scan.
+#[derive(Debug, Clone)]
+pub struct Keyframe {
+    /// The node.
+    pub node: NodeId,
+    /// The trip it belongs to.
+    pub trip: TripId,
+    /// When the scan was taken.
+    pub stamp: StampNs,
+    /// Pose of the base in the vehicle's own odometry frame.
+    pub odom_from_base: Pose2,
+    /// Whether later laps are tied to it.
+    pub reference: bool,
+    /// Way driven since the trip was last tied to the map, metres; the uncertainty of a given
+    /// pose counts as a way driven.
+    pub drift_m: f64,
+    /// What was seen.
+    pub scan: LaserScan,
+    /// The scan's returns with normals, base frame.
+    pub points: Vec<SurfacePoint>,
+}
+
+impl Keyframe {
+    /// Projects the scan; the keyframe is no reference and has not drifted.
+    pub fn new(
+        node: NodeId,
+        trip: TripId,
+        stamp: StampNs,
+        odom_from_base: Pose2,
+        scan: LaserScan,
+    ) -> Self {
+        let points = surface_points(&scan);
+        Self {
+            node,
+            trip,
+            stamp,
+            odom_from_base,
+            reference: false,
+            drift_m: 0.0,
+            scan,
+            points,
+        }
+    }
+}

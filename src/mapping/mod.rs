@@ -1,0 +1,22 @@
+//! From drives to a route's map: the pure half of the pipeline.
+//!
+//! [`RouteMap::extend`] is the walk of one batch: keyframes, odometry edges, the anchor of a new
+//! trip, loop closures against reference nodes, the solve of the sub-graph that they touch.
+
+mod anchor;
+mod closure;
+mod drive;
+mod extend;
+mod front_end;
+mod keyframe;
+mod local_map;
+mod odometry;
+mod partners;
+mod route_map;
+
+pub use anchor::AnchorError;
+pub use closure::Closure;
+pub use drive::{Drive, DriveScan, InitialPose};
+pub use extend::{Extension, NotExtended};
+pub use keyframe::Keyframe;
+pub use route_map::{RouteMap, Weighting};

@@ -1,0 +1,82 @@
+//! Which old nodes a new one is tied to: the partner policy.
+//!
+//! Closures are tied to *reference* nodes only, the oldest view of a place, never to the lap
+//! before: tied to the map before a change, the signal stays lap after lap; tied to the previous
+//! lap it vanishes at once.
+
+use super::keyframe::Keyframe;
+use crate::geometry::{Pose2, angle_difference_rad};
+use crate::matching::Visibility;
+use crate::matching::look_at;
+
+/// A node becomes a reference unless one is as near as this, metres …
+const COVERED_DISTANCE_M: f64 = 0.3;
+/// … and turned by no more than this, radians.
+const COVERED_TURN_RAD: f64 = 0.4;
+/// Partners of one node.
+const PARTNERS_MAX: usize = 3;
+/// Partners of one node are at least so far apart, metres.
+const PARTNER_SPACING_M: f64 = 0.8;
+/// Least share of the new scan's points in the old scan's reach.
+const REACH_SHARE_MIN: f64 = 0.4;
+/// Every so many points are looked up to foresee the reach.
+const REACH_STRIDE: usize = 6;
+/// Depth tolerance of that look, metres.
+const REACH_TOLERANCE_M: f64 = 0.6;
+
+/// A placed keyframe.
+#[derive(Clone, Copy)]
+pub(super) struct Placed<'a> {
+    /// `map_from_base`.
+    pub pose: Pose2,
+    /// Its scan.
+    pub keyframe: &'a Keyframe,
+}
+
+/// Whether a place has a reference node already.
+pub(super) fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) -> bool {
+    let mut references = references;
+    references.any(|reference| {
+        (reference.translation() - pose.translation()).norm() < COVERED_DISTANCE_M
+            && angle_difference_rad(reference.theta, pose.theta) < COVERED_TURN_RAD
+    })
+}
+
+/// Share of the new scan's points that lie where the old scan looked.
+fn reach_share(new: &Placed<'_>, old: &Placed<'_>) -> f64 {
+    let old_from_new = old.pose.between(&new.pose);
+    let sampled = new.keyframe.points.iter().step_by(REACH_STRIDE);
+    let (mut within, mut count) = (0usize, 0usize);
+    for point in sampled {
+        count += 1;
+        let position = old_from_new.transform(&point.position);
+        let seen = look_at(&old.keyframe.scan, &position, REACH_TOLERANCE_M);
+        within += usize::from(matches!(seen, Visibility::Surface | Visibility::Free));
+    }
+    within as f64 / count.max(1) as f64
+}
+
+/// The reference nodes that a new node is tied to: those that share the most of its view, and
+/// among those about equal the oldest, a distance apart.
+pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
+    let mut ranked: Vec<(u32, Placed<'a>)> = candidates
+        .iter()
+        .map(|old| (reach_share(new, old), *old))
+        .filter(|(share, _)| *share >= REACH_SHARE_MIN)
+        .map(|(share, old)| ((share * 5.0) as u32, old))
+        .collect();
+    ranked.sort_by_key(|(tier, old)| (std::cmp::Reverse(*tier), old.keyframe.node));
+    let mut chosen: Vec<Placed<'a>> = Vec::new();
+    for (_, old) in ranked {
+        let apart = |other: &Placed<'_>| {
+            (other.pose.translation() - old.pose.translation()).norm() >= PARTNER_SPACING_M
+        };
+        if chosen.iter().all(apart) {
+            chosen.push(old);
+            if chosen.len() == PARTNERS_MAX {
+                break;
+            }
+        }
+    }
+    chosen
+}

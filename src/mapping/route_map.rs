@@ -1,0 +1,127 @@
+//! A route's graph with the scans of its nodes.
+
+use std::collections::BTreeMap;
+
+use super::keyframe::Keyframe;
+use super::partners::Placed;
+use crate::geometry::Pose2;
+use crate::graph::{Edge, GraphError, Node, PoseGraph};
+use crate::ids::{EdgeId, NodeId, TripId};
+use crate::solver::Solver;
+
+/// Which measurement of a closure enters the optimisation, and how it is weighed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Weighting {
+    /// Robust estimates with their information; all-points estimates are only watched.
+    #[default]
+    Robust,
+    /// All-points estimates with Ω = I, as in the paper's statistics (section 4.1).
+    AllPointsIdentity,
+}
+
+/// A route's map: the pose graph and a keyframe for each node.
+pub struct RouteMap {
+    pub(super) graph: PoseGraph,
+    /// In the order of `graph.nodes()`.
+    pub(super) keyframes: Vec<Keyframe>,
+    pub(super) solver: Solver,
+    pub(super) weighting: Weighting,
+    /// Places in `keyframes` of each trip's nodes, in the order of the drive.
+    pub(super) trips: BTreeMap<TripId, Vec<usize>>,
+    next_node: i64,
+    next_edge: i64,
+}
+
+impl RouteMap {
+    /// An empty map.
+    pub fn new(weighting: Weighting) -> Self {
+        Self {
+            graph: PoseGraph::new(),
+            keyframes: Vec::new(),
+            solver: Solver::default(),
+            weighting,
+            trips: BTreeMap::new(),
+            next_node: 1,
+            next_edge: 1,
+        }
+    }
+
+    /// A map from its parts, as they were saved. The next ids are the first never used.
+    ///
+    /// # Errors
+    /// [`GraphError`] if they do not fit together.
+    pub fn restore(
+        weighting: Weighting,
+        nodes: impl IntoIterator<Item = (Pose2, Keyframe)>,
+        edges: impl IntoIterator<Item = Edge>,
+        next_node: NodeId,
+        next_edge: EdgeId,
+    ) -> Result<Self, GraphError> {
+        let mut map = Self::new(weighting);
+        for (pose, keyframe) in nodes {
+            map.insert_keyframe(pose, keyframe)?;
+        }
+        for edge in edges {
+            map.graph.add_edge(edge)?;
+        }
+        map.next_node = next_node.0;
+        map.next_edge = next_edge.0;
+        Ok(map)
+    }
+
+    /// The pose graph.
+    pub fn graph(&self) -> &PoseGraph {
+        &self.graph
+    }
+
+    /// The keyframes, in the order of the graph's nodes.
+    pub fn keyframes(&self) -> &[Keyframe] {
+        &self.keyframes
+    }
+
+    /// The first node id never used.
+    pub fn next_node_id(&self) -> NodeId {
+        NodeId(self.next_node)
+    }
+
+    /// The first edge id never used.
+    pub fn next_edge_id(&self) -> EdgeId {
+        EdgeId(self.next_edge)
+    }
+
+    /// The keyframe at a place of [`RouteMap::keyframes`] with its pose.
+    pub(super) fn placed(&self, index: usize) -> Placed<'_> {
+        Placed {
+            pose: self.graph.nodes()[index].pose,
+            keyframe: &self.keyframes[index],
+        }
+    }
+
+    pub(super) fn take_node_id(&mut self) -> NodeId {
+        let id = NodeId(self.next_node);
+        self.next_node += 1;
+        id
+    }
+
+    pub(super) fn take_edge_id(&mut self) -> EdgeId {
+        let id = EdgeId(self.next_edge);
+        self.next_edge += 1;
+        id
+    }
+
+    pub(super) fn insert_keyframe(
+        &mut self,
+        pose: Pose2,
+        keyframe: Keyframe,
+    ) -> Result<usize, GraphError> {
+        let index = self.keyframes.len();
+        let id = keyframe.node;
+        self.graph.add_node(Node { id, pose })?;
+        self.trips
+            .entry(keyframe.trip.clone())
+            .or_default()
+            .push(index);
+        self.keyframes.push(keyframe);
+        Ok(index)
+    }
+}

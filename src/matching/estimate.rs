@@ -1,0 +1,102 @@
+//! What a match says.
+
+use nalgebra::SymmetricEigen;
+
+use crate::geometry::{Information, Matrix3, Pose2, Vector3};
+
+/// Why an alignment ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Termination {
+    /// The last step was below the tolerance.
+    Converged,
+    /// The iterations ran out.
+    IterationLimit,
+    /// Too few points had a counterpart.
+    TooFewPoints,
+}
+
+/// The result of an alignment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// `reference_from_base`.
+    pub pose: Pose2,
+    /// Of the pose, for errors in the base frame (the error of an edge reference → base); zero
+    /// along directions that the points do not fix.
+    pub information: Information,
+    /// How many of the three directions of motion the points fix.
+    pub observable_directions: usize,
+    /// Share of the scan's points with a counterpart within [`super::IcpParams::overlap_gate_m`].
+    pub overlap: f64,
+    /// Share of those whose distance to the counterpart's line is within
+    /// [`super::IcpParams::inlier_gate_m`].
+    pub inlier_share: f64,
+    /// Root mean square distance of the inliers, metres.
+    pub rmse_m: f64,
+    /// Why it ended.
+    pub termination: Termination,
+}
+
+/// Smallest eigenvalue, as a share of the number of points, of a direction that counts as fixed.
+const OBSERVABLE_SHARE_MIN: f64 = 0.02;
+/// Lever arm that makes a turn comparable with a shift, metres.
+const LEVER_ARM_M: f64 = 3.0;
+/// Neighbouring points share the noise of their line; so many count as one.
+pub(super) const CORRELATED_POINTS: f64 = 4.0;
+/// Errors that more points do not reduce (calibration, motion during the sweep), metres …
+const FLOOR_SIGMA_XY_M: f64 = 0.004;
+/// … and radians.
+const FLOOR_SIGMA_THETA_RAD: f64 = 0.0015;
+
+/// The directions in which a Hessian holds the pose.
+pub(super) struct Observability {
+    scaled_eigen: SymmetricEigen<f64, nalgebra::U3>,
+    fixed: [bool; 3],
+}
+
+fn scale() -> Vector3<f64> {
+    Vector3::new(1.0, 1.0, 1.0 / LEVER_ARM_M)
+}
+
+impl Observability {
+    /// Of H = Σ w JᵀJ over so many (weighted) points.
+    pub(super) fn new(hessian: &Matrix3<f64>, weight_sum: f64) -> Self {
+        let d = Matrix3::from_diagonal(&scale());
+        let scaled_eigen = (d * hessian * d).symmetric_eigen();
+        let least = OBSERVABLE_SHARE_MIN * weight_sum;
+        let fixed = [0, 1, 2].map(|k| scaled_eigen.eigenvalues[k] > least.max(1e-12));
+        Self {
+            scaled_eigen,
+            fixed,
+        }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.fixed.iter().filter(|&&f| f).count()
+    }
+
+    /// The step H⁻¹g within the fixed directions.
+    pub(super) fn solve(&self, gradient: &Vector3<f64>) -> Vector3<f64> {
+        let d = Matrix3::from_diagonal(&scale());
+        self.map_eigenvalues(|value| 1.0 / value, &d) * gradient
+    }
+
+    /// The information within the fixed directions for a noise of the given variance, m².
+    pub(super) fn information(&self, variance_m2: f64) -> Information {
+        let inverse_scale = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, LEVER_ARM_M));
+        let floor_theta_m = FLOOR_SIGMA_THETA_RAD * LEVER_ARM_M;
+        let floor = FLOOR_SIGMA_XY_M.powi(2).max(floor_theta_m.powi(2));
+        let to_information = |value: f64| 1.0 / (variance_m2 * CORRELATED_POINTS / value + floor);
+        Information::from_matrix(&self.map_eigenvalues(to_information, &inverse_scale))
+    }
+
+    fn map_eigenvalues(&self, map: impl Fn(f64) -> f64, outer: &Matrix3<f64>) -> Matrix3<f64> {
+        let mut sum = Matrix3::zeros();
+        for k in 0..3 {
+            if self.fixed[k] {
+                let axis = outer * self.scaled_eigen.eigenvectors.column(k);
+                sum += axis * axis.transpose() * map(self.scaled_eigen.eigenvalues[k]);
+            }
+        }
+        sum
+    }
+}

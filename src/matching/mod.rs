@@ -1,0 +1,16 @@
+//! Where one scan was taken, relative to others: nearest points, point-to-line ICP in its robust
+//! and its all-points form, the global search, and what one scan sees of another's points.
+
+mod cloud;
+mod estimate;
+mod icp;
+mod likelihood;
+mod search;
+mod visibility;
+
+pub use cloud::ReferenceCloud;
+pub use estimate::{Estimate, Termination};
+pub use icp::{IcpParams, Prior, align};
+pub use likelihood::LikelihoodGrid;
+pub use search::{SearchHit, SearchParams, SearchWindow, search};
+pub use visibility::{Agreement, Visibility, agreement, look_at};

@@ -1,0 +1,304 @@
+//! The pose of a scan within a window, without a good guess: branch and bound over a likelihood
+//! grid (Hess et al., Real-Time Loop Closure in 2D LIDAR SLAM, 2016, section V-B).
+
+use super::LikelihoodGrid;
+use crate::geometry::{Pose2, Vector2, angle_difference_rad};
+
+/// Where to look: `reference_from_base` within a square and a turn around a centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchWindow {
+    /// `reference_from_base` in the middle.
+    pub centre: Pose2,
+    /// Half the width of the square, metres.
+    pub half_width_m: f64,
+    /// Half the turn, radians; π for all directions.
+    pub half_turn_rad: f64,
+}
+
+/// What counts as found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchParams {
+    /// Least mean likelihood of the scan's points, in [0, 1].
+    pub score_min: f64,
+    /// Another pose counts as another place if it is farther than this, metres …
+    pub distinct_distance_m: f64,
+    /// … or turned by more than this, radians.
+    pub distinct_turn_rad: f64,
+    /// Another place is looked for down to this share of the best score.
+    pub rival_share: f64,
+}
+
+/// The best pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchHit {
+    /// `reference_from_base`, on the grid of the search.
+    pub pose: Pose2,
+    /// Mean likelihood of the scan's points, in [0, 1].
+    pub score: f64,
+    /// The best pose elsewhere, if one reaches the stated share of the score.
+    pub rival: Option<(Pose2, f64)>,
+}
+
+impl SearchWindow {
+    /// Everywhere on the grid, in all directions.
+    pub fn everywhere(grid: &LikelihoodGrid) -> Self {
+        let centre = grid.centre();
+        let size = grid.size_m();
+        Self {
+            centre: Pose2::new(centre.x, centre.y, 0.0),
+            half_width_m: 0.5 * size.x.max(size.y) + 1.0,
+            half_turn_rad: std::f64::consts::PI,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Candidate {
+    bound: u32,
+    turn: usize,
+    x: i64,
+    y: i64,
+    level: usize,
+}
+
+/// The scan's points, turned and in cells, for every angle of the search.
+struct Rotations {
+    angles_rad: Vec<f64>,
+    cells: Vec<Vec<(i64, i64)>>,
+}
+
+/// The pose within the window at which the points, in the base frame, fit the grid best.
+///
+/// `None` if no pose reaches `score_min`. With `rival`, it tells whether the place is unlike all
+/// others.
+pub fn search(
+    grid: &LikelihoodGrid,
+    points: &[Vector2<f64>],
+    window: &SearchWindow,
+    params: &SearchParams,
+) -> Option<SearchHit> {
+    if points.is_empty() {
+        return None;
+    }
+    let rotations = rotate(grid, points, window);
+    let reach = (window.half_width_m / grid.resolution_m()).ceil() as i64;
+    let to_pose = |c: &Candidate| {
+        Pose2::new(
+            window.centre.x + c.x as f64 * grid.resolution_m(),
+            window.centre.y + c.y as f64 * grid.resolution_m(),
+            rotations.angles_rad[c.turn],
+        )
+    };
+    let full = 255.0 * points.len() as f64;
+    let floor = (params.score_min * full) as u32;
+    let best = descend(grid, &rotations, reach, floor, |_| true)?;
+    let pose = to_pose(&best);
+    let elsewhere = |c: &Candidate| {
+        let other = to_pose(c);
+        let distance_m = (other.translation() - pose.translation()).norm();
+        distance_m > params.distinct_distance_m
+            || angle_difference_rad(other.theta, pose.theta) > params.distinct_turn_rad
+    };
+    let rival_floor = (params.rival_share * f64::from(best.bound)) as u32;
+    let rival = descend(grid, &rotations, reach, rival_floor, elsewhere);
+    Some(SearchHit {
+        pose,
+        score: f64::from(best.bound) / full,
+        rival: rival.map(|c| (to_pose(&c), f64::from(c.bound) / full)),
+    })
+}
+
+fn rotate(grid: &LikelihoodGrid, points: &[Vector2<f64>], window: &SearchWindow) -> Rotations {
+    let farthest_m = points.iter().map(|p| p.norm()).fold(0.0, f64::max);
+    let step_rad = (grid.resolution_m() / farthest_m.max(grid.resolution_m())).min(0.2);
+    let steps = (window.half_turn_rad / step_rad).ceil() as i64;
+    let all_round = window.half_turn_rad >= std::f64::consts::PI;
+    let range = if all_round {
+        -steps..=steps - 1
+    } else {
+        -steps..=steps
+    };
+    let angles_rad: Vec<f64> = range
+        .map(|k| window.centre.theta + k as f64 * window.half_turn_rad / steps.max(1) as f64)
+        .collect();
+    let centre = window.centre.translation();
+    let cells = angles_rad
+        .iter()
+        .map(|&angle| {
+            let turned = Pose2::new(centre.x, centre.y, angle);
+            points
+                .iter()
+                .map(|p| grid.cell_of(&turned.transform(p)))
+                .collect()
+        })
+        .collect();
+    Rotations { angles_rad, cells }
+}
+
+/// Depth-first branch and bound: the leaf with the greatest sum above `floor` that is `allowed`.
+fn descend(
+    grid: &LikelihoodGrid,
+    rotations: &Rotations,
+    reach: i64,
+    floor: u32,
+    allowed: impl Fn(&Candidate) -> bool,
+) -> Option<Candidate> {
+    let mut top = grid.level_count() - 1;
+    while top > 0 && (1i64 << top) > 2 * reach + 1 {
+        top -= 1;
+    }
+    let side = 1i64 << top;
+    let mut roots = Vec::new();
+    for turn in 0..rotations.cells.len() {
+        for x in (-reach..=reach).step_by(side as usize) {
+            for y in (-reach..=reach).step_by(side as usize) {
+                let bound = sum(grid, &rotations.cells[turn], x, y, top);
+                if bound > floor {
+                    roots.push(Candidate {
+                        bound,
+                        turn,
+                        x,
+                        y,
+                        level: top,
+                    });
+                }
+            }
+        }
+    }
+    roots.sort_by(|a, b| (b.bound, a.turn, a.x, a.y).cmp(&(a.bound, b.turn, b.x, b.y)));
+    let (mut best, mut floor) = (None, floor);
+    let mut stack: Vec<Candidate> = Vec::new();
+    for root in roots {
+        if root.bound <= floor {
+            break;
+        }
+        stack.push(root);
+        while let Some(candidate) = stack.pop() {
+            if candidate.bound <= floor {
+                continue;
+            }
+            if candidate.level == 0 {
+                if allowed(&candidate) {
+                    floor = candidate.bound;
+                    best = Some(candidate);
+                }
+                continue;
+            }
+            branch(grid, rotations, reach, floor, &candidate, &mut stack);
+        }
+    }
+    best
+}
+
+/// Pushes the four children of a candidate that may beat the floor, the best last.
+fn branch(
+    grid: &LikelihoodGrid,
+    rotations: &Rotations,
+    reach: i64,
+    floor: u32,
+    parent: &Candidate,
+    stack: &mut Vec<Candidate>,
+) {
+    let level = parent.level - 1;
+    let half = 1i64 << level;
+    let first = stack.len();
+    for (dx, dy) in [(0, 0), (half, 0), (0, half), (half, half)] {
+        let (x, y) = (parent.x + dx, parent.y + dy);
+        if x > reach || y > reach {
+            continue;
+        }
+        let bound = sum(grid, &rotations.cells[parent.turn], x, y, level);
+        if bound > floor {
+            stack.push(Candidate {
+                bound,
+                x,
+                y,
+                level,
+                ..*parent
+            });
+        }
+    }
+    stack[first..].sort_by_key(|c| c.bound);
+}
+
+fn sum(grid: &LikelihoodGrid, cells: &[(i64, i64)], x: i64, y: i64, level: usize) -> u32 {
+    cells
+        .iter()
+        .map(|&(cx, cy)| u32::from(grid.value(level, cx + x, cy + y)))
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMS: SearchParams = SearchParams {
+        score_min: 0.3,
+        distinct_distance_m: 0.5,
+        distinct_turn_rad: 0.3,
+        rival_share: 0.9,
+    };
+
+    fn corner(x: f64, y: f64) -> impl Iterator<Item = Vector2<f64>> {
+        (0..30).map(move |k| {
+            let s = k as f64 * 0.1;
+            if k % 2 == 0 {
+                Vector2::new(x + s, y)
+            } else {
+                Vector2::new(x, y + 0.7 * s)
+            }
+        })
+    }
+
+    #[test]
+    fn branch_and_bound_finds_what_brute_force_finds() {
+        let reference: Vec<_> = corner(1.0, 2.0)
+            .chain(corner(-3.0, 1.0).map(|p| Vector2::new(p.y, -p.x)))
+            .collect();
+        let grid = LikelihoodGrid::new(reference.iter().copied(), 0.1, 0.15, 5).unwrap();
+        let truth = Pose2::new(0.4, -0.3, 0.5);
+        let points: Vec<_> = reference
+            .iter()
+            .map(|p| truth.inverse().transform(p))
+            .collect();
+        let window = SearchWindow {
+            centre: Pose2::IDENTITY,
+            half_width_m: 1.0,
+            half_turn_rad: 0.8,
+        };
+        let hit = search(&grid, &points, &window, &PARAMS).unwrap();
+        let rotations = rotate(&grid, &points, &window);
+        let brute = (0..rotations.cells.len())
+            .flat_map(|t| (-10..=10).flat_map(move |x| (-10..=10).map(move |y| (t, x, y))))
+            .map(|(t, x, y)| sum(&grid, &rotations.cells[t], x, y, 0))
+            .max()
+            .unwrap();
+        assert_eq!(
+            (hit.score * 255.0 * points.len() as f64).round() as u32,
+            brute
+        );
+        assert!((hit.pose.translation() - truth.translation()).norm() < 0.15);
+        assert!(hit.rival.is_none());
+    }
+
+    #[test]
+    fn two_like_places_are_told() {
+        let reference: Vec<_> = corner(0.0, 0.0).chain(corner(8.0, 0.0)).collect();
+        let grid = LikelihoodGrid::new(reference.iter().copied(), 0.1, 0.15, 6).unwrap();
+        let points: Vec<_> = corner(0.0, 0.0).collect();
+        let hit = search(&grid, &points, &SearchWindow::everywhere(&grid), &PARAMS).unwrap();
+        let (rival, score) = hit.rival.unwrap();
+        assert!(score >= 0.9 * hit.score);
+        assert!(((rival.x - hit.pose.x).abs() - 8.0).abs() < 0.3);
+    }
+
+    #[test]
+    fn nothing_alike_is_no_hit() {
+        let reference: Vec<_> = corner(0.0, 0.0).collect();
+        let grid = LikelihoodGrid::new(reference.iter().copied(), 0.1, 0.1, 4).unwrap();
+        let points: Vec<_> = (0..40)
+            .map(|k| Vector2::new(k as f64 * 0.9, (k % 7) as f64 * 3.0))
+            .collect();
+        assert!(search(&grid, &points, &SearchWindow::everywhere(&grid), &PARAMS).is_none());
+    }
+}

@@ -1,0 +1,98 @@
+//! What one scan sees at a point: the comparison that tells a changed world from a bad match.
+
+use crate::geometry::{Pose2, Vector2, wrap_angle};
+use crate::scan::{LaserScan, SurfacePoint};
+
+/// What a scan says about a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Visibility {
+    /// Outside the field of view, or the beam has no return: no evidence.
+    Unseen,
+    /// The beam passed through the point and went on.
+    Free,
+    /// The beam ended there.
+    Surface,
+    /// The beam ended before it.
+    Occluded,
+}
+
+/// What a scan says about another's points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Agreement {
+    /// Points where a beam ended.
+    pub surface: usize,
+    /// Points that a beam passed through.
+    pub free: usize,
+    /// Points behind the end of a beam.
+    pub occluded: usize,
+    /// Points without evidence.
+    pub unseen: usize,
+}
+
+impl Agreement {
+    /// Share of the points in reach that the scan contradicts, in [0, 1].
+    pub fn contradiction_share(&self) -> f64 {
+        self.free as f64 / (self.free + self.surface).max(1) as f64
+    }
+}
+
+/// What the scan says about a point of its base frame.
+///
+/// The measured depth is the least of the beam's and its neighbours': beside a depth edge the
+/// nearer surface counts. `tolerance_m` is the depth by which two views of one surface may
+/// differ.
+pub fn look_at(scan: &LaserScan, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
+    let lidar = scan.lidar();
+    let in_lidar = lidar.mount.inverse().transform(point);
+    let range_m = in_lidar.norm();
+    let turn = wrap_angle(in_lidar.y.atan2(in_lidar.x) - lidar.angle_min_rad);
+    let turn = if turn < -0.5 * lidar.angle_increment_rad {
+        turn + std::f64::consts::TAU
+    } else {
+        turn
+    };
+    let beam = (turn / lidar.angle_increment_rad).round() as usize;
+    if beam >= scan.beam_count() || range_m >= lidar.range_max_m {
+        return Visibility::Unseen;
+    }
+    let Some(own_m) = scan.range_m(beam) else {
+        return Visibility::Unseen;
+    };
+    let neighbours = [beam.checked_sub(1), Some(beam + 1)];
+    let (mut least_m, mut most_m) = (own_m, own_m);
+    for neighbour_m in neighbours.iter().flatten().filter_map(|&b| scan.range_m(b)) {
+        least_m = least_m.min(neighbour_m);
+        most_m = most_m.max(neighbour_m);
+    }
+    if range_m < least_m - tolerance_m {
+        Visibility::Free
+    } else if range_m > most_m + tolerance_m {
+        Visibility::Occluded
+    } else {
+        Visibility::Surface
+    }
+}
+
+/// What the scan `seen_by` says about the points of another scan.
+///
+/// The tolerance grows with range by the turn error `sigma_theta_rad` (3 σ).
+pub fn agreement(
+    points: &[SurfacePoint],
+    seen_by: &LaserScan,
+    seen_by_from_points: &Pose2,
+    tolerance_m: f64,
+    sigma_theta_rad: f64,
+) -> Agreement {
+    let mut counts = Agreement::default();
+    for point in points {
+        let position = seen_by_from_points.transform(&point.position);
+        let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
+        match look_at(seen_by, &position, allowed_m) {
+            Visibility::Unseen => counts.unseen += 1,
+            Visibility::Free => counts.free += 1,
+            Visibility::Surface => counts.surface += 1,
+            Visibility::Occluded => counts.occluded += 1,
+        }
+    }
+    counts
+}

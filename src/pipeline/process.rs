@@ -1,0 +1,105 @@
+//! One job, from its bodies to what is to be saved: the computation, without any waiting.
+
+use anyhow::Context;
+
+use super::result::{self, Origin};
+use super::stage::stage_of;
+use super::workspace::Workspace;
+use crate::formats::batch_json;
+use crate::mapping::{Drive, Extension, NotExtended};
+use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
+
+/// Takes the job's batches through the map.
+///
+/// # Errors
+/// If a journalled body cannot be decoded, or the graph refuses an id; the workspace is lost
+/// then.
+pub(super) fn process(
+    mut workspace: Workspace,
+    job: &ClaimedJob,
+) -> anyhow::Result<(Workspace, JobResult)> {
+    let origins = decode(job)?;
+    let drive = join(&origins);
+    let (extension, outcomes) = match workspace.map.extend(&drive) {
+        Ok(extension) => {
+            let outcomes = merged(job, &origins, &extension, &workspace);
+            (extension, outcomes)
+        }
+        Err(NotExtended::Unanchored(reason)) => {
+            let reason = reason.to_string();
+            let outcomes = job.entries.iter().map(|entry| BatchOutcome {
+                batch_id: entry.batch.id.clone(),
+                status: BatchStatus::Unanchored,
+                reason: Some(reason.clone()),
+                flags: Vec::new(),
+                nodes_added: 0,
+                loop_closures: 0,
+            });
+            (Extension::default(), outcomes.collect())
+        }
+        Err(NotExtended::Graph(error)) => return Err(error.into()),
+    };
+    let mut result = result::of_extension(&mut workspace, job, &origins, &extension)?;
+    workspace.stage = stage_of(&workspace);
+    result.stage = workspace.stage;
+    result.outcomes = outcomes;
+    Ok((workspace, result))
+}
+
+fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {
+    let origins = job.entries.iter().map(|entry| {
+        let batch = batch_json::decode(&entry.body, entry.batch.received_at)
+            .with_context(|| format!("the stored body of batch {} is refused", entry.batch.id))?;
+        Ok(Origin {
+            batch_id: entry.batch.id.clone(),
+            vehicle_id: batch.vehicle_id,
+            drive: Drive {
+                trip: batch.trip_id,
+                initial_pose: batch.initial_pose,
+                scans: batch.scans,
+            },
+        })
+    });
+    origins.collect()
+}
+
+/// The drives of a trip that waited together, as one.
+fn join(origins: &[Origin]) -> Drive {
+    let mut joined = origins[0].drive.clone();
+    for origin in &origins[1..] {
+        joined.scans.extend(origin.drive.scans.iter().cloned());
+    }
+    joined
+}
+
+fn merged(
+    job: &ClaimedJob,
+    origins: &[Origin],
+    extension: &Extension,
+    workspace: &Workspace,
+) -> Vec<BatchOutcome> {
+    let mut outcomes: Vec<BatchOutcome> = origins
+        .iter()
+        .map(|origin| BatchOutcome {
+            batch_id: origin.batch_id.clone(),
+            status: BatchStatus::Merged,
+            reason: None,
+            flags: Vec::new(),
+            nodes_added: 0,
+            loop_closures: 0,
+        })
+        .collect();
+    if job.after_gap {
+        outcomes[0].flags.push("gap".to_owned());
+    }
+    for node in &extension.nodes {
+        outcomes[result::origin_of(origins, &workspace.map, *node)].nodes_added += 1;
+    }
+    for closure in &extension.closures {
+        let edge = workspace.map.graph().edge(closure.edge);
+        if let Some(edge) = edge {
+            outcomes[result::origin_of(origins, &workspace.map, edge.to)].loop_closures += 1;
+        }
+    }
+    outcomes
+}

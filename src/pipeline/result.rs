@@ -1,0 +1,181 @@
+//! What a job changed, as the store takes it.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+
+use super::workspace::Workspace;
+use crate::change::series::ClosureSample;
+use crate::graph::{Blocks, Edge};
+use crate::ids::{BatchId, EdgeId, NodeId, VehicleId};
+use crate::mapping::{Closure, Drive, Extension, RouteMap};
+use crate::scan::encode_scan;
+use crate::store::{
+    ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, JobResult, NodeChange, NodeRecord,
+    NodeWithScan,
+};
+
+/// A batch that takes part in a job.
+pub(super) struct Origin {
+    pub batch_id: BatchId,
+    pub vehicle_id: VehicleId,
+    pub drive: Drive,
+}
+
+/// The batch that a new node's scan came with, as a place in `origins`.
+pub(super) fn origin_of(origins: &[Origin], map: &RouteMap, node: NodeId) -> usize {
+    let position = map.graph().node_position(node).unwrap_or_default();
+    let stamp = map.keyframes()[position].stamp;
+    let holds = |origin: &Origin| {
+        let scans = &origin.drive.scans;
+        scans.first().is_some_and(|first| first.stamp <= stamp)
+            && scans.last().is_some_and(|last| stamp <= last.stamp)
+    };
+    origins.iter().position(holds).unwrap_or(origins.len() - 1)
+}
+
+/// The result of an extension without its outcomes; the workspace's record of what is saved is
+/// brought up to date.
+///
+/// # Errors
+/// If a scan cannot be encoded.
+pub(super) fn of_extension(
+    workspace: &mut Workspace,
+    job: &ClaimedJob,
+    origins: &[Origin],
+    extension: &Extension,
+) -> anyhow::Result<JobResult> {
+    let (nodes_now, edges_now) = state_of(&workspace.map);
+    let old_nodes = workspace.saved_nodes.len();
+    let old_edges = workspace.saved_edges.len();
+    let closures: BTreeMap<EdgeId, &Closure> =
+        extension.closures.iter().map(|c| (c.edge, c)).collect();
+    let new_nodes = nodes_now[old_nodes..]
+        .iter()
+        .enumerate()
+        .map(|(k, state)| node_record(&workspace.map, origins, old_nodes + k, state));
+    let new_edges = edges_now[old_edges..].iter().enumerate().map(|(k, state)| {
+        let edge = &workspace.map.graph().edges()[old_edges + k];
+        edge_record(
+            &workspace.map,
+            origins,
+            edge,
+            state,
+            closures.get(&edge.id).copied(),
+        )
+    });
+    let result = JobResult {
+        job_id: job.job_id,
+        generation: job.generation,
+        route_id: job.route_id.clone(),
+        base_revision: workspace.revision,
+        outcomes: Vec::new(),
+        nodes: new_nodes.collect::<Result<_, _>>()?,
+        edges: new_edges.collect(),
+        changed_nodes: differing(&workspace.saved_nodes, &nodes_now),
+        changed_edges: differing(&workspace.saved_edges, &edges_now),
+        stage: workspace.stage,
+        processed_at: Timestamp::now(),
+    };
+    workspace
+        .closures
+        .extend(extension.closures.iter().map(|c| ClosureSample {
+            edge_id: c.edge,
+            delta_f: c.delta_f,
+        }));
+    workspace.saved_nodes = nodes_now;
+    workspace.saved_edges = edges_now;
+    Ok(result)
+}
+
+/// The part of every node and edge that a solve changes, in the order of the graph.
+fn state_of(map: &RouteMap) -> (Vec<NodeChange>, Vec<EdgeChange>) {
+    let graph = map.graph();
+    let blocks = Blocks::of(graph);
+    let nodes = graph.nodes().iter().map(|node| NodeChange {
+        id: node.id,
+        pose: node.pose,
+        subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        active: true,
+    });
+    let edges = graph
+        .edges()
+        .iter()
+        .enumerate()
+        .map(|(position, edge)| EdgeChange {
+            id: edge.id,
+            status: edge.status,
+            residual: graph
+                .error_of(edge)
+                .map_or(0.0, |error| edge.information.squared_norm(&error)),
+            subgraph_id: blocks.subgraph_of_edge(position).map(|id| id.0),
+        });
+    (nodes.collect(), edges.collect())
+}
+
+fn differing<T: PartialEq + Copy>(before: &[T], now: &[T]) -> Vec<T> {
+    let pairs = before.iter().zip(now);
+    pairs
+        .filter(|(old, new)| old != new)
+        .map(|(_, new)| *new)
+        .collect()
+}
+
+fn node_record(
+    map: &RouteMap,
+    origins: &[Origin],
+    position: usize,
+    state: &NodeChange,
+) -> anyhow::Result<NodeWithScan> {
+    let keyframe = &map.keyframes()[position];
+    let origin = &origins[origin_of(origins, map, keyframe.node)];
+    let node = NodeRecord {
+        id: keyframe.node,
+        batch_id: origin.batch_id.clone(),
+        vehicle_id: origin.vehicle_id.clone(),
+        trip_id: keyframe.trip.clone(),
+        stamp: keyframe.stamp,
+        pose: state.pose,
+        odom_from_base: keyframe.odom_from_base,
+        drift_m: keyframe.drift_m,
+        reference: keyframe.reference,
+        active: state.active,
+        subgraph_id: state.subgraph_id,
+    };
+    let scan = encode_scan(&keyframe.scan)?;
+    Ok(NodeWithScan { node, scan })
+}
+
+fn edge_record(
+    map: &RouteMap,
+    origins: &[Origin],
+    edge: &Edge,
+    state: &EdgeChange,
+    closure: Option<&Closure>,
+) -> EdgeRecord {
+    EdgeRecord {
+        id: edge.id,
+        from: edge.from,
+        to: edge.to,
+        kind: edge.kind,
+        status: edge.status,
+        batch_id: origins[origin_of(origins, map, edge.to)].batch_id.clone(),
+        measurement: edge.measurement,
+        information: edge.information,
+        residual: state.residual,
+        subgraph_id: state.subgraph_id,
+        closure: closure.map(closure_record),
+    }
+}
+
+fn closure_record(closure: &Closure) -> ClosureRecord {
+    ClosureRecord {
+        all_points_measurement: closure.all_points_measurement,
+        all_points_information: closure.all_points_information,
+        overlap: closure.robust.overlap,
+        inlier_share: closure.robust.inlier_share,
+        rmse_m: closure.robust.rmse_m,
+        delta_f: closure.delta_f,
+        all_points_residual: closure.all_points_residual,
+    }
+}

@@ -1,0 +1,166 @@
+//! A route's map in memory, as it was last saved.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::{Context, anyhow};
+
+use crate::change::series::ClosureSample;
+use crate::graph::Edge;
+use crate::ids::{EdgeId, RouteId};
+use crate::mapping::{Keyframe, RouteMap, Weighting};
+use crate::scan::decode_scan;
+use crate::store::{
+    Detector, EdgeChange, EdgeRecord, NodeChange, NodeWithScan, RouteGraph, Stage, Store,
+};
+
+/// Most maps that are kept in memory between batches.
+const KEPT_MAX: usize = 16;
+
+/// A route's map with what the store has of it.
+pub(super) struct Workspace {
+    /// The store's revision that the map stands on.
+    pub revision: i64,
+    pub stage: Stage,
+    pub map: RouteMap,
+    /// What the store has of each node, in the order of the graph.
+    pub saved_nodes: Vec<NodeChange>,
+    /// What the store has of each edge, in the order of the graph.
+    pub saved_edges: Vec<EdgeChange>,
+    /// ΔF of every closure, in the order of insertion.
+    pub closures: Vec<ClosureSample>,
+}
+
+impl Workspace {
+    /// The map after its changes were committed.
+    pub fn saved(mut self) -> Self {
+        self.revision += 1;
+        self
+    }
+
+    fn restore(graph: RouteGraph) -> anyhow::Result<Self> {
+        let weighting = match graph.settings.detector {
+            Detector::Fused => Weighting::Robust,
+            Detector::Seed => Weighting::AllPointsIdentity,
+        };
+        let nodes: Vec<_> = graph
+            .nodes
+            .iter()
+            .map(keyframe_of)
+            .collect::<Result<_, _>>()?;
+        let poses = graph.nodes.iter().map(|n| n.node.pose);
+        let map = RouteMap::restore(
+            weighting,
+            poses.zip(nodes),
+            graph.edges.iter().map(edge_of),
+            graph.next_node_id,
+            graph.next_edge_id,
+        )
+        .context("the stored graph does not fit together")?;
+        let closures = graph.edges.iter().filter_map(|edge| {
+            Some(ClosureSample {
+                edge_id: edge.id,
+                delta_f: edge.closure?.delta_f,
+            })
+        });
+        Ok(Self {
+            revision: graph.revision,
+            stage: graph.stage,
+            map,
+            saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
+            saved_edges: graph.edges.iter().map(edge_change_of).collect(),
+            closures: closures.collect(),
+        })
+    }
+
+    /// The closures of one block, in the order of insertion.
+    pub fn closures_of(&self, subgraph_id: i64) -> Vec<ClosureSample> {
+        let members: BTreeMap<EdgeId, Option<i64>> = self
+            .saved_edges
+            .iter()
+            .map(|edge| (edge.id, edge.subgraph_id))
+            .collect();
+        let of_block = |c: &&ClosureSample| members.get(&c.edge_id) == Some(&Some(subgraph_id));
+        self.closures.iter().filter(of_block).copied().collect()
+    }
+}
+
+fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
+    let node = &record.node;
+    let scan = decode_scan(&record.scan)
+        .with_context(|| format!("the scan of node {} cannot be read", node.id))?;
+    let (trip, stamp) = (node.trip_id.clone(), node.stamp);
+    let mut keyframe = Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan);
+    keyframe.reference = node.reference;
+    keyframe.drift_m = node.drift_m;
+    Ok(keyframe)
+}
+
+fn edge_of(record: &EdgeRecord) -> Edge {
+    Edge {
+        id: record.id,
+        from: record.from,
+        to: record.to,
+        measurement: record.measurement,
+        information: record.information,
+        kind: record.kind,
+        status: record.status,
+    }
+}
+
+fn node_change_of(record: &NodeWithScan) -> NodeChange {
+    NodeChange {
+        id: record.node.id,
+        pose: record.node.pose,
+        subgraph_id: record.node.subgraph_id,
+        active: record.node.active,
+    }
+}
+
+fn edge_change_of(record: &EdgeRecord) -> EdgeChange {
+    EdgeChange {
+        id: record.id,
+        status: record.status,
+        residual: record.residual,
+        subgraph_id: record.subgraph_id,
+    }
+}
+
+/// The maps between batches. A map is out of here while a worker has it, and never comes back
+/// from a failed attempt.
+#[derive(Default)]
+pub(super) struct Workspaces {
+    kept: Mutex<Vec<(RouteId, Workspace)>>,
+}
+
+impl Workspaces {
+    /// The route's map, from memory if it is up to date, else from the store.
+    pub async fn take(&self, store: &Store, route: &RouteId) -> anyhow::Result<Workspace> {
+        let revision = store.route(route).await?.map(|record| record.revision);
+        let revision = revision.ok_or_else(|| anyhow!("the route is gone"))?;
+        if let Some(kept) = self.remove(route)
+            && kept.revision == revision
+        {
+            return Ok(kept);
+        }
+        let graph = store.load_graph(route).await?;
+        let graph = graph.ok_or_else(|| anyhow!("the route is gone"))?;
+        tokio::task::spawn_blocking(move || Workspace::restore(graph)).await?
+    }
+
+    /// Keeps a map whose changes are committed; the one longest unused makes room.
+    pub fn put_back(&self, route: RouteId, workspace: Workspace) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.retain(|(other, _)| *other != route);
+        if kept.len() >= KEPT_MAX {
+            kept.remove(0);
+        }
+        kept.push((route, workspace));
+    }
+
+    fn remove(&self, route: &RouteId) -> Option<Workspace> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = kept.iter().position(|(other, _)| other == route)?;
+        Some(kept.remove(place).1)
+    }
+}

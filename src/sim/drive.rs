@@ -1,0 +1,136 @@
+//! Laps as a vehicle records them.
+
+use super::random::{Purpose, stream};
+use super::{Route, Vehicle, World};
+use crate::geometry::Pose2;
+
+/// A scan with the truth beside it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimScan {
+    /// Seconds since the drive began.
+    pub time_s: f64,
+    /// 0 for the first lap.
+    pub lap: usize,
+    /// Where the vehicle truly was: `map_from_base`.
+    pub map_from_base: Pose2,
+    /// Where its odometry had it: starts at the identity.
+    pub odom_from_base: Pose2,
+    /// Metres, `None` for no return.
+    pub ranges_m: Vec<Option<f64>>,
+}
+
+/// Drives `laps` laps without a break.
+///
+/// The path of a lap depends on the seed and the lap's number alone; a world with another
+/// object in it leaves path, odometry and the noise of the other beams as they were.
+pub fn drive(
+    world: &World,
+    route: &Route,
+    vehicle: &Vehicle,
+    laps: usize,
+    seed: u64,
+) -> Vec<SimScan> {
+    let mut ranges = stream(seed, Purpose::Ranges);
+    let mut odometry = stream(seed, Purpose::Odometry);
+    let mut scans: Vec<SimScan> = Vec::new();
+    for lap in 0..laps {
+        let path_noise_m = if lap == 0 { 0.0 } else { vehicle.path_noise_m };
+        let mut path = stream(seed, Purpose::Path { lap });
+        for map_from_base in route.lap(vehicle.scan_spacing_m, path_noise_m, &mut path) {
+            let (time_s, odom_from_base) = match scans.last() {
+                None => (0.0, Pose2::IDENTITY),
+                Some(last) => {
+                    let motion = last.map_from_base.between(&map_from_base);
+                    let measured = vehicle.odometry.measured(&motion, &mut odometry);
+                    let way_m = motion.translation().norm();
+                    (
+                        last.time_s + way_m / vehicle.speed_mps,
+                        last.odom_from_base.compose(&measured),
+                    )
+                }
+            };
+            scans.push(SimScan {
+                time_s,
+                lap,
+                map_from_base,
+                odom_from_base,
+                ranges_m: vehicle.lidar.scan(world, &map_from_base, &mut ranges),
+            });
+        }
+    }
+    scans
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Hall, OdometryError, Shape, SimLidar};
+
+    fn vehicle() -> Vehicle {
+        Vehicle {
+            lidar: SimLidar::all_round(90, 20.0, 0.01, Pose2::new(0.2, 0.0, 0.0)),
+            odometry: OdometryError {
+                scale: 0.01,
+                yaw_drift_rad_per_m: 0.001,
+                sigma_xy_m: 0.005,
+                sigma_theta_rad: 0.002,
+            },
+            path_noise_m: 0.5,
+            scan_spacing_m: 0.5,
+            speed_mps: 1.0,
+        }
+    }
+
+    #[test]
+    fn the_same_seed_is_the_same_drive() {
+        let hall = Hall::generate(11).unwrap();
+        let once = drive(&hall.world, &hall.route, &vehicle(), 2, 1);
+        assert_eq!(once, drive(&hall.world, &hall.route, &vehicle(), 2, 1));
+        assert_ne!(once, drive(&hall.world, &hall.route, &vehicle(), 2, 2));
+        let per_lap = (hall.route.length_m() / 0.5).floor() as usize;
+        assert_eq!(once.len(), 2 * per_lap);
+        assert_eq!(once.iter().filter(|s| s.lap == 1).count(), per_lap);
+        assert!(once.windows(2).all(|w| w[1].time_s > w[0].time_s));
+    }
+
+    #[test]
+    fn a_change_of_the_world_changes_only_what_is_seen_of_it() {
+        let hall = Hall::generate(12).unwrap();
+        let at = hall.route.pose_at(10.0).compose(&Pose2::new(0.0, 1.2, 0.0));
+        let crate_ = Shape::rectangle(&at, 0.5, 0.5);
+        let changed = World::new(hall.world.shapes().cloned().chain([crate_]));
+        let before = drive(&hall.world, &hall.route, &vehicle(), 1, 3);
+        let after = drive(&changed, &hall.route, &vehicle(), 1, 3);
+        let mut differing = 0;
+        for (a, b) in before.iter().zip(&after) {
+            assert_eq!(a.odom_from_base, b.odom_from_base);
+            assert_eq!(a.map_from_base, b.map_from_base);
+            let nearer = |x: &Option<f64>, y: &Option<f64>| y.is_some() && (x.is_none() || y < x);
+            let pairs = a.ranges_m.iter().zip(&b.ranges_m);
+            let changed: Vec<_> = pairs.filter(|(x, y)| x != y).collect();
+            assert!(changed.iter().all(|(x, y)| nearer(x, y)), "{changed:?}");
+            differing += changed.len();
+        }
+        assert!(differing > 50, "{differing}");
+    }
+
+    #[test]
+    fn odometry_drifts_as_stated() {
+        let hall = Hall::generate(13).unwrap();
+        let mut vehicle = vehicle();
+        vehicle.odometry = OdometryError {
+            scale: 0.02,
+            yaw_drift_rad_per_m: 0.0,
+            sigma_xy_m: 0.0,
+            sigma_theta_rad: 0.0,
+        };
+        let scans = drive(&hall.world, &hall.route, &vehicle, 1, 4);
+        for pair in scans.windows(2) {
+            let truth = pair[0].map_from_base.between(&pair[1].map_from_base);
+            let told = pair[0].odom_from_base.between(&pair[1].odom_from_base);
+            let way = |p: &Pose2| p.translation().norm();
+            assert!((way(&told) / way(&truth) - 1.02).abs() < 1e-9);
+            assert!((told.theta - truth.theta).abs() < 1e-9);
+        }
+    }
+}

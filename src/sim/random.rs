@@ -1,0 +1,75 @@
+//! Seeded random numbers.
+
+use std::f64::consts::TAU;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::geometry::Vector2;
+
+/// What a stream of random numbers is for: streams of one seed are independent of each other, so
+/// that a change of one leaves the others as they are.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Purpose {
+    World,
+    Ranges,
+    Odometry,
+    Path { lap: usize },
+}
+
+pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(match purpose {
+        Purpose::World => 0,
+        Purpose::Ranges => 1,
+        Purpose::Odometry => 2,
+        Purpose::Path { lap } => 1_000 + lap as u64,
+    });
+    rng
+}
+
+/// A normal number with mean 0 (Box and Muller).
+pub(super) fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
+    // 1 − u lies in (0, 1]: the logarithm is finite.
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    sigma * radius * (TAU * rng.random::<f64>()).cos()
+}
+
+/// A point spread evenly over a disc round the origin.
+pub(super) fn in_disc(rng: &mut ChaCha8Rng, radius_m: f64) -> Vector2<f64> {
+    let radius_m = radius_m * rng.random::<f64>().sqrt();
+    let (sin, cos) = (TAU * rng.random::<f64>()).sin_cos();
+    Vector2::new(radius_m * cos, radius_m * sin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_numbers_have_the_stated_spread() {
+        let mut rng = stream(1, Purpose::World);
+        let drawn: Vec<f64> = (0..20_000).map(|_| normal(&mut rng, 2.0)).collect();
+        let mean = drawn.iter().sum::<f64>() / 20_000.0;
+        let variance = drawn.iter().map(|v| v * v).sum::<f64>() / 20_000.0;
+        let beyond_two_sigma = drawn.iter().filter(|v| v.abs() > 4.0).count();
+        assert!(mean.abs() < 0.05, "{mean}");
+        assert!((variance - 4.0).abs() < 0.15, "{variance}");
+        assert!(
+            (750..1_070).contains(&beyond_two_sigma),
+            "{beyond_two_sigma}"
+        );
+    }
+
+    #[test]
+    fn streams_are_independent_and_repeatable() {
+        let draw = |seed, purpose| stream(seed, purpose).random::<u64>();
+        assert_eq!(draw(7, Purpose::Ranges), draw(7, Purpose::Ranges));
+        assert_ne!(draw(7, Purpose::Ranges), draw(7, Purpose::Odometry));
+        assert_ne!(draw(7, Purpose::Ranges), draw(8, Purpose::Ranges));
+        assert_ne!(
+            draw(7, Purpose::Path { lap: 0 }),
+            draw(7, Purpose::Path { lap: 1 })
+        );
+    }
+}

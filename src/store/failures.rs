@@ -1,0 +1,104 @@
+//! Jobs that fail: another try after a pause, or the batch is given up.
+
+use jiff::Timestamp;
+use sqlx::SqliteConnection;
+
+use super::columns::micros;
+use super::error::StoreError;
+use super::jobs::{TRIES_MAX, give_up, held_job, put_back, quarantine};
+use super::request::Request;
+use crate::ids::BatchId;
+
+const MICROS_PER_SECOND: i64 = 1_000_000;
+
+/// Puts a job back, or gives its batch up after the last try.
+pub(super) struct FailJob {
+    pub(super) job_id: i64,
+    pub(super) generation: i64,
+    pub(super) reason: String,
+    pub(super) now: Timestamp,
+}
+
+impl Request for FailJob {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
+            return Ok(());
+        };
+        if job.attempts >= TRIES_MAX {
+            return give_up(transaction, &job.place, &self.reason, self.now).await;
+        }
+        let run_after_us = micros(self.now) + backoff_us(job.attempts);
+        put_back(transaction, &job, run_after_us).await?;
+        sqlx::query(
+            "UPDATE batches SET status = 'queued', reason = ?, processed_at_us = ? \
+             WHERE batch_key = ?",
+        )
+        .bind(&self.reason)
+        .bind(micros(self.now))
+        .bind(job.place.batch_key)
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+}
+
+/// 1 s, 4 s, 16 s, 64 s after the first, second, third, fourth try.
+fn backoff_us(attempts: i64) -> i64 {
+    let doublings = 2 * (attempts - 1).clamp(0, TRIES_MAX);
+    MICROS_PER_SECOND << doublings
+}
+
+/// Quarantines a batch whose body is corrupt, and gives back the job that would have used it.
+pub(super) struct QuarantineRotten {
+    pub(super) job_id: i64,
+    pub(super) generation: i64,
+    pub(super) batch_id: BatchId,
+    pub(super) now: Timestamp,
+}
+
+impl Request for QuarantineRotten {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
+            return Ok(());
+        };
+        let batch_key: i64 =
+            sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = ? AND id = ?")
+                .bind(job.place.route_key)
+                .bind(self.batch_id.as_str())
+                .fetch_one(&mut *transaction)
+                .await?;
+        let reason = "the stored body is corrupt on the disk";
+        if batch_key == job.place.batch_key {
+            return give_up(transaction, &job.place, reason, self.now).await;
+        }
+        quarantine(transaction, batch_key, reason, self.now).await?;
+        put_back(transaction, &job, 0).await?;
+        // The job itself did not fail.
+        sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = ?")
+            .bind(job.job_id)
+            .execute(&mut *transaction)
+            .await?;
+        sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+            .bind(job.place.batch_key)
+            .execute(transaction)
+            .await?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pauses_grow_fourfold() {
+        let seconds: Vec<_> = (1..5).map(|k| backoff_us(k) / MICROS_PER_SECOND).collect();
+        assert_eq!(seconds, [1, 4, 16, 64]);
+    }
+}

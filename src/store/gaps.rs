@@ -1,0 +1,51 @@
+//! Trips with a gap: held batches whose predecessor does not come.
+
+use jiff::Timestamp;
+use sqlx::SqliteConnection;
+
+use super::columns::micros;
+use super::error::StoreError;
+use super::request::Request;
+use super::trips::{Place, skip_gap};
+
+/// Held batches that one sweep lets go: a bounded write.
+const RELEASED_MAX: i64 = 256;
+
+/// Queues held batches that have waited for their predecessor long enough.
+pub(super) struct ReleaseOverdue {
+    pub(super) now: Timestamp,
+}
+
+impl Request for ReleaseOverdue {
+    type Outcome = u64;
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
+        // A trip with a job has no gap: its held batches wait for a turn that will end.
+        // SQLite takes the bare columns from the row with the least sequence.
+        let rows: Vec<(i64, i64, String, i64)> = sqlx::query_as(
+            "SELECT batch_key, batches.route_key, trip_id, min(sequence) \
+             FROM batches JOIN routes USING (route_key) WHERE status = 'held' \
+             AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
+                 AND jobs.trip_id = batches.trip_id) \
+             GROUP BY batches.route_key, trip_id \
+             HAVING received_at_us + hold_s * 1000000 <= ? ORDER BY batch_key LIMIT ?",
+        )
+        .bind(micros(self.now))
+        .bind(RELEASED_MAX)
+        .fetch_all(&mut *transaction)
+        .await?;
+        let mut released = 0;
+        for (batch_key, route_key, trip_id, sequence) in rows {
+            let place = Place {
+                batch_key,
+                route_key,
+                trip_id,
+                sequence,
+            };
+            skip_gap(transaction, &place).await?;
+            released += 1;
+        }
+        Ok(released)
+    }
+}

@@ -1,0 +1,290 @@
+use mapshift::geometry::{Information, Pose2};
+use mapshift::graph::{EdgeKind, EdgeStatus};
+use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
+use mapshift::store::{
+    Applied, BatchFilter, ClosureRecord, Corruption, EdgeChange, GeoAnchor, JobResult, NodeChange,
+    Put, RouteSettings, RouteUpdate, Stage, StoreError,
+};
+
+use crate::support::{Fixture, at, batch_id, edge, route, upload};
+
+fn closure() -> ClosureRecord {
+    ClosureRecord {
+        all_points_measurement: Pose2::new(0.3, 0.2, 0.1),
+        all_points_information: Information::from_sigmas(0.01, 0.02),
+        overlap: 0.7,
+        inlier_share: 1.0,
+        rmse_m: 0.012,
+        delta_f: -1e-12,
+        all_points_residual: 3.5,
+    }
+}
+
+#[tokio::test]
+async fn a_graph_is_read_back_to_the_bit() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut result = fixture.chain(&job, 700).await;
+    let mut loop_closure = edge(&job.entries[0].batch, 5_000, 1, 600);
+    loop_closure.kind = EdgeKind::LoopClosure;
+    loop_closure.closure = Some(closure());
+    loop_closure.subgraph_id = Some(4);
+    result.edges.push(loop_closure.clone());
+    result.nodes[5].node.active = false;
+    result.stage = Stage::Monitoring;
+    let applied = fixture.store.apply_result(result.clone()).await.unwrap();
+    assert_eq!(applied, Applied::Committed);
+
+    let store = &fixture.store;
+    let graph = store.load_graph(&route()).await.unwrap().unwrap();
+    assert_eq!(graph.nodes, result.nodes);
+    assert_eq!(graph.edges, result.edges);
+    assert_eq!((graph.revision, graph.stage), (1, Stage::Monitoring));
+    assert_eq!(graph.settings, RouteSettings::default());
+    assert_eq!(graph.next_node_id, NodeId(701));
+    assert_eq!(graph.next_edge_id, EdgeId(5_001));
+
+    let nodes: Vec<_> = result.nodes.iter().map(|n| n.node.clone()).collect();
+    assert_eq!(store.nodes(&route()).await.unwrap(), nodes);
+    let trip = TripId::new("t").unwrap();
+    assert_eq!(store.trip_nodes(&route(), &trip).await.unwrap(), nodes);
+    let page = store.node_page(&route(), Some(NodeId(3)), 2).await.unwrap();
+    assert_eq!(page, nodes[3..5]);
+    let one = store.node(&route(), NodeId(9)).await.unwrap();
+    assert_eq!(one.as_ref(), Some(&nodes[8]));
+    let active = store.nodes_with_scans(&route()).await.unwrap();
+    assert_eq!(active.len(), 699);
+    assert_eq!(active[5], result.nodes[6]);
+    let scan = store.node_scan(&route(), NodeId(9)).await.unwrap();
+    assert_eq!(scan.as_ref(), Some(&result.nodes[8].scan));
+
+    assert_eq!(store.edges(&route()).await.unwrap(), result.edges);
+    let page = store.edge_page(&route(), None, 2).await.unwrap();
+    assert_eq!(page, result.edges[..2]);
+    let one = store.edge(&route(), EdgeId(5_000)).await.unwrap();
+    assert_eq!(one, Some(loop_closure));
+    assert_eq!(store.edge(&route(), EdgeId(4_999)).await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn changes_touch_what_they_name() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b0", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let first = fixture.chain(&job, 400).await;
+    fixture.store.apply_result(first.clone()).await.unwrap();
+    fixture.journal(upload("b1", "t", 1)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut second = fixture.chain(&job, 0).await;
+    let mut nodes: Vec<_> = first.nodes.iter().map(|n| n.node.clone()).collect();
+    for node in nodes.iter_mut().filter(|node| node.id.0 != 100) {
+        node.pose = Pose2::new(node.pose.y, 1.0 / 7.0, 0.2);
+        node.active = node.id.0 % 5 != 0;
+        node.subgraph_id = Some(node.id.0 % 4);
+        second.changed_nodes.push(NodeChange {
+            id: node.id,
+            pose: node.pose,
+            subgraph_id: node.subgraph_id,
+            active: node.active,
+        });
+    }
+    let mut edges = first.edges.clone();
+    for edge in edges.iter_mut().skip(1) {
+        edge.residual = edge.id.0 as f64 / 3.0;
+        edge.status = EdgeStatus::Retired;
+        if edge.id.0 % 2 == 0 {
+            edge.status = EdgeStatus::Active;
+        }
+        edge.subgraph_id = (edge.id.0 % 7 != 0).then_some(edge.id.0 % 6);
+        second.changed_edges.push(EdgeChange {
+            id: edge.id,
+            status: edge.status,
+            residual: edge.residual,
+            subgraph_id: edge.subgraph_id,
+        });
+    }
+    second.changed_edges.reverse();
+    let applied = fixture.store.apply_result(second).await.unwrap();
+    assert_eq!(applied, Applied::Committed);
+    assert_eq!(fixture.store.nodes(&route()).await.unwrap(), nodes);
+    assert_eq!(fixture.store.edges(&route()).await.unwrap(), edges);
+    let counts = fixture.store.route(&route()).await.unwrap().unwrap().counts;
+    // Active edges have even ids: blocks 0, 2, 4.
+    assert_eq!(counts.subgraphs, 3);
+}
+
+#[tokio::test]
+async fn what_is_not_finite_or_out_of_range_does_not_get_in() {
+    type Spoiler = fn(&mut JobResult);
+    let spoilers: [Spoiler; 12] = [
+        |r| r.nodes[1].node.pose.x = f64::NAN,
+        |r| r.nodes[1].node.pose.y = f64::INFINITY,
+        |r| r.nodes[1].node.pose.theta = 7.0,
+        |r| r.nodes[1].node.odom_from_base.x = f64::NEG_INFINITY,
+        |r| r.edges[0].residual = f64::NAN,
+        |r| r.edges[0].residual = f64::INFINITY,
+        |r| r.edges[0].information = Information::from_upper([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0]),
+        |r| r.edges[0].measurement.theta = f64::NAN,
+        |r| r.edges[0].to = NodeId(4_711),
+        |r| r.edges[0].to = r.edges[0].from,
+        |r| r.edges[0].closure.as_mut().unwrap().overlap = f64::NAN,
+        |r| r.edges[0].closure.as_mut().unwrap().inlier_share = 1.5,
+    ];
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    for (k, spoil) in spoilers.iter().enumerate() {
+        let mut result = fixture.chain(&job, 3).await;
+        result.edges[0].closure = Some(closure());
+        spoil(&mut result);
+        let answer = fixture.store.apply_result(result).await;
+        assert!(
+            matches!(answer, Err(StoreError::Database(_))),
+            "{k}: {answer:?}"
+        );
+    }
+    assert_eq!(fixture.store.nodes(&route()).await.unwrap(), vec![]);
+    let anchor = GeoAnchor {
+        latitude: 91.0,
+        longitude: 0.0,
+        heading: 0.0,
+    };
+    let update = RouteUpdate {
+        geo_anchor: Some(anchor),
+        ..RouteUpdate::default()
+    };
+    let answer = fixture.store.put_route(&route(), update, at(1)).await;
+    assert!(matches!(answer, Err(StoreError::Database(_))));
+    fixture.store.check_ready().await.unwrap();
+}
+
+#[tokio::test]
+async fn rot_in_a_scan_is_found() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let result = fixture.chain(&job, 3).await;
+    fixture.store.apply_result(result).await.unwrap();
+    sqlx::query("UPDATE node_scans SET scan = x'00' WHERE node_id = 2")
+        .execute(&mut fixture.raw().await)
+        .await
+        .unwrap();
+    let store = &fixture.store;
+    let wanted = Corruption::Scan {
+        route_id: route(),
+        node_id: NodeId(2),
+    };
+    for _ in 0..5 {
+        let loaded = store.load_graph(&route()).await.map(|_| ());
+        assert!(matches!(loaded, Err(StoreError::Corrupt(what)) if what == wanted));
+    }
+    let scan = store.node_scan(&route(), NodeId(2)).await;
+    assert!(matches!(scan, Err(StoreError::Corrupt(what)) if what == wanted));
+    assert!(
+        store
+            .node_scan(&route(), NodeId(1))
+            .await
+            .unwrap()
+            .is_some()
+    );
+    assert_eq!(store.nodes(&route()).await.unwrap().len(), 3);
+}
+
+#[tokio::test]
+async fn routes_are_put_listed_and_deleted() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    let update = RouteUpdate {
+        display_name: Some("Line 4".to_owned()),
+        geo_anchor: Some(GeoAnchor {
+            latitude: 47.5,
+            longitude: 19.04,
+            heading: 12.0,
+        }),
+        settings: None,
+    };
+    let line = RouteId::new("line-4").unwrap();
+    let put = store.put_route(&line, update.clone(), at(1)).await.unwrap();
+    assert_eq!(put, Put::Created);
+    let settings = RouteSettings {
+        hold_s: 5,
+        false_alarm_rate: 0.01,
+        detector: mapshift::store::Detector::Seed,
+    };
+    let change = RouteUpdate {
+        settings: Some(settings.clone()),
+        ..RouteUpdate::default()
+    };
+    let put = store.put_route(&line, change, at(2)).await.unwrap();
+    assert_eq!(put, Put::Updated);
+    let record = store.route(&line).await.unwrap().unwrap();
+    assert_eq!(record.display_name, update.display_name);
+    assert_eq!(record.geo_anchor, update.geo_anchor);
+    assert_eq!(record.settings, settings);
+    assert_eq!((record.created_at, record.updated_at), (at(1), at(2)));
+    assert_eq!(
+        (record.map_version, record.epoch, record.revision),
+        (1, 1, 0)
+    );
+    assert_eq!(record.stage, Stage::Mapping);
+    let ids = |page: Vec<mapshift::store::RouteRecord>| -> Vec<String> {
+        page.into_iter().map(|r| r.id.to_string()).collect()
+    };
+    let page = store.routes(None, 1).await.unwrap();
+    assert_eq!(ids(page), ["line-4"]);
+    let page = store.routes(Some(&line), 10).await.unwrap();
+    assert_eq!(ids(page), ["r"]);
+
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let result = fixture.chain(&job, 30).await;
+    store.apply_result(result).await.unwrap();
+    fixture.journal(upload("c", "t", 1)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let late = fixture.chain(&job, 3).await;
+    assert!(store.delete_route(&route()).await.unwrap());
+    assert!(!store.delete_route(&route()).await.unwrap());
+    assert_eq!(store.apply_result(late).await.unwrap(), Applied::Stale);
+    assert!(store.load_graph(&route()).await.unwrap().is_none());
+    let mut raw = fixture.raw().await;
+    for table in [
+        "trips",
+        "batches",
+        "batch_bodies",
+        "jobs",
+        "nodes",
+        "node_scans",
+        "edges",
+    ] {
+        let query = sqlx::AssertSqlSafe(format!("SELECT count(*) FROM {table}"));
+        let rows: i64 = sqlx::query_scalar(query).fetch_one(&mut raw).await.unwrap();
+        assert_eq!(rows, 0, "{table}");
+    }
+    crate::support::put_route(store, "r").await;
+    let fresh = store.route(&route()).await.unwrap().unwrap();
+    assert_eq!((fresh.counts.batches, fresh.revision), (0, 0));
+    let none = store
+        .batches(&route(), &BatchFilter::default(), None, 9)
+        .await;
+    assert_eq!(none.unwrap(), vec![]);
+    assert_eq!(store.batch(&route(), &batch_id("b")).await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn ids_are_not_used_again_after_their_rows_are_gone() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let result = fixture.chain(&job, 10).await;
+    fixture.store.apply_result(result).await.unwrap();
+    let mut raw = fixture.raw().await;
+    for delete in [
+        "DELETE FROM edges WHERE edge_id > 3",
+        "DELETE FROM nodes WHERE node_id > 7",
+    ] {
+        sqlx::query(delete).execute(&mut raw).await.unwrap();
+    }
+    let graph = fixture.store.load_graph(&route()).await.unwrap().unwrap();
+    assert_eq!((graph.next_node_id.0, graph.next_edge_id.0), (11, 10));
+}

@@ -1,0 +1,181 @@
+//! Shared by the tests of the store.
+
+use std::time::Duration;
+
+use jiff::Timestamp;
+use mapshift::geometry::{Information, Pose2};
+use mapshift::graph::{EdgeKind, EdgeStatus};
+use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::store::{
+    BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord, JobResult, Journaled, NewBatch,
+    NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+};
+use sqlx::{Connection, SqliteConnection};
+use tempfile::TempDir;
+
+pub const LEASE: Duration = Duration::from_secs(60);
+
+/// A store with the route `r`, and its directory.
+pub struct Fixture {
+    pub store: Store,
+    pub directory: TempDir,
+}
+
+impl Fixture {
+    pub async fn new() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let store = open(&directory).await;
+        put_route(&store, "r").await;
+        Self { store, directory }
+    }
+
+    /// A second connection to the file, past the store.
+    pub async fn raw(&self) -> SqliteConnection {
+        let path = self.directory.path().join("mapshift.db");
+        SqliteConnection::connect(path.to_str().unwrap())
+            .await
+            .unwrap()
+    }
+
+    pub async fn journal(&self, batch: NewBatch) -> Journaled {
+        self.store.journal_batch(batch).await.unwrap()
+    }
+
+    pub async fn batch(&self, id: &str) -> BatchRecord {
+        let id = BatchId::new(id).unwrap();
+        self.store.batch(&route(), &id).await.unwrap().unwrap()
+    }
+
+    pub async fn status(&self, id: &str) -> BatchStatus {
+        self.batch(id).await.status
+    }
+
+    pub async fn claim(&self, seconds: i64) -> Option<ClaimedJob> {
+        self.store.claim_job(at(seconds), LEASE).await.unwrap()
+    }
+
+    pub async fn revision(&self, route: &RouteId) -> i64 {
+        self.store.route(route).await.unwrap().unwrap().revision
+    }
+
+    /// What ends all batches of a job alike, without nodes.
+    pub async fn result(&self, job: &ClaimedJob, status: BatchStatus) -> JobResult {
+        let outcome = |entry: &mapshift::store::JournalEntry| BatchOutcome {
+            batch_id: entry.batch.id.clone(),
+            status,
+            reason: None,
+            flags: vec![],
+            nodes_added: 0,
+            loop_closures: 0,
+        };
+        JobResult {
+            job_id: job.job_id,
+            generation: job.generation,
+            route_id: job.route_id.clone(),
+            base_revision: self.revision(&job.route_id).await,
+            outcomes: job.entries.iter().map(outcome).collect(),
+            nodes: vec![],
+            edges: vec![],
+            changed_nodes: vec![],
+            changed_edges: vec![],
+            stage: Stage::Mapping,
+            processed_at: at(50),
+        }
+    }
+
+    /// A merged result with a chain of `count` nodes of the job's own batch.
+    pub async fn chain(&self, job: &ClaimedJob, count: i64) -> JobResult {
+        let graph = self.store.load_graph(&job.route_id).await.unwrap().unwrap();
+        let mut result = self.result(job, BatchStatus::Merged).await;
+        let own = &job.entries.last().unwrap().batch;
+        for k in 0..count {
+            let id = graph.next_node_id.0 + k;
+            result.nodes.push(node(own, id));
+            if k > 0 {
+                let edge_id = graph.next_edge_id.0 + k - 1;
+                result.edges.push(edge(own, edge_id, id - 1, id));
+            }
+        }
+        result.outcomes.last_mut().unwrap().nodes_added = count;
+        result
+    }
+}
+
+pub async fn open(directory: &TempDir) -> Store {
+    Store::open(StoreOptions {
+        data_dir: directory.path().to_path_buf(),
+    })
+    .await
+    .unwrap()
+}
+
+pub async fn put_route(store: &Store, id: &str) {
+    let id = RouteId::new(id).unwrap();
+    store
+        .put_route(&id, RouteUpdate::default(), at(0))
+        .await
+        .unwrap();
+}
+
+pub fn at(seconds: i64) -> Timestamp {
+    Timestamp::from_second(1_800_000_000 + seconds).unwrap()
+}
+
+pub fn route() -> RouteId {
+    RouteId::new("r").unwrap()
+}
+
+pub fn batch_id(id: &str) -> BatchId {
+    BatchId::new(id).unwrap()
+}
+
+/// An upload of vehicle `v` to route `r` at second 0, with the id as body.
+pub fn upload(id: &str, trip: &str, sequence: i64) -> NewBatch {
+    NewBatch {
+        route_id: route(),
+        id: batch_id(id),
+        vehicle_id: VehicleId::new("v").unwrap(),
+        trip_id: TripId::new(trip).unwrap(),
+        sequence,
+        scans: 3,
+        flags: vec!["noted".to_owned()],
+        body: id.as_bytes().to_vec(),
+        received_at: at(0),
+    }
+}
+
+pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
+    let node = NodeRecord {
+        id: NodeId(id),
+        batch_id: batch.id.clone(),
+        vehicle_id: batch.vehicle_id.clone(),
+        trip_id: batch.trip_id.clone(),
+        stamp: StampNs(1_000 * id),
+        pose: Pose2::new(id as f64 / 3.0, -0.1, std::f64::consts::PI),
+        odom_from_base: Pose2::new(0.0, id as f64, -3.1),
+        drift_m: id as f64,
+        reference: id % 2 == 0,
+        active: true,
+        subgraph_id: (id % 3 == 0).then_some(id),
+    };
+    NodeWithScan {
+        node,
+        scan: id.to_le_bytes().to_vec(),
+    }
+}
+
+pub fn edge(batch: &BatchRecord, id: i64, from: i64, to: i64) -> EdgeRecord {
+    EdgeRecord {
+        id: EdgeId(id),
+        from: NodeId(from),
+        to: NodeId(to),
+        kind: EdgeKind::Odometry,
+        status: EdgeStatus::Active,
+        batch_id: batch.id.clone(),
+        measurement: Pose2::new(0.1 + 0.2, 1e-300, -1.0),
+        information: Information::from_upper([4.0, 0.5, -0.25, 3.0, 0.125, 9.0]),
+        residual: 1.0 / 3.0,
+        subgraph_id: None,
+        closure: None,
+    }
+}

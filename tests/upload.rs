@@ -1,0 +1,125 @@
+//! The command line against the service: two processes, as a user runs them.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+const MAPSHIFT: &str = env!("CARGO_BIN_EXE_mapshift");
+
+struct Service {
+    process: Child,
+    url: String,
+}
+
+impl Service {
+    fn start(data: &Path) -> Self {
+        let mut process = Command::new(MAPSHIFT)
+            .args(["serve", "--listen", "127.0.0.1:0", "--log", "off", "--data"])
+            .arg(data)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let stdout = process.stdout.as_mut().unwrap();
+        BufReader::new(stdout).read_line(&mut line).unwrap();
+        let start = line
+            .find("http://")
+            .expect("the first line names the address");
+        let url = line[start..]
+            .split([',', ' ', '\n'])
+            .next()
+            .unwrap()
+            .to_owned();
+        Self { process, url }
+    }
+
+    fn upload(&self, file: &Path, more: &[&str]) -> Output {
+        Command::new(MAPSHIFT)
+            .args([
+                "upload",
+                "--route",
+                "line-4",
+                "--vehicle",
+                "agv-07",
+                "--url",
+                &self.url,
+            ])
+            .args(more)
+            .arg(file)
+            .output()
+            .unwrap()
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// A gzipped log of 45 looks at a wall from a straight way past it.
+fn write_log(path: &Path) {
+    let file = std::fs::File::create(path).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
+    writeln!(encoder, "# made up").unwrap();
+    for k in 0..45 {
+        let (x, t) = (0.1 * f64::from(k), 1_700_000_000.0 + 0.1 * f64::from(k));
+        let ranges: String = (0..90).map(|_| "2.50 ").collect();
+        writeln!(
+            encoder,
+            "ROBOTLASER1 0 -0.785398 1.570796 0.01745329 20 0.01 0 90 {ranges} 0 \
+             {x} 0 0 {x} 0 0 0 0 0 0 0 {t} host {t}"
+        )
+        .unwrap();
+    }
+    writeln!(encoder, "ODOM 0 0 0 0 0 0 1700000099 host 1").unwrap();
+    encoder.finish().unwrap();
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+#[test]
+fn an_upload_is_safe_to_repeat_and_says_what_it_took() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("monday.log.gz");
+    write_log(&log);
+    let service = Service::start(&directory.path().join("data"));
+
+    let first = service.upload(&log, &["--batch-scans", "20"]);
+    assert!(first.status.success(), "{first:?}");
+    let said = text(&first);
+    assert!(said.contains("route line-4 was made"), "{said}");
+    assert!(said.contains("45 scans × 90 beams"), "{said}");
+    assert!(said.contains("skipped 1 × another message"), "{said}");
+    assert!(said.contains("stored 3 batches (45 scans)"), "{said}");
+
+    let again = service.upload(&log, &["--batch-scans", "20"]);
+    assert!(again.status.success(), "{again:?}");
+    let said = text(&again);
+    assert!(
+        said.contains("stored 0 batches") && said.contains("3 were there already"),
+        "{said}"
+    );
+
+    let other = service.upload(&log, &["--batch-scans", "15"]);
+    assert!(!other.status.success());
+    let said = text(&other);
+    assert!(said.contains("409") && said.contains("--trip"), "{said}");
+}
+
+#[test]
+fn a_refusal_names_the_place_and_fails() {
+    let directory = tempfile::tempdir().unwrap();
+    let picture = directory.path().join("map.pgm");
+    std::fs::write(&picture, "P5\n1 1\n255\n\0").unwrap();
+    let service = Service::start(&directory.path().join("data"));
+    let refused = service.upload(&picture, &[]);
+    assert!(!refused.status.success());
+    assert!(
+        text(&refused).contains("is this a CARMEN log?"),
+        "{refused:?}"
+    );
+}
