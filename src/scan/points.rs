@@ -1,10 +1,15 @@
 //! A scan's end points with the normals of the surfaces they lie on.
 
-use super::LaserScan;
+use super::{LaserScan, Lidar};
 use crate::geometry::{Matrix2, Vector2};
 
-/// Beams on each side that take part in a point's line.
-const NEIGHBOURS_EACH_SIDE: usize = 3;
+/// Beams on each side that take part in a point's line, at least …
+const NEIGHBOURS_MIN: usize = 3;
+/// … and at most.
+const NEIGHBOURS_MAX: usize = 24;
+/// Between the two, beams take part up to this distance, in standard deviations of a range: on a
+/// shorter line noise looks like a bend.
+const LINE_REACH_SIGMAS: f64 = 15.0;
 /// A neighbour lies on the same surface if it is not farther than this many beam spacings …
 const GAP_SPACINGS: f64 = 6.0;
 /// … or than this, metres.
@@ -50,7 +55,7 @@ pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
     }
     let eye = lidar.mount.translation();
     for k in 0..points.len() {
-        points[k].normal = line_normal(&points, k, lidar.angle_increment_rad, &eye);
+        points[k].normal = line_normal(&points, k, lidar, &eye);
     }
     points
 }
@@ -58,24 +63,29 @@ pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
 fn line_normal(
     points: &[SurfacePoint],
     k: usize,
-    angle_increment_rad: f64,
+    lidar: &Lidar,
     eye: &Vector2<f64>,
 ) -> Option<Vector2<f64>> {
     let centre = &points[k];
-    let gap_m = (GAP_SPACINGS * angle_increment_rad * centre.range_m).max(GAP_MIN_M);
+    let gap_m = (GAP_SPACINGS * lidar.angle_increment_rad * centre.range_m).max(GAP_MIN_M);
+    let reach_m = LINE_REACH_SIGMAS * lidar.range_sigma_m;
     let same_surface = |a: &SurfacePoint, b: &SurfacePoint| {
         a.beam.abs_diff(b.beam) <= 2 && (a.position - b.position).norm() <= gap_m
     };
+    let within_reach = |neighbours: usize, point: &SurfacePoint| {
+        neighbours < NEIGHBOURS_MIN
+            || neighbours < NEIGHBOURS_MAX && (point.position - centre.position).norm() <= reach_m
+    };
     let mut first = k;
     while first > 0
-        && k - first < NEIGHBOURS_EACH_SIDE
+        && within_reach(k - first, &points[first - 1])
         && same_surface(&points[first - 1], &points[first])
     {
         first -= 1;
     }
     let mut last = k;
     while last + 1 < points.len()
-        && last - k < NEIGHBOURS_EACH_SIDE
+        && within_reach(last - k, &points[last + 1])
         && same_surface(&points[last + 1], &points[last])
     {
         last += 1;
@@ -112,7 +122,6 @@ fn least_axis(m: &Matrix2<f64>) -> (f64, f64, Vector2<f64>) {
 mod tests {
     use super::*;
     use crate::geometry::Pose2;
-    use crate::scan::Lidar;
     use std::sync::Arc;
 
     #[test]
@@ -155,5 +164,39 @@ mod tests {
         assert_eq!(points.len(), 1);
         assert_eq!(points[0].normal, None);
         assert_eq!(points[0].beam, 1);
+    }
+
+    /// A dense, noisy lidar 1.5 m before a wall: neighbouring beams end a centimetre apart.
+    #[test]
+    fn noise_takes_no_normals_from_a_near_wall() {
+        for (beams, sigma_m) in [(181, 0.01), (361, 0.01), (721, 0.01), (361, 0.02)] {
+            let lidar = Arc::new(Lidar {
+                angle_min_rad: -0.8,
+                angle_increment_rad: std::f64::consts::PI / (beams - 1) as f64,
+                range_min_m: 0.05,
+                range_max_m: 20.0,
+                mount: Pose2::IDENTITY,
+                range_sigma_m: sigma_m,
+            });
+            // Even noise of the stated standard deviation, by the golden ratio.
+            let noise_m = |k: usize| ((k * k) as f64 * 0.618_034).fract() * 2.0 - 1.0;
+            let ranges = (0..beams / 2).map(|k| {
+                let to_wall_m = 1.5 / lidar.beam_angle_rad(k).cos();
+                Some(to_wall_m + 3.0_f64.sqrt() * sigma_m * noise_m(k))
+            });
+            let scan = LaserScan::new(lidar.clone(), ranges.collect::<Vec<_>>()).unwrap();
+            let points = surface_points(&scan);
+            let straight = |n: &Vector2<f64>| (n - Vector2::new(-1.0, 0.0)).norm() < 0.2;
+            let normals = points.iter().filter_map(|p| p.normal);
+            let (count, good) = normals.fold((0, 0), |(count, good), n| {
+                (count + 1, good + usize::from(straight(&n)))
+            });
+            let said = format!(
+                "{beams}: {count} normals, {good} straight, of {}",
+                points.len()
+            );
+            assert!(count * 10 >= points.len() * 9, "{said}");
+            assert!(good * 10 >= count * 9, "{said}");
+        }
     }
 }
