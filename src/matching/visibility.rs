@@ -42,14 +42,20 @@ impl Agreement {
 pub struct View<'a> {
     scan: &'a LaserScan,
     lidar_from_base: Transform2,
+    /// Whether the last beam is the first one's neighbour.
+    goes_round: bool,
 }
 
 impl<'a> View<'a> {
     /// Of a scan.
     pub fn new(scan: &'a LaserScan) -> Self {
+        let lidar = scan.lidar();
+        // Half a beam for rounding; a gap of a whole beam is a gap.
+        let covered_rad = (scan.beam_count() as f64 + 0.5) * lidar.angle_increment_rad;
         Self {
             scan,
-            lidar_from_base: scan.lidar().mount.inverse().to_transform(),
+            lidar_from_base: lidar.mount.inverse().to_transform(),
+            goes_round: covered_rad >= TAU,
         }
     }
 
@@ -70,13 +76,9 @@ impl<'a> View<'a> {
         if range_m >= self.scan.lidar().range_max_m {
             return Visibility::Unseen;
         }
-        let neighbours = [beam.checked_sub(1), Some(beam + 1)];
         let (mut least_m, mut most_m) = (own_m, own_m);
-        for neighbour_m in neighbours
-            .iter()
-            .flatten()
-            .filter_map(|&b| self.scan.range_m(b))
-        {
+        let beside = self.beams_beside(beam).into_iter().flatten();
+        for neighbour_m in beside.filter_map(|b| self.scan.range_m(b)) {
             least_m = least_m.min(neighbour_m);
             most_m = most_m.max(neighbour_m);
         }
@@ -87,6 +89,15 @@ impl<'a> View<'a> {
         } else {
             Visibility::Surface
         }
+    }
+
+    /// The beams on both sides, across the seam of a full turn too.
+    fn beams_beside(&self, beam: usize) -> [Option<usize>; 2] {
+        let count = self.scan.beam_count();
+        if self.goes_round {
+            return [Some((beam + count - 1) % count), Some((beam + 1) % count)];
+        }
+        [beam.checked_sub(1), Some(beam + 1)]
     }
 
     fn beam_towards(&self, in_lidar: &Vector2<f64>) -> Option<usize> {
