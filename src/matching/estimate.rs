@@ -47,6 +47,10 @@ const FLOOR_SIGMA_XY_M: f64 = 0.004;
 /// … and radians.
 const FLOOR_SIGMA_THETA_RAD: f64 = 0.0015;
 
+fn inverse_scale() -> Vector3<f64> {
+    Vector3::new(1.0, 1.0, LEVER_ARM_M)
+}
+
 /// The directions in which a Hessian holds the pose.
 pub(super) struct Observability {
     scaled_eigen: SymmetricEigen<f64, nalgebra::U3>,
@@ -80,9 +84,20 @@ impl Observability {
         self.map_eigenvalues(|value| 1.0 / value, &d) * gradient
     }
 
+    /// H within the fixed directions.
+    pub(super) fn hessian(&self) -> Matrix3<f64> {
+        self.map_eigenvalues(|value| value, &Matrix3::from_diagonal(&inverse_scale()))
+    }
+
+    /// The gradient within the fixed directions.
+    pub(super) fn fixed_part(&self, gradient: &Vector3<f64>) -> Vector3<f64> {
+        let projection = self.map_eigenvalues(|_| 1.0, &Matrix3::identity());
+        (projection * gradient.component_mul(&scale())).component_mul(&inverse_scale())
+    }
+
     /// The information within the fixed directions for a noise of the given variance, m².
     pub(super) fn information(&self, variance_m2: f64) -> Information {
-        let inverse_scale = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, LEVER_ARM_M));
+        let inverse_scale = Matrix3::from_diagonal(&inverse_scale());
         let floor_theta_m = FLOOR_SIGMA_THETA_RAD * LEVER_ARM_M;
         let floor = FLOOR_SIGMA_XY_M.powi(2).max(floor_theta_m.powi(2));
         let to_information = |value: f64| 1.0 / (variance_m2 * CORRELATED_POINTS / value + floor);

@@ -90,6 +90,18 @@ impl NormalEquations {
         self.gradient -= weighted * Vector3::new(offset.x, offset.y, offset.theta);
     }
 
+    /// Keeps of the points only what they say of the directions that they fix.
+    fn restrict_to(&mut self, observability: &Observability) {
+        self.hessian = observability.hessian();
+        self.gradient = observability.fixed_part(&self.gradient);
+    }
+
+    /// The step H⁻¹g; none if neither points nor prior fix all directions.
+    fn solve(&self) -> Vector3<f64> {
+        let factor = self.hessian.cholesky();
+        factor.map_or(Vector3::zeros(), |factor| factor.solve(&self.gradient))
+    }
+
     fn add(&mut self, jacobian: Vector3<f64>, residual_m: f64, weight: f64) {
         self.hessian += jacobian * jacobian.transpose() * weight;
         self.gradient -= jacobian * (residual_m * weight);
@@ -116,13 +128,18 @@ pub fn align(
         let mut equations = linearise(reference, points, &pose, gate_m, params);
         if equations.pairs < PAIRS_MIN {
             termination = Termination::TooFewPoints;
+            pose = *initial;
             break;
         }
-        if let Some(prior) = prior {
-            equations.add_prior(prior, &pose, range_sigma_m);
-        }
         let observability = Observability::new(&equations.hessian, equations.weight_sum);
-        let step = observability.solve(&equations.gradient);
+        let step = match prior {
+            None => observability.solve(&equations.gradient),
+            Some(prior) => {
+                equations.restrict_to(&observability);
+                equations.add_prior(prior, &pose, range_sigma_m);
+                equations.solve()
+            }
+        };
         pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
@@ -243,3 +260,6 @@ fn summarise(
         termination,
     }
 }
+
+#[cfg(test)]
+mod tests;

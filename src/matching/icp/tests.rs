@@ -1,0 +1,206 @@
+//! The alignment's derivatives against differences of an independent cost.
+
+use super::*;
+use crate::scan::{LaserScan, Lidar, surface_points};
+use crate::sim::{Hall, World};
+use std::sync::Arc;
+
+/// What a lidar of 360 beams sees, with a little of fixed noise.
+fn look(world: &World, pose: &Pose2) -> Vec<SurfacePoint> {
+    let lidar = Arc::new(Lidar {
+        angle_min_rad: -3.1,
+        angle_increment_rad: 0.0172,
+        range_min_m: 0.05,
+        range_max_m: 20.0,
+        mount: Pose2::new(0.3, 0.1, 0.4),
+        range_sigma_m: 0.01,
+    });
+    let eye = pose.compose(&lidar.mount);
+    let ranges = (0..360).map(|beam| {
+        let (sin, cos) = (eye.theta + lidar.beam_angle_rad(beam)).sin_cos();
+        let noise_m = 0.02 * ((beam * beam) as f64 * 0.7).sin();
+        let hit = world.cast(&eye.translation(), &Vector2::new(cos, sin));
+        hit.map(|hit| hit.range_m + noise_m)
+    });
+    let ranges: Vec<_> = ranges.collect();
+    surface_points(&LaserScan::new(lidar, ranges).unwrap())
+}
+
+fn views() -> (Vec<SurfacePoint>, Vec<SurfacePoint>, Pose2) {
+    let hall = Hall::generate(17).unwrap();
+    let at = hall.route.pose_at(40.0);
+    let moved = Pose2::new(0.15, -0.1, 0.06);
+    (
+        look(&hall.world, &at),
+        look(&hall.world, &at.compose(&moved)),
+        moved.compose(&Pose2::new(0.02, 0.01, -0.01)),
+    )
+}
+
+/// The point in the base frame, its counterpart, and the counterpart's normal.
+type Pair = (Vector2<f64>, Vector2<f64>, Option<Vector2<f64>>);
+
+fn pairs_by_brute_force(
+    old: &[SurfacePoint],
+    new: &[SurfacePoint],
+    pose: &Pose2,
+    gate_m: f64,
+    params: &IcpParams,
+) -> Vec<Pair> {
+    let mut pairs = Vec::new();
+    for point in new {
+        let position = pose.transform(&point.position);
+        let distance = |o: &SurfacePoint| (o.position - position).norm();
+        let nearest = old
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .unwrap();
+        let alike = match (point.normal, nearest.normal) {
+            (Some(a), Some(b)) => (pose.rotation() * a).dot(&b) >= params.normal_cosine_min,
+            _ => true,
+        };
+        if distance(nearest) <= gate_m && alike {
+            pairs.push((point.position, nearest.position, nearest.normal));
+        }
+    }
+    pairs
+}
+
+fn distance_m(pair: &Pair, pose: &Pose2) -> f64 {
+    let offset = pose.transform(&pair.0) - pair.1;
+    pair.2.map_or(offset.norm(), |n| n.dot(&offset).abs())
+}
+
+/// ½ Σ c² ln(1 + (r/c)²), or ½ Σ r²: what the weights descend.
+fn cost(pairs: &[Pair], pose: &Pose2, cauchy_scale_m: Option<f64>) -> f64 {
+    let of_one = |r: f64| match cauchy_scale_m {
+        Some(c) => 0.5 * c * c * (r / c).powi(2).ln_1p(),
+        None => 0.5 * r * r,
+    };
+    pairs.iter().map(|p| of_one(distance_m(p, pose))).sum()
+}
+
+fn stepped(pose: &Pose2, axis: usize, by: f64) -> Pose2 {
+    let mut step = Vector3::zeros();
+    step[axis] = by;
+    pose.compose(&Pose2::new(step.x, step.y, step.z))
+}
+
+#[test]
+fn the_gradient_is_that_of_the_cost() {
+    let (old, new, pose) = views();
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.as_slice())]).unwrap();
+    for params in [IcpParams::ROBUST, IcpParams::ALL_POINTS] {
+        for gate_m in [0.15, 1.0, 3.0] {
+            let equations = linearise(&cloud, &new, &pose, gate_m, &params);
+            let pairs = pairs_by_brute_force(&old, &new, &pose, gate_m, &params);
+            assert_eq!(equations.pairs, pairs.len());
+            assert!(pairs.len() > 150, "{}", pairs.len());
+            assert!(pairs.iter().any(|p| p.2.is_none()), "corners take part");
+            let h = 1e-6;
+            for axis in 0..3 {
+                let at = |by: f64| cost(&pairs, &stepped(&pose, axis, by), params.cauchy_scale_m);
+                let slope = (at(h) - at(-h)) / (2.0 * h);
+                let told = -equations.gradient[axis];
+                let scale = equations.gradient.norm().max(1e-3);
+                assert!(
+                    (slope - told).abs() < 1e-5 * scale,
+                    "{axis}: {slope} {told}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_hessian_is_gauss_newtons() {
+    let (old, new, pose) = views();
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.as_slice())]).unwrap();
+    for params in [IcpParams::ROBUST, IcpParams::ALL_POINTS] {
+        let equations = linearise(&cloud, &new, &pose, 0.5, &params);
+        let mut expected = Matrix3::zeros();
+        let h = 1e-6;
+        for pair in pairs_by_brute_force(&old, &new, &pose, 0.5, &params) {
+            let r = distance_m(&pair, &pose);
+            let weight = params
+                .cauchy_scale_m
+                .map_or(1.0, |c| 1.0 / (1.0 + (r / c).powi(2)));
+            let axes = pair.2.map_or(vec![Vector2::x(), Vector2::y()], |n| vec![n]);
+            for axis in axes {
+                let along = |k, by| axis.dot(&stepped(&pose, k, by).transform(&pair.0));
+                let slope = |k| (along(k, h) - along(k, -h)) / (2.0 * h);
+                let jacobian = Vector3::new(slope(0), slope(1), slope(2));
+                expected += jacobian * jacobian.transpose() * weight;
+            }
+        }
+        let difference = (equations.hessian - expected).norm();
+        assert!(difference < 1e-6 * expected.norm(), "{difference}");
+    }
+}
+
+#[test]
+fn a_prior_pulls_down_its_own_cost() {
+    let prior = Prior {
+        pose: Pose2::new(0.4, -0.2, 3.1),
+        information: Information::from_upper([900.0, 100.0, -20.0, 400.0, 30.0, 2500.0]),
+    };
+    // Across the seam of the angles too.
+    let pose = prior.pose.compose(&Pose2::new(0.05, 0.1, 0.12));
+    let mut equations = NormalEquations::default();
+    equations.add_prior(&prior, &pose, 0.01);
+    let unit = noise_variance_m2(0.01, TYPICAL_RMSE_M) * CORRELATED_POINTS;
+    let cost = |pose: &Pose2| {
+        let offset = prior.pose.between(pose);
+        let offset = Vector3::new(offset.x, offset.y, offset.theta);
+        0.5 * unit * prior.information.squared_norm(&offset)
+    };
+    let h = 1e-5;
+    for axis in 0..3 {
+        let slope = (cost(&stepped(&pose, axis, h)) - cost(&stepped(&pose, axis, -h))) / (2.0 * h);
+        let told = -equations.gradient[axis];
+        let scale = equations.gradient.norm();
+        assert!((slope - told).abs() < 1e-6 * scale, "{slope} {told}");
+    }
+    let step = equations.solve();
+    let after = pose.compose(&Pose2::new(step.x, step.y, step.z));
+    assert!(cost(&after) < 1e-3 * cost(&pose));
+}
+
+#[test]
+fn the_end_is_a_minimum_of_the_cost() {
+    let (old, new, start) = views();
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.as_slice())]).unwrap();
+    for params in [IcpParams::ROBUST, IcpParams::ALL_POINTS] {
+        let found = align(&cloud, &new, &start, 0.01, None, &params);
+        let pairs = pairs_by_brute_force(&old, &new, &found.pose, params.gate_end_m, &params);
+        let least = cost(&pairs, &found.pose, params.cauchy_scale_m);
+        for (axis, by) in [(0, 2e-3), (1, 2e-3), (2, 1e-3)] {
+            for by in [by, -by] {
+                let beside = stepped(&found.pose, axis, by);
+                assert!(cost(&pairs, &beside, params.cauchy_scale_m) > least);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_free_is_left_out_and_what_is_fixed_is_kept() {
+    // Two walls along x fix y and θ, a little noise of their normals next to nothing of x.
+    let mut hessian = Matrix3::zeros();
+    for k in 0..100 {
+        let x = 0.1 * f64::from(k) - 5.0;
+        let jacobian = Vector3::new(0.03 * f64::from(k % 3 - 1), 1.0, x);
+        hessian += jacobian * jacobian.transpose();
+    }
+    let observability = Observability::new(&hessian, 100.0);
+    assert_eq!(observability.count(), 2);
+    let gradient = Vector3::new(0.3, -2.0, 5.0);
+    let step = observability.solve(&gradient);
+    assert!(step.x.abs() < 0.02 * step.norm(), "{step}");
+    let within = observability.fixed_part(&gradient);
+    let again = observability.fixed_part(&within);
+    assert!((again - within).norm() < 1e-12, "a projection");
+    assert!((observability.solve(&within) - step).norm() < 1e-12);
+    let back = observability.hessian() * step;
+    assert!((back - within).norm() < 1e-9 * within.norm());
+}
