@@ -6,7 +6,7 @@ use super::drive::{Drive, DriveScan, InitialPose};
 use super::front_end::{Motion, measure_motion};
 use super::keyframe::Keyframe;
 use super::local_map::LocalMap;
-use super::odometry::OdometrySigmas;
+use super::odometry::{OdometryMotion, OdometrySigmas};
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::geometry::{Information, Pose2};
@@ -114,9 +114,10 @@ impl RouteMap {
         );
         let local_map = self.local_map(last);
         let sigma_m = scan.scan.lidar().range_sigma_m;
-        let motion = measure_motion(&local_map, &keyframe.points, &by_odometry, sigma_m);
+        let odometry = OdometryMotion::told(&by_odometry);
+        let motion = measure_motion(&local_map, &keyframe.points, &odometry, sigma_m);
         let last_node = last_keyframe.node;
-        let drift_m = last_keyframe.drift_m + drift_of_motion(&motion);
+        let drift_m = last_keyframe.drift_m + drift_of_motion(&motion, &odometry.sigmas);
         let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
         let index = self.insert_new(keyframe, pose, drift_m, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
@@ -318,15 +319,17 @@ fn slack_after(drift_m: f64) -> Slack {
 }
 
 /// A matched motion counts as its length, one by odometry alone as what it may be off.
-fn drift_of_motion(motion: &Motion) -> f64 {
+fn drift_of_motion(motion: &Motion, odometry: &OdometrySigmas) -> f64 {
     if motion.matched {
         return motion.measurement.translation().norm();
     }
-    let sigmas = OdometrySigmas::assumed(&motion.measurement);
-    drift_of(sigmas.xy_m, sigmas.theta_rad)
+    drift_of(odometry.xy_m, odometry.theta_rad)
 }
 
 /// The way after which [`slack_after`] is three such standard deviations.
 fn drift_of(sigma_xy_m: f64, sigma_theta_rad: f64) -> f64 {
     (100.0 * sigma_xy_m).max(150.0 * sigma_theta_rad)
 }
+
+#[cfg(test)]
+mod tests;

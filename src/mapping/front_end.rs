@@ -1,7 +1,7 @@
 //! The motion between two keyframes of one trip.
 
 use super::local_map::{LocalMap, SEARCH_REACH_M};
-use super::odometry::OdometrySigmas;
+use super::odometry::{OdometryMotion, OdometrySigmas};
 use crate::geometry::{Information, Pose2};
 use crate::matching::{
     Estimate, IcpParams, Prior, SearchParams, SearchWindow, Termination, align, search,
@@ -48,15 +48,15 @@ fn support(estimate: &Estimate) -> f64 {
 
 /// Matches a scan against the local map of the last keyframes (frame: the last keyframe's base).
 ///
-/// `last_from_base` is the odometry's word. Directions that the scan does not fix, and scans that
+/// Directions that the scan does not fix, and scans that
 /// cannot be matched, keep it, with the odometry's information.
 pub(super) fn measure_motion(
     local_map: &LocalMap<'_>,
     points: &[SurfacePoint],
-    last_from_base: &Pose2,
+    odometry: &OdometryMotion,
     range_sigma_m: f64,
 ) -> Motion {
-    let sigmas = OdometrySigmas::assumed(last_from_base);
+    let (last_from_base, sigmas) = (&odometry.motion, odometry.sigmas);
     let wheels = sigmas.information();
     let by_odometry = Motion {
         measurement: *last_from_base,

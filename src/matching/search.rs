@@ -108,10 +108,13 @@ pub fn search(
     })
 }
 
+/// Most angles on each side; points too far away for so many are compared more coarsely.
+const HALF_TURN_STEPS_MAX: i64 = 4_096;
+
 fn rotate(grid: &LikelihoodGrid, points: &[Vector2<f64>], window: &SearchWindow) -> Rotations {
     let farthest_m = points.iter().map(|p| p.norm()).fold(0.0, f64::max);
     let step_rad = (grid.resolution_m() / farthest_m.max(grid.resolution_m())).min(0.2);
-    let steps = (window.half_turn_rad / step_rad).ceil() as i64;
+    let steps = ((window.half_turn_rad / step_rad).ceil() as i64).min(HALF_TURN_STEPS_MAX);
     let all_round = window.half_turn_rad >= std::f64::consts::PI;
     let range = if all_round {
         -steps..=steps - 1
