@@ -74,3 +74,58 @@ impl<'a> LocalMap<'a> {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(positions: &[(f64, f64)]) -> Vec<SurfacePoint> {
+        let point = |&(x, y): &(f64, f64)| SurfacePoint {
+            position: Vector2::new(x, y),
+            normal: None,
+            beam: 0,
+            range_m: 1.0,
+        };
+        positions.iter().map(point).collect()
+    }
+
+    #[test]
+    fn the_first_point_of_each_square_is_kept_in_order() {
+        let first = points(&[(0.05, 0.05), (0.08, 0.01), (-0.05, 0.05), (0.35, 0.0)]);
+        let second = points(&[(0.06, 0.06), (5.0, 0.0)]);
+        let moved = Pose2::new(0.0, 0.0, std::f64::consts::FRAC_PI_2);
+        let map = LocalMap::new(vec![(Pose2::IDENTITY, &first), (moved, &second)]);
+        let kept = map.thinned(0.1, f64::INFINITY, 100);
+        // The second scan's first point is turned to (−0.06, 0.06), beside the third one.
+        let expected = [(0.05, 0.05), (-0.05, 0.05), (0.35, 0.0), (0.0, 5.0)];
+        assert_eq!(kept.len(), expected.len());
+        for (kept, (x, y)) in kept.iter().zip(expected) {
+            assert!((kept - Vector2::new(x, y)).norm() < 1e-12, "{kept}");
+        }
+        assert_eq!(map.thinned(0.1, 1.0, 100).len(), 3, "no farther than 1 m");
+    }
+
+    #[test]
+    fn of_too_many_an_even_choice_is_kept() {
+        let line: Vec<(f64, f64)> = (0..1_000)
+            .map(|k| (0.05 + 0.1 * f64::from(k), 0.0))
+            .collect();
+        let line = points(&line);
+        let map = LocalMap::new(vec![(Pose2::IDENTITY, &line)]);
+        let kept = map.thinned(0.1, f64::INFINITY, 30);
+        assert_eq!(kept.len(), 30);
+        for pair in kept.windows(2) {
+            let gap_m = pair[1].x - pair[0].x;
+            assert!((3.2..3.5).contains(&gap_m), "{gap_m}");
+        }
+        assert!(kept[0].x < 0.1 && kept[29].x > 96.0);
+        assert_eq!(map.thinned(0.1, f64::INFINITY, 1_000).len(), 1_000);
+    }
+
+    #[test]
+    fn a_map_without_points_has_nothing_to_match() {
+        let map = LocalMap::new(vec![(Pose2::IDENTITY, &[])]);
+        assert!(map.cloud().is_none() && map.grid(0.1, 3).is_none());
+        assert!(map.thinned(0.1, f64::INFINITY, 10).is_empty());
+    }
+}

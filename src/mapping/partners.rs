@@ -80,3 +80,6 @@ pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Pla
     }
     chosen
 }
+
+#[cfg(test)]
+mod tests;
