@@ -1,5 +1,8 @@
 //! The command line against the service: two processes, as a user runs them.
 
+// The lints spare test functions only, not the helpers beside them.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};

@@ -77,6 +77,9 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
     }
     if path == "/v1/routes/{route}" && method != "get" {
         kinds.extend([K::PreconditionFailed, K::DiskFull]);
+        if takes_body {
+            kinds.push(K::DetectorFixed);
+        }
     }
     if below_route == "batches/{batch}" && takes_body {
         kinds.extend([K::BadEncoding, K::DigestMismatch, K::BatchIdReused]);

@@ -54,6 +54,7 @@ problem_kinds! {
     MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
     BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
+    DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
     TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";

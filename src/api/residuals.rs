@@ -8,10 +8,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
-use crate::change::series::{
-    ClosureSample, ConvergenceRule, ResidualSeries, SeriesEntry, SeriesParams, Verdict,
-    residual_series,
-};
+use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
 use crate::graph::EdgeKind;
 use crate::ids::RouteId;
 use crate::store::{Detector, EdgeRecord};
@@ -161,11 +158,7 @@ fn series<'a>(
             })
         })
         .collect();
-    let mut params = SeriesParams::default();
-    if detector == Detector::Seed {
-        params.convergence = ConvergenceRule::PAPER;
-    }
-    residual_series(&samples, &params)
+    residual_series(&samples, &detector.series_params())
 }
 
 fn body(

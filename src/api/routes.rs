@@ -286,6 +286,18 @@ fn check_if_match(headers: &HeaderMap, current: Option<&RouteRecord>) -> Result<
     ))
 }
 
+/// A map that is made by one detector's rule cannot go on by another's.
+fn check_detector(current: Option<&RouteRecord>, update: &RouteUpdate) -> Result<(), Problem> {
+    let (Some(current), Some(wanted)) = (current, &update.settings) else {
+        return Ok(());
+    };
+    if current.counts.batches == 0 || current.settings.detector == wanted.detector {
+        return Ok(());
+    }
+    let detail = "choose the detector before the first batch, or make another route";
+    Err(Problem::new(ProblemKind::DetectorFixed, detail).at("/settings/detector"))
+}
+
 /// Create or change a route.
 ///
 /// Makes the route if it is not there. Fields that are left out stay as they are.
@@ -311,8 +323,9 @@ pub(super) async fn put_route(
     let put: RoutePut = small_json(&state, &headers, body).await?;
     let current = state.store.route(&id).await?;
     check_if_match(&headers, current.as_ref())?;
-    let settings = current.map(|route| route.settings).unwrap_or_default();
-    let update = put.check(settings)?;
+    let settings = current.as_ref().map(|route| route.settings.clone());
+    let update = put.check(settings.unwrap_or_default())?;
+    check_detector(current.as_ref(), &update)?;
     let status = match state.store.put_route(&id, update, Timestamp::now()).await? {
         Put::Created => StatusCode::CREATED,
         Put::Updated => StatusCode::OK,

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::workspace::Workspace;
-use crate::change::series::{SeriesParams, residual_series};
+use crate::change::series::residual_series;
 use crate::store::Stage;
 
 /// Passes over the route before its reference can be complete (paper, section 4.1: at least two
@@ -23,7 +23,7 @@ pub(super) fn stage_of(workspace: &Workspace) -> Stage {
         .collect();
     let converged = subgraphs.into_iter().any(|subgraph_id| {
         let samples = workspace.closures_of(subgraph_id);
-        let series = residual_series(&samples, &SeriesParams::default());
+        let series = residual_series(&samples, &workspace.detector.series_params());
         series.converged_at.is_some()
     });
     if converged {

@@ -22,6 +22,7 @@ pub(super) struct Workspace {
     /// The store's revision that the map stands on.
     pub revision: i64,
     pub stage: Stage,
+    pub detector: Detector,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
     pub saved_nodes: Vec<NodeChange>,
@@ -66,6 +67,7 @@ impl Workspace {
         Ok(Self {
             revision: graph.revision,
             stage: graph.stage,
+            detector: graph.settings.detector,
             map,
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),

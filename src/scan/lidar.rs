@@ -66,7 +66,7 @@ impl Lidar {
     /// The first [`LidarError`] that applies.
     pub fn validated(self) -> Result<Self, LidarError> {
         use std::f64::consts::{FRAC_PI_4, TAU};
-        if !(self.angle_min_rad.abs() <= TAU) {
+        if !(-TAU..=TAU).contains(&self.angle_min_rad) {
             return Err(LidarError::AngleMin(self.angle_min_rad));
         }
         if !(self.angle_increment_rad > 0.0 && self.angle_increment_rad <= FRAC_PI_4) {

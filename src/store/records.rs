@@ -3,20 +3,10 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+pub use crate::change::Detector;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
-
-/// Which rule decides that something changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Detector {
-    /// Robust estimates make the map, all-points residuals are watched.
-    #[default]
-    Fused,
-    /// The paper's rule: all-points estimates are optimised with Ω = I.
-    Seed,
-}
 
 /// What a route's keeper can set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
