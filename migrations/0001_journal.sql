@@ -106,7 +106,10 @@ CREATE INDEX batches_by_arrival ON batches (route_key, batch_key);
 CREATE INDEX batches_by_vehicle ON batches (route_key, vehicle_id);
 CREATE INDEX batches_by_status  ON batches (route_key, status);
 CREATE INDEX batches_by_trip    ON batches (route_key, trip_id, sequence);
-CREATE INDEX batches_held       ON batches (route_key, trip_id, sequence) WHERE status = 'held';
+CREATE INDEX batches_held       ON batches (route_key, trip_id, sequence)
+    WHERE status = 'held';
+CREATE INDEX batches_unanchored ON batches (route_key, trip_id, sequence)
+    WHERE status = 'unanchored';
 
 -- The uploads' bodies, apart from their rows so that lists do not drag them along.
 CREATE TABLE batch_bodies (

@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::Context;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
+use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, ApiState};
@@ -50,14 +51,12 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());
     let drain_timeout = config.limits.drain_timeout;
 
-    // Every background task stops by itself soon after `stopping` is cancelled.
+    // The one place where background tasks start. Each ends soon after `stopping` is cancelled.
     let mut background = pipeline::start_workers(&store, &stopping)?;
     let upkeep_metrics = metrics.clone();
-    background.push(tokio::spawn(repeat_until(
-        stopping.clone(),
-        METRICS_UPKEEP,
-        move || upkeep_metrics.run_upkeep(),
-    )));
+    let upkeep = move || upkeep_metrics.run_upkeep();
+    let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
+    background.push(tokio::spawn(upkeep));
 
     let state = ApiState::new(
         store.clone(),
@@ -85,32 +84,18 @@ impl RunningApp {
         self.local_addr
     }
 
-    /// The store that the service keeps everything in.
-    pub fn store(&self) -> &Store {
-        &self.store
-    }
-
     /// Refuses new requests, ends those under way and the background tasks, closes the store.
-    /// Takes no longer than the drain time for each of the two.
+    /// What has not ended within the drain time is cut off.
     ///
     /// # Errors
     /// If the store does not close in order.
-    pub async fn shutdown(mut self) -> anyhow::Result<()> {
+    pub async fn shutdown(self) -> anyhow::Result<()> {
+        let deadline = Instant::now() + self.drain_timeout;
         self.draining.cancel();
-        if tokio::time::timeout(self.drain_timeout, &mut self.accepting)
-            .await
-            .is_err()
-        {
-            tracing::warn!("requests still under way were cut off");
-            self.accepting.abort();
-        }
         self.stopping.cancel();
-        for mut task in self.background {
-            if tokio::time::timeout(self.drain_timeout, &mut task)
-                .await
-                .is_err()
-            {
-                tracing::warn!("a background task was cut off");
+        for mut task in [self.accepting].into_iter().chain(self.background) {
+            if timeout_at(deadline, &mut task).await.is_err() {
+                tracing::warn!("what was still under way was cut off");
                 task.abort();
             }
         }

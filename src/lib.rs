@@ -7,14 +7,15 @@
 //!
 //! # Layers
 //!
-//! A module uses only modules above it in this list; `tests/layers.rs` holds it to that.
+//! A module uses only itself and modules before it in this list; `tests/layers.rs` holds it to
+//! that. `docs/ARCHITECTURE.md` has a line on each.
 //!
 //! 1. Foundation: [`ids`].
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`graph`], [`solver`], [`change`],
 //!    [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no axum, no SQL, no
 //!    files, no environment, no wall clock, no unseeded randomness.
-//! 3. Service: [`formats`], [`store`], [`pipeline`], [`api`], and the binary's
-//!    [`config`], [`telemetry`], [`app`], [`cli`].
+//! 3. Service: [`formats`], [`store`], [`pipeline`], [`api`].
+//! 4. Process: [`config`], [`telemetry`], [`app`], [`cli`].
 //!
 //! # Conventions
 //!

@@ -56,12 +56,12 @@ pub(super) struct BatchUpload {
 #[schema(as = Lidar)]
 pub(super) struct LidarBody {
     /// Direction of the first beam, radians.
-    #[schema(minimum = -6.2832, maximum = 6.2832)]
+    #[schema(minimum = -6.29, maximum = 6.29)]
     pub angle_min: f64,
     /// Direction of the last beam, radians; may be left out of uploads.
     pub angle_max: Option<f64>,
     /// Turn from a beam to the next, radians, positive.
-    #[schema(exclusive_minimum = 0.0, maximum = 0.7854)]
+    #[schema(exclusive_minimum = 0.0, maximum = 0.79)]
     pub angle_increment: f64,
     /// Shorter ranges count as no return, metres.
     #[schema(minimum = 0)]
@@ -91,7 +91,7 @@ struct InitialPoseBody {
     #[schema(exclusive_minimum = 0.0, maximum = 100)]
     sigma_xy: Option<f64>,
     /// Standard deviation of the heading, radians; 0.2 if left out.
-    #[schema(exclusive_minimum = 0.0, maximum = 3.1416)]
+    #[schema(exclusive_minimum = 0.0, maximum = 3.15)]
     sigma_theta: Option<f64>,
 }
 

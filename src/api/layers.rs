@@ -147,6 +147,7 @@ fn write_problem(response: Response, request_id: &str) -> Response {
     } else {
         tracing::debug!(problem = problem.kind().name(), "refused");
     }
+    parts.status = problem.kind().status();
     let body = serde_json::to_vec(&problem.body(request_id)).unwrap_or_default();
     let media_type = HeaderValue::from_static("application/problem+json");
     parts.headers.insert(header::CONTENT_TYPE, media_type);
@@ -163,4 +164,50 @@ fn chain(error: &(dyn std::error::Error + Send + Sync)) -> String {
         source = error.source();
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::Router;
+    use axum::body::{Body, to_bytes};
+    use axum::http::StatusCode;
+    use axum::middleware::from_fn;
+    use axum::routing::get;
+    use tower::ServiceExt;
+    use tower_http::catch_panic::CatchPanicLayer;
+
+    use super::*;
+
+    async fn answer(handler: fn() -> StatusCode) -> (StatusCode, serde_json::Value) {
+        let router = Router::new()
+            .route("/", get(move || async move { handler() }))
+            .layer(CatchPanicLayer::custom(problem_of_panic))
+            .layer(from_fn(observe));
+        let request = Request::builder()
+            .header("x-request-id", "r-1")
+            .body(Body::empty());
+        let response = router.oneshot(request.unwrap()).await.unwrap();
+        let status = response.status();
+        let body = to_bytes(response.into_body(), 10_000).await.unwrap();
+        (status, serde_json::from_slice(&body).unwrap())
+    }
+
+    #[tokio::test]
+    async fn a_panic_is_a_problem_that_keeps_its_secret() {
+        let (status, problem) = answer(|| panic!("the secret")).await;
+        assert_eq!(status, StatusCode::INTERNAL_SERVER_ERROR);
+        assert_eq!(problem["type"], "/problems/internal");
+        assert_eq!(problem["instance"], "r-1");
+        assert!(!problem.to_string().contains("secret"));
+    }
+
+    #[tokio::test]
+    async fn the_plain_refusals_of_libraries_become_problems() {
+        let (status, problem) = answer(|| StatusCode::PAYLOAD_TOO_LARGE).await;
+        assert_eq!(status, StatusCode::PAYLOAD_TOO_LARGE);
+        assert_eq!(problem["type"], "/problems/too-large");
+        let (status, problem) = answer(|| StatusCode::IM_A_TEAPOT).await;
+        assert_eq!(status, StatusCode::BAD_REQUEST);
+        assert_eq!(problem["status"], 400);
+    }
 }

@@ -73,14 +73,14 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
             K::TooLarge,
             K::UnsupportedMediaType,
         ]);
-        kinds.extend([K::OutOfRange, K::DiskFull]);
+        kinds.extend([K::UnsupportedEncoding, K::OutOfRange, K::DiskFull]);
     }
     if path == "/v1/routes/{route}" && method != "get" {
         kinds.extend([K::PreconditionFailed, K::DiskFull]);
     }
     if below_route == "batches/{batch}" && takes_body {
-        kinds.extend([K::BadEncoding, K::DigestMismatch, K::UnsupportedEncoding]);
-        kinds.extend([K::BatchIdReused, K::ScanGeometry, K::TimestampOrder]);
+        kinds.extend([K::BadEncoding, K::DigestMismatch, K::BatchIdReused]);
+        kinds.extend([K::ScanGeometry, K::TimestampOrder]);
     }
     if path == "/readyz" {
         kinds.push(K::NotReady);
@@ -112,14 +112,11 @@ fn problem_response(kind: ProblemKind) -> Value {
         "description": "",
         "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
     });
-    let header = match kind.status().as_u16() {
-        405 => "Allow",
-        503 | 507 => "Retry-After",
-        _ => return response,
-    };
-    response["headers"] = json!({
-        header: {"description": "Seconds to wait before the same request is sent again", "schema": {"type": "string"}}
-    });
+    if [503, 507].contains(&kind.status().as_u16()) {
+        response["headers"] = json!({
+            "Retry-After": {"description": "Seconds to wait before the same request is sent again", "schema": {"type": "string"}}
+        });
+    }
     response
 }
 

@@ -134,6 +134,7 @@ mod tests {
             stamp: StampNs(1_795_154_400_050_000_000),
             pose: Pose2::new(1.5, -2.0, -1.0),
             odom_from_base: Pose2::IDENTITY,
+            drift_m: 0.0,
             reference: true,
             active: false,
             subgraph_id: None,

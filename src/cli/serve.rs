@@ -27,7 +27,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         .enable_all()
         .build()
         .context("cannot start the runtime")?;
-    runtime.block_on(async {
+    let outcome = runtime.block_on(async {
         let data_dir = config.data_dir.display().to_string();
         let mut stop = StopSignal::listen()?;
         let app = app::start(config).await?;
@@ -43,7 +43,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             outcome = app.shutdown() => outcome,
             () = stop.received() => anyhow::bail!("stopped at once by a second signal"),
         }
-    })
+    });
+    // Work on blocking threads cannot be cancelled and must not hold up the end.
+    runtime.shutdown_background();
+    outcome
 }
 
 /// SIGTERM and ctrl-c.

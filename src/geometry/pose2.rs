@@ -18,6 +18,30 @@ pub struct Pose2 {
     pub theta: f64,
 }
 
+/// A pose with its sine and cosine taken, for many points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transform2 {
+    rotation: Matrix2<f64>,
+    translation: Vector2<f64>,
+}
+
+impl Transform2 {
+    /// A point of the right frame, in the left frame.
+    pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
+        self.rotation * point + self.translation
+    }
+
+    /// A direction of the right frame, in the left frame.
+    pub fn turn(&self, direction: &Vector2<f64>) -> Vector2<f64> {
+        self.rotation * direction
+    }
+
+    /// A direction of the left frame, in the right frame.
+    pub fn turn_back(&self, direction: &Vector2<f64>) -> Vector2<f64> {
+        self.rotation.tr_mul(direction)
+    }
+}
+
 /// An edge's error at two poses, with its derivatives.
 #[derive(Debug, Clone, Copy)]
 pub struct EdgeError {
@@ -94,6 +118,14 @@ impl Pose2 {
             self.x + cos * point.x - sin * point.y,
             self.y + sin * point.x + cos * point.y,
         )
+    }
+
+    /// The same motion, made ready for many points.
+    pub fn to_transform(&self) -> Transform2 {
+        Transform2 {
+            rotation: self.rotation(),
+            translation: self.translation(),
+        }
     }
 
     /// The group's exponential.
@@ -194,7 +226,7 @@ mod tests {
     use std::f64::consts::PI;
 
     const HARD_ANGLES: [f64; 12] = [
-        0.0, 1e-9, -1e-9, 1e-4, -1e-4, 0.7, -0.7, 2.5, -2.5, 3.14159, -3.14159, PI,
+        0.0, 1e-9, -1e-9, 1e-4, -1e-4, 0.7, -0.7, 2.5, -2.5, 3.1415, -3.1415, PI,
     ];
 
     fn any_pose() -> impl Strategy<Value = Pose2> {
@@ -258,6 +290,9 @@ mod tests {
         fn transform_is_an_action(a in any_pose(), b in any_pose(), x in -50.0..50.0_f64, y in -50.0..50.0_f64) {
             let point = Vector2::new(x, y);
             prop_assert!((a.compose(&b).transform(&point) - a.transform(&b.transform(&point))).norm() < 1e-9);
+            let ready = a.to_transform();
+            prop_assert!((ready.apply(&point) - a.transform(&point)).norm() < 1e-9);
+            prop_assert!((ready.turn_back(&ready.turn(&point)) - point).norm() < 1e-9);
         }
 
         #[test]

@@ -2,11 +2,11 @@
 
 use super::closure::{self, Slack};
 use super::drive::{Drive, InitialPose};
-use super::local_map::LocalMap;
+use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::{self, Placed};
 use super::route_map::RouteMap;
 use crate::geometry::{Pose2, Vector2};
-use crate::matching::{LikelihoodGrid, SearchParams, SearchWindow, search};
+use crate::matching::{SearchParams, SearchWindow, search};
 
 /// Where the first trip of a route starts if it does not say.
 pub(super) const ORIGIN: InitialPose = InitialPose {
@@ -87,7 +87,7 @@ fn search_everywhere(references: &[Placed<'_>], own: &[Placed<'_>]) -> Result<Po
         .grid(GRID_RESOLUTION_M, GRID_LEVELS)
         .ok_or(AnchorError::Unknown)?;
     let own_map = placed_map(own);
-    let points = own_map.thinned(GRID_RESOLUTION_M, POINTS_MAX);
+    let points = own_map.thinned(GRID_RESOLUTION_M, f64::INFINITY, POINTS_MAX);
     let middle = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
     let centred: Vec<_> = points.iter().map(|p| p - middle).collect();
     let hit = search(
@@ -175,8 +175,10 @@ pub(super) fn relocate(
     slack: &Slack,
 ) -> Option<Pose2> {
     let reference_map = placed_map(references);
-    let grid: LikelihoodGrid = reference_map.grid(NEARBY_RESOLUTION_M, GRID_LEVELS)?;
-    let points = local_map.thinned(NEARBY_RESOLUTION_M, POINTS_MAX);
+    let (centre, half_width_m) = (expected.translation(), SEARCH_REACH_M + slack.distance_m);
+    let grid =
+        reference_map.grid_around(&centre, half_width_m, NEARBY_RESOLUTION_M, GRID_LEVELS)?;
+    let points = local_map.thinned(NEARBY_RESOLUTION_M, SEARCH_REACH_M, POINTS_MAX);
     let window = SearchWindow {
         centre: *expected,
         half_width_m: slack.distance_m,

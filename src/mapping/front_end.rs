@@ -1,6 +1,6 @@
 //! The motion between two keyframes of one trip.
 
-use super::local_map::LocalMap;
+use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::odometry::OdometrySigmas;
 use crate::geometry::{Information, Pose2};
 use crate::matching::{
@@ -111,7 +111,11 @@ fn search_start(
     last_from_base: &Pose2,
     sigmas: &OdometrySigmas,
 ) -> Option<Pose2> {
-    let grid = local_map.grid(SEARCH_RESOLUTION_M, SEARCH_LEVELS)?;
+    let (centre, half_width_m) = (
+        last_from_base.translation(),
+        SEARCH_REACH_M + SEARCH_HALF_WIDTH_MAX_M,
+    );
+    let grid = local_map.grid_around(&centre, half_width_m, SEARCH_RESOLUTION_M, SEARCH_LEVELS)?;
     let scan = LocalMap::new(vec![(Pose2::IDENTITY, points)]);
     let window = SearchWindow {
         centre: *last_from_base,
@@ -124,6 +128,6 @@ fn search_start(
         distinct_turn_rad: f64::INFINITY,
         rival_share: 1.0,
     };
-    let candidates = scan.thinned(SEARCH_RESOLUTION_M, SEARCH_POINTS_MAX);
+    let candidates = scan.thinned(SEARCH_RESOLUTION_M, SEARCH_REACH_M, SEARCH_POINTS_MAX);
     Some(search(&grid, &candidates, &window, &params)?.pose)
 }

@@ -17,11 +17,11 @@ impl ReferenceCloud {
     pub fn new<'a>(scans: impl IntoIterator<Item = (Pose2, &'a [SurfacePoint])>) -> Option<Self> {
         let (mut positions, mut normals) = (Vec::new(), Vec::new());
         for (reference_from_base, points) in scans {
-            let rotation = reference_from_base.rotation();
+            let to_reference = reference_from_base.to_transform();
             for point in points {
-                let position = reference_from_base.transform(&point.position);
+                let position = to_reference.apply(&point.position);
                 positions.push([position.x, position.y]);
-                normals.push(point.normal.map(|n| rotation * n));
+                normals.push(point.normal.map(|n| to_reference.turn(&n)));
             }
         }
         if positions.is_empty() {

@@ -66,8 +66,8 @@ const TYPICAL_RMSE_M: f64 = 0.02;
 
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
-const STEP_TOLERANCE_M: f64 = 1e-5;
-const STEP_TOLERANCE_RAD: f64 = 1e-6;
+const STEP_TOLERANCE_M: f64 = 1e-4;
+const STEP_TOLERANCE_RAD: f64 = 2e-5;
 
 #[derive(Default)]
 struct NormalEquations {
@@ -165,11 +165,11 @@ fn linearise(
     gate_m: f64,
     params: &IcpParams,
 ) -> NormalEquations {
-    let rotation = pose.rotation();
+    let to_reference = pose.to_transform();
     let mut equations = NormalEquations::default();
     for point in points {
-        let position = pose.transform(&point.position);
-        let normal = point.normal.map(|n| rotation * n);
+        let position = to_reference.apply(&point.position);
+        let normal = point.normal.map(|n| to_reference.turn(&n));
         let Some((offset, line_normal)) = pair(reference, &position, normal, gate_m, params) else {
             continue;
         };
@@ -181,7 +181,7 @@ fn linearise(
         equations.weight_sum += weight;
         let turned = Vector2::new(-point.position.y, point.position.x);
         let mut add = |axis: Vector2<f64>| {
-            let in_base = rotation.transpose() * axis;
+            let in_base = to_reference.turn_back(&axis);
             let jacobian = Vector3::new(in_base.x, in_base.y, in_base.dot(&turned));
             equations.add(jacobian, axis.dot(&offset), weight);
         };
@@ -204,11 +204,11 @@ fn summarise(
     params: &IcpParams,
     termination: Termination,
 ) -> Estimate {
-    let rotation = pose.rotation();
+    let to_reference = pose.to_transform();
     let (mut overlapping, mut inliers, mut square_sum) = (0usize, 0usize, 0.0);
     for point in points {
-        let position = pose.transform(&point.position);
-        let normal = point.normal.map(|n| rotation * n);
+        let position = to_reference.apply(&point.position);
+        let normal = point.normal.map(|n| to_reference.turn(&n));
         let gate_m = params.overlap_gate_m;
         if let Some((offset, line_normal)) = pair(reference, &position, normal, gate_m, params) {
             overlapping += 1;

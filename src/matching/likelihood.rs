@@ -96,22 +96,22 @@ impl LikelihoodGrid {
         cells
     }
 
-    /// Level h from level h − 1: windows start up to 2ʰ − 1 cells before the grid.
+    /// Level h from level h − 1: windows start up to 2ʰ − 1 cells before the grid, so a cell is
+    /// the maximum of its own place in the level below and of those 2ʰ⁻¹ cells before it.
     fn widen(&self, level: usize) -> Vec<u8> {
-        let half = 1i64 << (level - 1);
+        let half = 1usize << (level - 1);
+        let (width_below, height_below) = self.level_size(level - 1);
         let (width, height) = self.level_size(level);
+        let below = &self.levels[level - 1];
         let mut cells = vec![0u8; width * height];
-        let start = 1 - (1i64 << level);
-        for y in 0..height {
-            for x in 0..width {
-                let (gx, gy) = (x as i64 + start, y as i64 + start);
-                let value = |dx, dy| self.value(level - 1, gx + dx, gy + dy);
-                cells[y * width + x] = value(0, 0)
-                    .max(value(half, 0))
-                    .max(value(0, half))
-                    .max(value(half, half));
+        for (y, row) in below.chunks_exact(width_below).enumerate() {
+            for target in [y, y + half] {
+                let out = &mut cells[target * width..(target + 1) * width];
+                raise(&mut out[..width_below], row);
+                raise(&mut out[half..half + width_below], row);
             }
         }
+        debug_assert_eq!(height, height_below + half);
         cells
     }
 
@@ -157,6 +157,12 @@ impl LikelihoodGrid {
             return 0;
         }
         self.levels[level][(y * width + x) as usize]
+    }
+}
+
+fn raise(cells: &mut [u8], to: &[u8]) {
+    for (cell, &value) in cells.iter_mut().zip(to) {
+        *cell = value.max(*cell);
     }
 }
 

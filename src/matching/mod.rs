@@ -13,4 +13,4 @@ pub use estimate::{Estimate, Termination};
 pub use icp::{IcpParams, Prior, align};
 pub use likelihood::LikelihoodGrid;
 pub use search::{SearchHit, SearchParams, SearchWindow, search};
-pub use visibility::{Agreement, Visibility, agreement, look_at};
+pub use visibility::{Agreement, View, Visibility, agreement};

@@ -125,10 +125,10 @@ fn rotate(grid: &LikelihoodGrid, points: &[Vector2<f64>], window: &SearchWindow)
     let cells = angles_rad
         .iter()
         .map(|&angle| {
-            let turned = Pose2::new(centre.x, centre.y, angle);
+            let turned = Pose2::new(centre.x, centre.y, angle).to_transform();
             points
                 .iter()
-                .map(|p| grid.cell_of(&turned.transform(p)))
+                .map(|p| grid.cell_of(&turned.apply(p)))
                 .collect()
         })
         .collect();

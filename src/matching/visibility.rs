@@ -1,6 +1,8 @@
 //! What one scan sees at a point: the comparison that tells a changed world from a bad match.
 
-use crate::geometry::{Pose2, Vector2, wrap_angle};
+use std::f64::consts::TAU;
+
+use crate::geometry::{Pose2, Transform2, Vector2, wrap_angle};
 use crate::scan::{LaserScan, SurfacePoint};
 
 /// What a scan says about a point.
@@ -36,40 +38,67 @@ impl Agreement {
     }
 }
 
-/// What the scan says about a point of its base frame.
-///
-/// The measured depth is the least of the beam's and its neighbours': beside a depth edge the
-/// nearer surface counts. `tolerance_m` is the depth by which two views of one surface may
-/// differ.
-pub fn look_at(scan: &LaserScan, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
-    let lidar = scan.lidar();
-    let in_lidar = lidar.mount.inverse().transform(point);
-    let range_m = in_lidar.norm();
-    let turn = wrap_angle(in_lidar.y.atan2(in_lidar.x) - lidar.angle_min_rad);
-    let turn = if turn < -0.5 * lidar.angle_increment_rad {
-        turn + std::f64::consts::TAU
-    } else {
-        turn
-    };
-    let beam = (turn / lidar.angle_increment_rad).round() as usize;
-    if beam >= scan.beam_count() || range_m >= lidar.range_max_m {
-        return Visibility::Unseen;
+/// A scan, made ready for many looks.
+pub struct View<'a> {
+    scan: &'a LaserScan,
+    lidar_from_base: Transform2,
+}
+
+impl<'a> View<'a> {
+    /// Of a scan.
+    pub fn new(scan: &'a LaserScan) -> Self {
+        Self {
+            scan,
+            lidar_from_base: scan.lidar().mount.inverse().to_transform(),
+        }
     }
-    let Some(own_m) = scan.range_m(beam) else {
-        return Visibility::Unseen;
-    };
-    let neighbours = [beam.checked_sub(1), Some(beam + 1)];
-    let (mut least_m, mut most_m) = (own_m, own_m);
-    for neighbour_m in neighbours.iter().flatten().filter_map(|&b| scan.range_m(b)) {
-        least_m = least_m.min(neighbour_m);
-        most_m = most_m.max(neighbour_m);
+
+    /// What the scan says about a point of its base frame.
+    ///
+    /// Beside a depth edge the beam and its neighbours are taken together: a point is free only
+    /// before the nearest of them, occluded only behind the farthest. `tolerance_m` is the depth
+    /// by which two views of one surface may differ.
+    pub fn look_at(&self, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
+        let in_lidar = self.lidar_from_base.apply(point);
+        let range_m = in_lidar.norm();
+        let Some(beam) = self.beam_towards(&in_lidar) else {
+            return Visibility::Unseen;
+        };
+        let Some(own_m) = self.scan.range_m(beam) else {
+            return Visibility::Unseen;
+        };
+        if range_m >= self.scan.lidar().range_max_m {
+            return Visibility::Unseen;
+        }
+        let neighbours = [beam.checked_sub(1), Some(beam + 1)];
+        let (mut least_m, mut most_m) = (own_m, own_m);
+        for neighbour_m in neighbours
+            .iter()
+            .flatten()
+            .filter_map(|&b| self.scan.range_m(b))
+        {
+            least_m = least_m.min(neighbour_m);
+            most_m = most_m.max(neighbour_m);
+        }
+        if range_m < least_m - tolerance_m {
+            Visibility::Free
+        } else if range_m > most_m + tolerance_m {
+            Visibility::Occluded
+        } else {
+            Visibility::Surface
+        }
     }
-    if range_m < least_m - tolerance_m {
-        Visibility::Free
-    } else if range_m > most_m + tolerance_m {
-        Visibility::Occluded
-    } else {
-        Visibility::Surface
+
+    fn beam_towards(&self, in_lidar: &Vector2<f64>) -> Option<usize> {
+        let lidar = self.scan.lidar();
+        let turn = wrap_angle(in_lidar.y.atan2(in_lidar.x) - lidar.angle_min_rad);
+        let turn = if turn < -0.5 * lidar.angle_increment_rad {
+            turn + TAU
+        } else {
+            turn
+        };
+        let beam = (turn / lidar.angle_increment_rad).round() as usize;
+        (beam < self.scan.beam_count()).then_some(beam)
     }
 }
 
@@ -84,10 +113,12 @@ pub fn agreement(
     sigma_theta_rad: f64,
 ) -> Agreement {
     let mut counts = Agreement::default();
+    let to_seen_by = seen_by_from_points.to_transform();
+    let view = View::new(seen_by);
     for point in points {
-        let position = seen_by_from_points.transform(&point.position);
+        let position = to_seen_by.apply(&point.position);
         let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
-        match look_at(seen_by, &position, allowed_m) {
+        match view.look_at(&position, allowed_m) {
             Visibility::Unseen => counts.unseen += 1,
             Visibility::Free => counts.free += 1,
             Visibility::Surface => counts.surface += 1,

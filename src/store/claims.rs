@@ -124,8 +124,9 @@ async fn entries(
     place: &Place,
 ) -> Result<Vec<(BatchId, i64)>, StoreError> {
     let rows = sqlx::query(
-        "SELECT id, sequence FROM batches WHERE route_key = ?1 AND trip_id = ?2 \
-         AND ((status = 'unanchored' AND sequence < ?3) OR batch_key = ?4) ORDER BY sequence",
+        "SELECT id, sequence FROM batches \
+         WHERE (route_key = ?1 AND trip_id = ?2 AND status = 'unanchored' AND sequence < ?3) \
+         OR batch_key = ?4 ORDER BY sequence",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)

@@ -10,11 +10,18 @@ use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteG
 use super::routes::settings_of;
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
+macro_rules! node_columns {
+    () => {
+        "nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, stamp_ns, \
+         x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id "
+    };
+}
+
 macro_rules! select_nodes {
     ($columns:literal, $joins:literal, $rest:literal) => {
         concat!(
-            "SELECT nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, \
-             stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id",
+            "SELECT ",
+            node_columns!(),
             $columns,
             " FROM routes JOIN nodes USING (route_key) \
              JOIN batches ON batches.batch_key = nodes.batch_key ",
@@ -159,10 +166,13 @@ pub(super) async fn trip_nodes(
     route: &RouteId,
     trip: &TripId,
 ) -> Result<Vec<NodeRecord>, StoreError> {
-    let rows = sqlx::query(select_nodes!(
-        "",
-        "",
-        "AND batches.trip_id = ? ORDER BY stamp_ns, nodes.node_id"
+    // CROSS JOIN keeps SQLite from walking through all nodes of the route.
+    let rows = sqlx::query(concat!(
+        "SELECT ",
+        node_columns!(),
+        "FROM routes JOIN batches USING (route_key) \
+         CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
+         WHERE routes.id = ? AND batches.trip_id = ? ORDER BY stamp_ns, nodes.node_id"
     ))
     .bind(route.as_str())
     .bind(trip.as_str())

@@ -88,7 +88,7 @@ async fn marks(
 async fn members(transaction: &mut SqliteConnection, place: &Place) -> Result<Members, StoreError> {
     let rows = sqlx::query(
         "SELECT batch_key, id, vehicle_id, trip_id FROM batches \
-         WHERE route_key = ?1 AND trip_id = ?2 AND (status = 'unanchored' OR batch_key = ?3)",
+         WHERE (route_key = ?1 AND trip_id = ?2 AND status = 'unanchored') OR batch_key = ?3",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use sqlx::{Connection, SqliteConnection};
 use tokio::sync::{Notify, watch};
-use tokio::time::{Instant, MissedTickBehavior};
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::connection::{Database, WAL_BYTES_MAX, truncate_wal};
@@ -73,7 +73,6 @@ impl Writer {
     /// [`StoreError`] if the database could not be closed soundly.
     pub(super) async fn run(mut self) -> Result<(), StoreError> {
         let mut recovery = tokio::time::interval(RECOVERY_PAUSE);
-        recovery.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut truncate_not_before = Instant::now();
         let mut closing = false;
         loop {
@@ -84,7 +83,12 @@ impl Writer {
                     self.inbox.close();
                     closing = true;
                 }
-                _ = recovery.tick(), if recovering => self.recover().await,
+                _ = recovery.tick(), if recovering => {
+                    self.recover().await;
+                    // A whole pause from now on, however long it took: writes are refused in it
+                    // rather than left waiting.
+                    recovery.reset();
+                }
                 group = self.inbox.next_group() => match group {
                     Some(group) => self.write(group).await,
                     None => break,

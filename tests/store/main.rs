@@ -1,5 +1,8 @@
 //! The store against a database in a temporary directory.
 
+// Helpers of tests may unwrap and panic as the tests themselves do.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod consistency;
 mod graph;
 mod jobs;

@@ -104,6 +104,16 @@ fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
     }
 }
 
+/// Small bodies are not worth compressing.
+pub(super) fn check_plain(headers: &HeaderMap) -> Result<(), Problem> {
+    if matches!(encoding(headers), Ok(Encoding::Identity)) {
+        return Ok(());
+    }
+    let detail = "the body must not be compressed here";
+    let problem = Problem::new(ProblemKind::UnsupportedEncoding, detail);
+    Err(problem.header(header::ACCEPT_ENCODING, "identity"))
+}
+
 /// The value of `sha-256=:…:`; other algorithms are passed over, as RFC 9530 allows.
 fn digest(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     for value in headers.get_all(CONTENT_DIGEST) {

@@ -90,6 +90,7 @@ pub(super) async fn small_json<T: DeserializeOwned>(
     if has_type {
         head::check_media_type(headers)?;
     }
+    head::check_plain(headers)?;
     let bytes = read::read_body(body, limits.small_body_bytes, limits.body_timeout).await?;
     if bytes.is_empty() {
         return Ok(from_json::<Object<T>>(b"{}")?.0);

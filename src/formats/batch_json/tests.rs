@@ -2,6 +2,8 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::geometry::Pose2;
+use crate::ids::StampNs;
 
 fn received_at() -> Timestamp {
     "2026-11-20T07:00:00Z".parse().unwrap()

@@ -1,4 +1,5 @@
-//! From fields to checked values.
+//! From fields to checked values. JSON has no NaN and no infinity, so every number is finite here;
+//! NaN in [`raw::Numbers`] stands for null.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -120,7 +121,7 @@ fn check_angle_max(lidar: &Lidar, angle_max_rad: Option<f64>, beams: usize) -> C
     };
     let covered_rad = angle_max_rad - lidar.angle_min_rad;
     let expected = covered_rad / lidar.angle_increment_rad + 1.0;
-    let detail = if !(covered_rad > 0.0) {
+    let detail = if covered_rad <= 0.0 {
         format!(
             "angle_max {angle_max_rad} must be above angle_min {}",
             lidar.angle_min_rad
@@ -165,7 +166,7 @@ fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
 
 fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
     for (field, value) in [("x", raw.x), ("y", raw.y)] {
-        if !(value.abs() <= COORDINATE_MAX_M) {
+        if value.abs() > COORDINATE_MAX_M {
             let detail = format!(
                 "{field} {value} is not within ±{COORDINATE_MAX_M} m: send metres in a frame near the vehicle"
             );
@@ -176,7 +177,7 @@ fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
             );
         }
     }
-    if !(raw.theta.abs() <= HEADING_MAX_RAD) {
+    if raw.theta.abs() > HEADING_MAX_RAD {
         let detail = format!(
             "theta {} is not within ±{HEADING_MAX_RAD} rad: send radians",
             raw.theta
@@ -232,7 +233,7 @@ fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<D
 
 fn check_ranges(k: usize, ranges_m: &[f64]) -> Checked<()> {
     for (beam, &range_m) in ranges_m.iter().enumerate() {
-        if range_m < 0.0 || range_m > RANGE_ABSURD_M {
+        if !range_m.is_nan() && !(0.0..=RANGE_ABSURD_M).contains(&range_m) {
             return refuse(
                 BatchProblem::OutOfRange,
                 format!("/scans/{k}/ranges/{beam}"),

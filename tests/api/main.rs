@@ -1,0 +1,18 @@
+//! The whole service over real sockets: contract, refusals, idempotency, limits, shutdown.
+
+// The lints spare test functions only, not the helpers beside them.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout
+)]
+
+mod bad_requests;
+mod body;
+mod client;
+mod lifecycle;
+mod limits;
+mod resources;
+mod service;
+mod uploads;

@@ -1,0 +1,205 @@
+//! A service in a directory of its own, with or without a small map in it.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use mapshift::api::Limits;
+use mapshift::app::{self, RunningApp};
+use mapshift::config::AppConfig;
+use mapshift::geometry::{Information, Pose2};
+use mapshift::graph::{EdgeKind, EdgeStatus};
+use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::scan::{LaserScan, Lidar, encode_scan};
+use mapshift::store::{
+    Applied, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord, JobResult, NewBatch, NodeRecord,
+    NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+};
+use tempfile::TempDir;
+
+use crate::client::{Answer, Request};
+
+/// A running service; its directory goes with it.
+pub struct Service {
+    pub app: RunningApp,
+    pub address: SocketAddr,
+    _directory: TempDir,
+}
+
+impl Service {
+    pub async fn start() -> Self {
+        Self::start_in(TempDir::new().unwrap(), Limits::default()).await
+    }
+
+    pub async fn start_with(limits: Limits) -> Self {
+        Self::start_in(TempDir::new().unwrap(), limits).await
+    }
+
+    /// With the route `hall`: one batch, three nodes, two odometry edges, one loop closure.
+    pub async fn start_with_map() -> Self {
+        let directory = TempDir::new().unwrap();
+        seed(&directory).await;
+        Self::start_in(directory, Limits::default()).await
+    }
+
+    async fn start_in(directory: TempDir, limits: Limits) -> Self {
+        let config = AppConfig {
+            listen: "127.0.0.1:0".parse().unwrap(),
+            data_dir: directory.path().join("data"),
+            limits,
+        };
+        let app = app::start(config).await.unwrap();
+        Self {
+            address: app.local_addr(),
+            app,
+            _directory: directory,
+        }
+    }
+
+    pub async fn send(&self, request: Request) -> Answer {
+        request.send(self.address).await
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        self.send(Request::new("GET", path)).await
+    }
+
+    pub async fn put_route(&self, route: &str) {
+        let put = Request::new("PUT", format!("/v1/routes/{route}"));
+        assert_eq!(self.send(put).await.status, 201);
+    }
+
+    pub async fn stop(self) {
+        self.app.shutdown().await.unwrap();
+    }
+}
+
+/// Short times, so that slow clients are met in a test.
+pub fn short_limits() -> Limits {
+    Limits {
+        header_timeout: Duration::from_millis(300),
+        body_timeout: Duration::from_millis(300),
+        ..Limits::default()
+    }
+}
+
+async fn seed(directory: &TempDir) {
+    let data_dir = directory.path().join("data");
+    let store = Store::open(StoreOptions { data_dir }).await.unwrap();
+    let now: Timestamp = "2026-11-20T07:00:00Z".parse().unwrap();
+    let route_id = RouteId::new("hall").unwrap();
+    store
+        .put_route(&route_id, RouteUpdate::default(), now)
+        .await
+        .unwrap();
+    let body = crate::body::batch(0, 3).to_string().into_bytes();
+    let batch = NewBatch {
+        route_id: route_id.clone(),
+        id: BatchId::new("b-0").unwrap(),
+        vehicle_id: VehicleId::new("agv-07").unwrap(),
+        trip_id: TripId::new("trip-1").unwrap(),
+        sequence: 0,
+        scans: 3,
+        flags: Vec::new(),
+        body,
+        received_at: now,
+    };
+    store.journal_batch(batch).await.unwrap();
+    let lease = Duration::from_secs(60);
+    let job = store.claim_job(now, lease).await.unwrap().unwrap();
+    let base_revision = store.route(&route_id).await.unwrap().unwrap().revision;
+    let result = JobResult {
+        job_id: job.job_id,
+        generation: job.generation,
+        base_revision,
+        outcomes: vec![BatchOutcome {
+            batch_id: BatchId::new("b-0").unwrap(),
+            status: BatchStatus::Merged,
+            reason: None,
+            flags: Vec::new(),
+            nodes_added: 3,
+            loop_closures: 1,
+        }],
+        nodes: (1..=3).map(node).collect(),
+        edges: vec![
+            edge(1, 1, 2, EdgeKind::Odometry),
+            edge(2, 2, 3, EdgeKind::Odometry),
+            edge(3, 1, 3, EdgeKind::LoopClosure),
+        ],
+        changed_nodes: Vec::new(),
+        changed_edges: Vec::new(),
+        stage: Stage::Mapping,
+        processed_at: now,
+        route_id,
+    };
+    assert_eq!(
+        store.apply_result(result).await.unwrap(),
+        Applied::Committed
+    );
+    store.close().await.unwrap();
+}
+
+fn node(id: i64) -> NodeWithScan {
+    let lidar = Lidar {
+        angle_min_rad: -3.0,
+        angle_increment_rad: 0.78,
+        range_min_m: 0.05,
+        range_max_m: 20.0,
+        mount: Pose2::new(0.2, 0.0, 0.0),
+        range_sigma_m: 0.01,
+    };
+    let ranges = [
+        Some(2.0),
+        Some(2.1),
+        Some(2.2),
+        None,
+        Some(2.4),
+        Some(2.5),
+        Some(2.6),
+        Some(2.7),
+    ];
+    let scan = LaserScan::new(Arc::new(lidar), ranges).unwrap();
+    NodeWithScan {
+        node: NodeRecord {
+            id: NodeId(id),
+            batch_id: BatchId::new("b-0").unwrap(),
+            vehicle_id: VehicleId::new("agv-07").unwrap(),
+            trip_id: TripId::new("trip-1").unwrap(),
+            stamp: StampNs(1_795_154_399_000_000_000 + id * 1_000_000_000),
+            pose: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
+            odom_from_base: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
+            drift_m: 0.0,
+            reference: true,
+            active: true,
+            subgraph_id: Some(1),
+        },
+        scan: encode_scan(&scan).unwrap(),
+    }
+}
+
+fn edge(id: i64, from: i64, to: i64, kind: EdgeKind) -> EdgeRecord {
+    let measurement = Pose2::new(0.5 * (to - from) as f64, 0.0, 0.0);
+    let information = Information::from_sigmas(0.01, 0.005);
+    EdgeRecord {
+        id: EdgeId(id),
+        from: NodeId(from),
+        to: NodeId(to),
+        kind,
+        status: EdgeStatus::Active,
+        batch_id: BatchId::new("b-0").unwrap(),
+        measurement,
+        information,
+        residual: 0.25,
+        subgraph_id: Some(1),
+        closure: (kind == EdgeKind::LoopClosure).then_some(ClosureRecord {
+            all_points_measurement: measurement,
+            all_points_information: information,
+            overlap: 0.9,
+            inlier_share: 0.95,
+            rmse_m: 0.012,
+            delta_f: 0.75,
+            all_points_residual: 1.5,
+        }),
+    }
+}

@@ -1,0 +1,153 @@
+//! Uploads: stored once, however they come.
+
+use serde_json::json;
+use sha2::{Digest, Sha256};
+
+use crate::body::{batch, gzip, zstd};
+use crate::client::Request;
+use crate::service::Service;
+
+const PATH: &str = "/v1/routes/line-4/batches/b-1";
+
+fn put(body: impl Into<Vec<u8>>) -> Request {
+    Request::new("PUT", PATH)
+        .header("content-type", "application/json")
+        .body(body)
+}
+
+#[tokio::test]
+async fn the_same_bytes_are_stored_once_and_other_bytes_never() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let plain = batch(0, 3).to_string();
+    let stored = service.send(put(plain.clone())).await;
+    assert_eq!(stored.status, 202);
+    assert_eq!(stored.header("location"), Some(PATH));
+    assert_eq!(stored.header("idempotent-replayed"), None);
+    let body = stored.json();
+    assert_eq!(body["scans"], 3);
+    assert_eq!(body["alerts"], json!([]));
+    assert_eq!(body["vehicle_id"], "agv-07");
+
+    for encoded in [
+        put(plain.clone()),
+        put(gzip(plain.as_bytes())).header("content-encoding", "gzip"),
+        put(zstd(plain.as_bytes())).header("content-encoding", "zstd"),
+    ] {
+        let replayed = service.send(encoded).await;
+        assert_eq!(replayed.status, 200);
+        assert_eq!(replayed.header("idempotent-replayed"), Some("true"));
+        assert_eq!(replayed.json()["received_at"], body["received_at"]);
+    }
+    let other = service.send(put(batch(0, 4).to_string())).await;
+    assert_eq!(
+        (other.status, other.problem().as_str()),
+        (409, "batch-id-reused")
+    );
+    let route = service.get("/v1/routes/line-4").await.json();
+    assert_eq!(route["counts"]["batches"], 1);
+    assert_eq!(route["counts"]["scans"], 3);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn compressed_first_and_chunked_uploads_are_taken() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let packed = zstd(batch(0, 3).to_string().as_bytes());
+    let first = put(packed).header("content-encoding", "zstd");
+    assert_eq!(service.send(first).await.status, 202);
+    let plain = batch(1, 2).to_string();
+    let mut chunked = Request::new("PUT", "/v1/routes/line-4/batches/b-2")
+        .header("content-type", "application/json")
+        .header("transfer-encoding", "chunked")
+        .header("content-length", "");
+    chunked.headers.pop();
+    let (one, two) = plain.split_at(plain.len() / 2);
+    let mut connection = crate::client::Connection::open(service.address).await;
+    connection.write(&chunked.head()).await;
+    let chunks = format!(
+        "{:x}\r\n{one}\r\n{:x}\r\n{two}\r\n0\r\n\r\n",
+        one.len(),
+        two.len()
+    );
+    connection.write(chunks.as_bytes()).await;
+    assert_eq!(connection.answer().await.status, 202);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_stated_digest_is_held_to() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let packed = gzip(batch(0, 3).to_string().as_bytes());
+    let wrong = put(packed.clone())
+        .header("content-encoding", "gzip")
+        .header(
+            "content-digest",
+            "sha-256=:AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=:",
+        );
+    assert_eq!(service.send(wrong).await.problem(), "digest-mismatch");
+    let digest = format!("sha-256=:{}:", base64(&Sha256::digest(&packed)));
+    let right = put(packed)
+        .header("content-encoding", "gzip")
+        .header("content-digest", &digest);
+    assert_eq!(service.send(right).await.status, 202);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn an_expected_body_is_asked_for_only_if_it_will_be_taken() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let plain = batch(0, 1).to_string();
+    let mut connection = crate::client::Connection::open(service.address).await;
+    connection
+        .write(&put(plain.clone()).header("expect", "100-continue").head())
+        .await;
+    connection.write(plain.as_bytes()).await;
+    let bytes = connection.rest().await;
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.starts_with("HTTP/1.1 100 "), "{text}");
+    assert!(text.contains("HTTP/1.1 202 "), "{text}");
+    let refused = Request::new("PUT", "/v1/routes/nowhere/batches/b")
+        .header("content-type", "application/json")
+        .header("content-length", "100000")
+        .header("expect", "100-continue");
+    assert_eq!(service.send(refused).await.problem(), "unknown-route");
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn request_ids_are_echoed_or_made() {
+    let service = Service::start().await;
+    let given = Request::new("GET", "/livez").header("x-request-id", "gateway-7/42");
+    assert_eq!(
+        service.send(given).await.header("x-request-id"),
+        Some("gateway-7/42")
+    );
+    for bad in ["a b", "<script>", &"x".repeat(200)] {
+        let answer = service
+            .send(Request::new("GET", "/livez").header("x-request-id", bad))
+            .await;
+        assert_eq!(answer.header("x-request-id").unwrap().len(), 36);
+    }
+    service.stop().await;
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let bits: String = bytes.iter().map(|b| format!("{b:08b}")).collect();
+    let mut text: String = bits
+        .as_bytes()
+        .chunks(6)
+        .map(|six| {
+            let six = format!("{:0<6}", std::str::from_utf8(six).unwrap());
+            char::from(ALPHABET[usize::from_str_radix(&six, 2).unwrap()])
+        })
+        .collect();
+    while text.len() % 4 != 0 {
+        text.push('=');
+    }
+    text
+}
