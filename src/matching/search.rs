@@ -28,6 +28,10 @@ pub struct SearchParams {
     pub rival_share: f64,
 }
 
+/// Most angles on either side of the window's centre: points very far from the base, as wild
+/// odometry puts them, ask for more than any memory holds.
+const HALF_ANGLES_MAX: f64 = 4096.0;
+
 /// The best pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchHit {
@@ -111,7 +115,9 @@ pub fn search(
 fn rotate(grid: &LikelihoodGrid, points: &[Vector2<f64>], window: &SearchWindow) -> Rotations {
     let farthest_m = points.iter().map(|p| p.norm()).fold(0.0, f64::max);
     let step_rad = (grid.resolution_m() / farthest_m.max(grid.resolution_m())).min(0.2);
-    let steps = (window.half_turn_rad / step_rad).ceil() as i64;
+    let steps = (window.half_turn_rad / step_rad)
+        .ceil()
+        .min(HALF_ANGLES_MAX) as i64;
     let all_round = window.half_turn_rad >= std::f64::consts::PI;
     let range = if all_round {
         -steps..=steps - 1
