@@ -78,10 +78,7 @@ async fn counts_agree(client: &Client, state: &State, told: &[Value]) {
 }
 
 async fn lists_are_the_graph(client: &Client, state: &State) {
-    assert_eq!(
-        client.list(&format!("{ROUTE}/nodes"), 7).await,
-        state.nodes
-    );
+    assert_eq!(client.list(&format!("{ROUTE}/nodes"), 7).await, state.nodes);
     assert_eq!(
         client.list(&format!("{ROUTE}/edges"), 1_000).await,
         state.edges
@@ -131,7 +128,10 @@ async fn residuals_are_the_graph(client: &Client, state: &State) {
     let subgraphs = client.list(&format!("{ROUTE}/subgraphs"), 10).await;
     let route = client.json(ROUTE).await;
     assert_eq!(route["counts"]["subgraphs"], subgraphs.len());
-    assert!(close(sum(&subgraphs, "total"), total), "bridges add nothing");
+    assert!(
+        close(sum(&subgraphs, "total"), total),
+        "bridges add nothing"
+    );
     for subgraph in &subgraphs {
         let id = subgraph["id"].as_i64().unwrap();
         let inside = |value: &&Value| value["subgraph_id"] == id;
@@ -141,7 +141,10 @@ async fn residuals_are_the_graph(client: &Client, state: &State) {
         let series = client.json(&path).await;
         let entries = series["entries"].as_array().unwrap();
         assert_eq!(subgraph["loop_closures"], entries.len());
-        let own = active.iter().filter(inside).filter_map(|e| e["delta_f"].as_f64());
+        let own = active
+            .iter()
+            .filter(inside)
+            .filter_map(|e| e["delta_f"].as_f64());
         let last = entries.last().unwrap()["total"].as_f64().unwrap();
         assert!(close(last, own.sum()), "{last}");
     }
@@ -193,7 +196,10 @@ async fn trajectories_are_the_drives(client: &Client, state: &State) {
             let at = pose_of(&node["pose"]);
             assert!((x - at.x).abs() < 1e-6 && (y - at.y).abs() < 1e-6, "{line}");
             assert!([z, qx, qy].iter().all(|v| *v == 0.0), "{line}");
-            assert!(wrap_angle(2.0 * qz.atan2(qw) - at.theta).abs() < 1e-8, "{line}");
+            assert!(
+                wrap_angle(2.0 * qz.atan2(qw) - at.theta).abs() < 1e-8,
+                "{line}"
+            );
         }
         assert!(tum.ends_with('\n'));
         let stamps: BTreeSet<String> = drive
@@ -227,7 +233,9 @@ fn poses_are_the_truth(state: &State) {
 
 async fn pictures_decode(client: &Client) {
     let png = client.bytes(&format!("{ROUTE}/map.png")).await;
-    let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut pixels).unwrap();
     let pgm = client.bytes(&format!("{ROUTE}/map.pgm")).await;
@@ -257,5 +265,9 @@ async fn pictures_decode(client: &Client) {
     };
     assert_eq!(at(start.x, start.y), 254);
     let wall = (-3..=3).map(|k| at(start.x, f64::from(k) * 0.05));
-    assert!(wall.clone().any(|grey| grey == 0), "{:?}", wall.collect::<Vec<_>>());
+    assert!(
+        wall.clone().any(|grey| grey == 0),
+        "{:?}",
+        wall.collect::<Vec<_>>()
+    );
 }

@@ -118,9 +118,8 @@ impl Client {
             if pending == 0 {
                 let batches = self.list(&format!("/v1/routes/{route}/batches"), 50).await;
                 let is = |batch: &Value, status: &str| batch["status"] == status;
-                let waits = |b: &&Value| {
-                    is(b, "queued") || is(b, "processing") || (held && is(b, "held"))
-                };
+                let waits =
+                    |b: &&Value| is(b, "queued") || is(b, "processing") || (held && is(b, "held"));
                 if !batches.iter().any(|b| waits(&b)) {
                     return batches;
                 }

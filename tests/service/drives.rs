@@ -3,14 +3,34 @@
 use std::sync::LazyLock;
 
 use jiff::{SignedDuration, Timestamp};
-use mapshift::geometry::Pose2;
-use mapshift::sim::{Hall, OdometryError, SimLidar, SimScan, Vehicle, drive};
+use mapshift::geometry::{Pose2, Vector2};
+use mapshift::sim::{Hall, OdometryError, Route, Shape, SimLidar, SimScan, Vehicle, World, drive};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
 /// The hall that most vehicles drive in.
 pub static HALL: LazyLock<Hall> = LazyLock::new(|| Hall::generate(1).unwrap());
+
+/// A workshop that has nothing in common with the hall.
+pub fn workshop() -> Hall {
+    let rectangle =
+        |x, y, theta, length, width| Shape::rectangle(&Pose2::new(x, y, theta), length, width);
+    let round = |x, y, radius_m| Shape::Round {
+        centre: Vector2::new(x, y),
+        radius_m,
+    };
+    let world = World::new([
+        rectangle(6.0, 5.0, 0.0, 13.0, 11.0),
+        rectangle(6.0, 5.0, 0.6, 2.0, 1.5),
+        round(0.6, 8.5, 0.7),
+        round(11.2, 1.0, 0.4),
+    ]);
+    let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
+    let corners = corners.map(|(x, y)| Vector2::new(x, y));
+    let route = Route::new(&corners, 1.0).unwrap();
+    Hall { world, route }
+}
 
 /// An upload.
 #[derive(Debug, Clone)]

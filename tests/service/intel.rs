@@ -78,5 +78,8 @@ async fn an_upload_outlives_the_service_it_began_with() {
         values.filter_map(Value::as_f64).sum()
     };
     let (residual, added) = (total("residual"), total("delta_f"));
-    assert!((residual - added).abs() <= 1e-6 * residual, "{residual} {added}");
+    assert!(
+        (residual - added).abs() <= 1e-6 * residual,
+        "{residual} {added}"
+    );
 }

@@ -59,7 +59,11 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
     let batches = client.merged("line").await;
     assert_eq!(batches.len(), uploads.len());
     let state = State::of(&client, "line").await;
-    assert!(state == undisturbed, "{:?}", state.distance_to(&undisturbed));
+    assert!(
+        state == undisturbed,
+        "{:?}",
+        state.distance_to(&undisturbed)
+    );
     for batch in &uploads {
         assert_eq!(client.put("line", batch).await, Put::Replayed);
     }

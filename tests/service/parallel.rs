@@ -25,7 +25,11 @@ async fn eight_gateways_fill_two_routes() {
     let mut gateways = Vec::new();
     for route in ROUTES {
         for (k, names) in VEHICLES.into_iter().enumerate() {
-            let vehicle = if k % 2 == 0 { first_vehicle() } else { second_vehicle() };
+            let vehicle = if k % 2 == 0 {
+                first_vehicle()
+            } else {
+                second_vehicle()
+            };
             let drive = Drive::through(&HALL, &vehicle, names, BATCHES * SCANS, k as u64);
             let client = service.client.clone();
             gateways.push(tokio::spawn(async move {
@@ -55,14 +59,18 @@ async fn eight_gateways_fill_two_routes() {
                 "vehicles": VEHICLES.len(), "open_alerts": 0,
             })
         );
-        let sum = |field: &str| -> i64 {
-            batches.iter().map(|b| b[field].as_i64().unwrap()).sum()
-        };
+        let sum = |field: &str| -> i64 { batches.iter().map(|b| b[field].as_i64().unwrap()).sum() };
         assert_eq!(sum("nodes_added"), state.nodes.len() as i64);
         assert_eq!(sum("loop_closures"), closures as i64);
-        assert_eq!(state.edges.len() - closures, state.nodes.len() - VEHICLES.len());
+        assert_eq!(
+            state.edges.len() - closures,
+            state.nodes.len() - VEHICLES.len()
+        );
         keyframes.push(state.poses().into_keys().collect::<Vec<_>>());
     }
-    assert_eq!(keyframes[0], keyframes[1], "the same drives, the same keyframes");
+    assert_eq!(
+        keyframes[0], keyframes[1],
+        "the same drives, the same keyframes"
+    );
     service.stop().await;
 }

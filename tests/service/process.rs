@@ -26,7 +26,9 @@ impl Process {
         let stdout = child.stdout.as_mut().unwrap();
         BufReader::new(stdout).read_line(&mut line).unwrap();
         let address = line.split([' ', ',']).find(|w| w.starts_with("http://"));
-        let url = address.expect("the first line names the address").to_owned();
+        let url = address
+            .expect("the first line names the address")
+            .to_owned();
         Self { child, url }
     }
 

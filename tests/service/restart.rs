@@ -33,7 +33,11 @@ async fn what_was_queued_at_the_stop_is_done_after_the_start() {
     let service = Running::start_in(directory.path()).await;
     service.client.merged("line").await;
     let state = State::of(&service.client, "line").await;
-    assert!(state == undisturbed, "{:?}", state.distance_to(&undisturbed));
+    assert!(
+        state == undisturbed,
+        "{:?}",
+        state.distance_to(&undisturbed)
+    );
     service.stop().await;
 }
 
