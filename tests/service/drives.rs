@@ -22,9 +22,11 @@ pub fn workshop() -> Hall {
     };
     let world = World::new([
         rectangle(6.0, 5.0, 0.0, 13.0, 11.0),
-        rectangle(6.0, 5.0, 0.6, 2.0, 1.5),
-        round(0.6, 8.5, 0.7),
-        round(11.2, 1.0, 0.4),
+        rectangle(4.5, 4.6, 0.6, 2.0, 1.5),
+        rectangle(6.5, 9.9, 0.0, 5.0, 1.0),
+        rectangle(12.0, 6.5, 0.0, 0.8, 3.0),
+        rectangle(8.2, 5.8, 0.2, 0.6, 2.2),
+        round(0.3, 8.8, 0.6),
     ]);
     let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
     let corners = corners.map(|(x, y)| Vector2::new(x, y));

@@ -217,44 +217,92 @@ fn wild(batch: &Batch) -> Batch {
     })
 }
 
+/// Sends a drive whose first and third batches are spoiled; hands back what became of the four.
+async fn half_spoiled(
+    client: &Client,
+    trip: &str,
+    drive: &Drive,
+    spoil: fn(&Batch) -> Batch,
+) -> Vec<Value> {
+    let own = |b: &Batch| b.with(&format!("{trip}-{}", b.id), json!({ "trip_id": trip }));
+    let mut sent: Vec<Batch> = drive.batches(12).iter().map(own).collect();
+    for k in [0, 2] {
+        sent[k] = spoil(&sent[k]);
+    }
+    client.put_all("line", &sent).await;
+    let mut told = Vec::new();
+    for batch in &sent {
+        told.push(ended(client, &batch.id).await);
+    }
+    told
+}
+
+fn column(batches: &[Value], field: &str) -> Value {
+    batches.iter().map(|batch| batch[field].clone()).collect()
+}
+
+async fn everything_is_told(client: &Client) {
+    all_numbers_are_finite(client).await;
+    for part in [
+        "map.png",
+        "map.pgm",
+        "map.yaml",
+        "graph.g2o",
+        "subgraphs",
+        "residuals",
+    ] {
+        let path = format!("/v1/routes/line/{part}");
+        assert_eq!(client.status_of(&path).await, 200, "{part}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
-async fn blind_and_wild_batches_come_to_an_end() {
+async fn blind_batches_are_driven_by_odometry() {
     let service = with_map(36).await;
     let client = &service.client;
-    for (trip, flag, spoil) in [
-        ("blind", "empty_scans", &blind as &dyn Fn(&Batch) -> Batch),
-        ("wild", "wild_odometry", &wild),
-    ] {
-        for (posed, trip) in [(true, trip.to_owned()), (false, format!("{trip}-unposed"))] {
-            let [_, drive] = two_vehicles(48);
-            let drive = if posed { drive } else { drive.without_pose() };
-            let own = |b: &Batch| {
-                let id = format!("{trip}-{}", b.id);
-                b.with(&id, json!({ "trip_id": trip }))
-            };
-            let good: Vec<Batch> = drive.batches(12).iter().map(own).collect();
-            // The first and the third are spoiled, the others are as they should be.
-            let sent = [
-                spoil(&good[0]),
-                good[1].clone(),
-                spoil(&good[2]),
-                good[3].clone(),
-            ];
-            client.put_all("line", &sent).await;
-            for (k, batch) in sent.iter().enumerate() {
-                let batch = ended(client, &batch.id).await;
-                let status = batch["status"].as_str().unwrap();
-                assert!(["merged", "unanchored"].contains(&status), "{batch}");
-                assert!(status == "merged" || !posed, "{batch}");
-                assert_eq!(batch["flags"] == json!([flag]), k % 2 == 0, "{batch}");
-            }
+    let [_, drive] = two_vehicles(48);
+    let told = half_spoiled(client, "posed", &drive, blind).await;
+    let flagged = json!([["empty_scans"], [], ["empty_scans"], []]);
+    assert_eq!(column(&told, "flags"), flagged);
+    assert!(told.iter().all(|b| b["status"] == "merged"), "{told:?}");
+
+    let drive = drive.without_pose();
+    let told = half_spoiled(client, "unposed", &drive, blind).await;
+    assert_eq!(column(&told, "flags"), flagged);
+    everything_is_told(client).await;
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn wild_batches_are_kept_out() {
+    let service = with_map(36).await;
+    let client = &service.client;
+    let before = client.text("/v1/routes/line/map.yaml").await;
+    let [_, drive] = two_vehicles(48);
+    for (trip, drive) in [("posed", drive.clone()), ("unposed", drive.without_pose())] {
+        let told = half_spoiled(client, trip, &drive, wild).await;
+        assert_eq!(
+            column(&told, "status"),
+            json!(["quarantined", "merged", "quarantined", "merged"]),
+            "{told:?}"
+        );
+        assert_eq!(
+            column(&told, "flags"),
+            json!([["wild_odometry"], ["gap"], ["wild_odometry"], ["gap"]])
+        );
+        for k in [0, 2] {
+            let reason = told[k]["reason"].as_str().unwrap();
+            assert!(reason.contains("odometry jumps by"), "{reason}");
         }
     }
-    all_numbers_are_finite(client).await;
-    for picture in ["map.png", "map.pgm", "map.yaml", "graph.g2o", "subgraphs"] {
-        let path = format!("/v1/routes/line/{picture}");
-        assert_eq!(client.status_of(&path).await, 200, "{picture}");
-    }
+    everything_is_told(client).await;
+    let after = client.text("/v1/routes/line/map.yaml").await;
+    let resolution = |yaml: &str| {
+        yaml.lines()
+            .find(|l| l.contains("resolution"))
+            .map(str::to_owned)
+    };
+    assert_eq!(resolution(&after), resolution(&before));
     service.stop().await;
 }
 

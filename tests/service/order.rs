@@ -84,17 +84,6 @@ async fn drives_that_never_come_back_may_come_in_any_order() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn trips_that_say_where_they_start_may_come_in_any_order() {
-    any_order_is_as_good(two_vehicles(72), "both poses").await;
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn trips_that_are_anchored_may_come_in_any_order() {
-    let [first, second] = two_vehicles(72);
-    any_order_is_as_good([first, second.without_pose()], "one pose").await;
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn repeats_change_nothing() {
     let drives = two_vehicles(36).map(|drive| drive.batches(SCANS));
     let once = map_of(&interleaved(&drives)).await;
