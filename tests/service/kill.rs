@@ -14,7 +14,7 @@ use crate::process::Process;
 use crate::state::State;
 
 fn uploads() -> Vec<Batch> {
-    let drives = two_vehicles(72);
+    let drives = two_vehicles(120);
     interleaved(&drives.map(|drive| drive.batches(12)))
 }
 
@@ -38,13 +38,14 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
     let directory = TempDir::new().unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut acknowledged = BTreeSet::new();
-    for kill in 0..kills {
+    let mut in_the_midst = 0;
+    for _ in 0..kills {
         let mut process = Process::start(directory.path());
         let client = Client::new(&process.url);
         client.put_route("line", Value::Null).await;
+        in_the_midst += usize::from(has_work(&client).await);
         nothing_is_lost(&client, &acknowledged).await;
-        // Later kills meet more uploads and jobs.
-        let wait = Duration::from_millis(rng.random_range(5..150) * (1 + kill as u64));
+        let wait = Duration::from_millis(rng.random_range(20..200));
         let sending = tokio::spawn(send_until_cut_off(client, uploads.clone()));
         tokio::time::sleep(wait).await;
         process.kill();
@@ -54,7 +55,10 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
     let process = Process::start(directory.path());
     let client = Client::new(&process.url);
     client.put_route("line", Value::Null).await;
+    in_the_midst += usize::from(has_work(&client).await);
     nothing_is_lost(&client, &acknowledged).await;
+    assert!(in_the_midst > 0, "the kills came too late to show anything");
+    eprintln!("seed {seed}: {in_the_midst} of {kills} kills left work behind");
     client.put_all("line", &uploads).await;
     let batches = client.merged("line").await;
     assert_eq!(batches.len(), uploads.len());
@@ -68,6 +72,10 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
         assert_eq!(client.put("line", batch).await, Put::Replayed);
     }
     assert!(State::of(&client, "line").await == undisturbed);
+}
+
+async fn has_work(client: &Client) -> bool {
+    client.route("line").await["pending_batches"] != 0
 }
 
 async fn undisturbed(uploads: &[Batch]) -> State {
