@@ -136,6 +136,7 @@ CREATE TABLE jobs (
     generation       INTEGER NOT NULL DEFAULT 0 CHECK (generation >= 0),
     -- How often it was claimed.
     attempts         INTEGER NOT NULL DEFAULT 0 CHECK (attempts >= 0),
+    orphaned         INTEGER NOT NULL DEFAULT 0 CHECK (orphaned >= 0), -- claims that ended with the process
     -- Not before this time.
     run_after_us     INTEGER NOT NULL DEFAULT 0,
     lease_expires_us INTEGER,

@@ -6,8 +6,11 @@ use super::result::{self, Origin};
 use super::stage::stage_of;
 use super::workspace::Workspace;
 use crate::formats::batch_json;
-use crate::mapping::{Drive, Extension, NotExtended};
+use crate::mapping::{Drive, DriveScan, Extension, NotExtended};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
+
+/// No vehicle drives this far between two scans, metres.
+const JUMP_MAX_M: f64 = 100.0;
 
 /// Takes the job's batches through the map.
 ///
@@ -19,6 +22,12 @@ pub(super) fn process(
     job: &ClaimedJob,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let origins = decode(job)?;
+    if let Some(outcome) = origins.last().and_then(refuse_jump) {
+        let mut result =
+            result::of_extension(&mut workspace, job, &origins, &Extension::default())?;
+        result.outcomes = vec![outcome];
+        return Ok((workspace, result));
+    }
     let drive = join(&origins);
     let (extension, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
@@ -61,6 +70,26 @@ fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {
         })
     });
     origins.collect()
+}
+
+/// Keeps out a batch whose odometry would put its scans where nothing is: the map's pictures and
+/// searches would have to span the way there for ever.
+fn refuse_jump(origin: &Origin) -> Option<BatchOutcome> {
+    let way_m = |pair: &[DriveScan]| {
+        let motion = pair[0].odom_from_base.between(&pair[1].odom_from_base);
+        motion.translation().norm()
+    };
+    let longest_m = origin.drive.scans.windows(2).map(way_m).fold(0.0, f64::max);
+    (longest_m > JUMP_MAX_M).then(|| BatchOutcome {
+        batch_id: origin.batch_id.clone(),
+        status: BatchStatus::Quarantined,
+        reason: Some(format!(
+            "the odometry jumps by {longest_m:.0} m from one scan to the next"
+        )),
+        flags: Vec::new(),
+        nodes_added: 0,
+        loop_closures: 0,
+    })
 }
 
 /// The drives of a trip that waited together, as one.

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::process::process;
 use super::workspace::Workspaces;
-use crate::store::{Applied, ClaimedJob, Store};
+use crate::store::{Applied, ClaimedJob, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);
@@ -70,7 +70,7 @@ impl Worker {
     async fn run(self, stopping: CancellationToken) {
         while !stopping.is_cancelled() {
             match self.store.claim_job(Timestamp::now(), LEASE).await {
-                Ok(Some(job)) => self.see_through(job).await,
+                Ok(Some(job)) => self.see_through(job, &stopping).await,
                 Ok(None) => idle(&self.store, &stopping).await,
                 Err(error) => {
                     tracing::warn!(%error, "no job could be claimed");
@@ -80,19 +80,35 @@ impl Worker {
         }
     }
 
-    async fn see_through(&self, job: ClaimedJob) {
+    async fn see_through(&self, job: ClaimedJob, stopping: &CancellationToken) {
         let (job_id, generation, route) = (job.job_id, job.generation, job.route_id.clone());
         let Err(error) = self.attempt(job).await else {
             return;
         };
         let reason = format!("{error:#}");
-        tracing::error!(%route, job_id, reason, "a batch could not be processed");
-        let failed = self
-            .store
-            .fail_job(job_id, generation, &reason, Timestamp::now());
-        if let Err(error) = failed.await {
-            tracing::error!(%route, job_id, %error, "nor could its failure be noted");
+        let passing = is_passing(&error);
+        tracing::error!(%route, job_id, reason, passing, "a batch could not be processed");
+        while let Err(error) = self.hand_back(job_id, generation, &reason, passing).await {
+            tracing::error!(%route, job_id, %error, "nor could that be noted");
+            if stopping.is_cancelled() {
+                return;
+            }
+            pause(stopping).await;
         }
+    }
+
+    async fn hand_back(
+        &self,
+        job_id: i64,
+        generation: i64,
+        reason: &str,
+        passing: bool,
+    ) -> Result<(), StoreError> {
+        let now = Timestamp::now();
+        if passing {
+            return self.store.return_job(job_id, generation, now).await;
+        }
+        self.store.fail_job(job_id, generation, reason, now).await
     }
 
     /// Load, compute, save.
@@ -124,6 +140,13 @@ impl Worker {
             Err(panic) => Err(anyhow!("the computation panicked: {}", message_of(&*panic))),
         }
     }
+}
+
+/// Whether the store was in the way, and not the batch.
+fn is_passing(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<StoreError>()
+        .is_some_and(StoreError::is_passing)
 }
 
 fn message_of(panic: &(dyn std::any::Any + Send)) -> String {

@@ -22,6 +22,7 @@ pub(super) struct Workspace {
     /// The store's revision that the map stands on.
     pub revision: i64,
     pub stage: Stage,
+    /// What the map's weighting follows.
     pub detector: Detector,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
@@ -138,10 +139,11 @@ pub(super) struct Workspaces {
 impl Workspaces {
     /// The route's map, from memory if it is up to date, else from the store.
     pub async fn take(&self, store: &Store, route: &RouteId) -> anyhow::Result<Workspace> {
-        let revision = store.route(route).await?.map(|record| record.revision);
-        let revision = revision.ok_or_else(|| anyhow!("the route is gone"))?;
+        let record = store.route(route).await?;
+        let record = record.ok_or_else(|| anyhow!("the route is gone"))?;
         if let Some(kept) = self.remove(route)
-            && kept.revision == revision
+            && kept.revision == record.revision
+            && kept.detector == record.settings.detector
         {
             return Ok(kept);
         }

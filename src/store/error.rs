@@ -57,6 +57,13 @@ pub enum StoreError {
     Database(#[from] sqlx::Error),
 }
 
+impl StoreError {
+    /// Whether the same request may be taken later: the disk or the writer is in the way.
+    pub fn is_passing(&self) -> bool {
+        matches!(self, Self::Full | Self::Unavailable)
+    }
+}
+
 /// What is corrupt.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Corruption {

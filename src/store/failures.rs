@@ -5,7 +5,7 @@ use sqlx::SqliteConnection;
 
 use super::columns::micros;
 use super::error::StoreError;
-use super::jobs::{TRIES_MAX, give_up, held_job, put_back, quarantine};
+use super::jobs::{Job, TRIES_MAX, give_up, held_job, put_back, quarantine};
 use super::request::Request;
 use crate::ids::BatchId;
 
@@ -51,6 +51,38 @@ fn backoff_us(attempts: i64) -> i64 {
     MICROS_PER_SECOND << doublings
 }
 
+/// Puts a job back that could not be worked on through no fault of its own: no try is counted.
+pub(super) struct ReturnJob {
+    pub(super) job_id: i64,
+    pub(super) generation: i64,
+    pub(super) now: Timestamp,
+}
+
+impl Request for ReturnJob {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
+            return Ok(());
+        };
+        put_back(transaction, &job, micros(self.now) + MICROS_PER_SECOND).await?;
+        forget_try(transaction, &job).await
+    }
+}
+
+async fn forget_try(transaction: &mut SqliteConnection, job: &Job) -> Result<(), StoreError> {
+    sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = ?")
+        .bind(job.job_id)
+        .execute(&mut *transaction)
+        .await?;
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+        .bind(job.place.batch_key)
+        .execute(transaction)
+        .await?;
+    Ok(())
+}
+
 /// Quarantines a batch whose body is corrupt, and gives back the job that would have used it.
 pub(super) struct QuarantineRotten {
     pub(super) job_id: i64,
@@ -79,16 +111,7 @@ impl Request for QuarantineRotten {
         }
         quarantine(transaction, batch_key, reason, self.now).await?;
         put_back(transaction, &job, 0).await?;
-        // The job itself did not fail.
-        sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = ?")
-            .bind(job.job_id)
-            .execute(&mut *transaction)
-            .await?;
-        sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
-            .bind(job.place.batch_key)
-            .execute(transaction)
-            .await?;
-        Ok(())
+        forget_try(transaction, &job).await
     }
 }
 

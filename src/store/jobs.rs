@@ -11,6 +11,9 @@ use super::trips::{Place, end_turn};
 /// How often a job is tried before its batch is quarantined.
 pub(super) const TRIES_MAX: i64 = 5;
 
+/// After so many processes that ended over a job, their ends count as tries.
+const ORPHANED_MAX: i64 = 20;
+
 /// A job as its table has it.
 pub(super) struct Job {
     pub(super) job_id: i64,
@@ -98,7 +101,8 @@ pub(super) async fn quarantine(
     Ok(())
 }
 
-/// Gives back the jobs that a dead process held: only right while the directory is locked.
+/// Gives back the jobs that a dead process held: only right while the directory is locked. The
+/// end of a process is not the batch's fault and no try, unless it happens again and again.
 pub(super) async fn release_orphans(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
     sqlx::query(
         "UPDATE batches SET status = 'queued' \
@@ -107,8 +111,10 @@ pub(super) async fn release_orphans(connection: &mut SqliteConnection) -> Result
     .execute(&mut *connection)
     .await?;
     let released = sqlx::query(
-        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL WHERE state = 'running'",
+        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL, orphaned = orphaned + 1, \
+         attempts = attempts - (orphaned < ?) WHERE state = 'running'",
     )
+    .bind(ORPHANED_MAX)
     .execute(connection)
     .await?;
     Ok(released.rows_affected())

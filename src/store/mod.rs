@@ -282,7 +282,11 @@ impl Store {
                     };
                     self.work(request).await?;
                 }
-                loaded => return loaded.map(Some),
+                Err(error) => {
+                    self.return_job(job_id, generation, now).await?;
+                    return Err(error);
+                }
+                Ok(job) => return Ok(Some(job)),
             }
         }
         Ok(None)
@@ -315,6 +319,25 @@ impl Store {
             job_id,
             generation,
             reason,
+            now,
+        };
+        self.work(request).await
+    }
+
+    /// Puts a job back for a second later without counting a try: the store or the machine was
+    /// in the way, not the batch.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn return_job(
+        &self,
+        job_id: i64,
+        generation: i64,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let request = failures::ReturnJob {
+            job_id,
+            generation,
             now,
         };
         self.work(request).await

@@ -287,3 +287,19 @@ async fn everyone_who_waits_hears_of_a_job() {
     let all = tokio::time::timeout(Duration::from_secs(30), all).await;
     assert!(all.unwrap().iter().all(Result::is_ok));
 }
+
+/// A passing fault of the store is no try of the batch.
+#[tokio::test]
+async fn a_job_that_is_returned_has_as_many_tries_as_before() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    for turn in 0..8 {
+        let job = fixture.claim(turn * 10).await.unwrap();
+        assert_eq!(job.attempts, 1);
+        let now = at(turn * 10);
+        let returned = fixture.store.return_job(job.job_id, job.generation, now);
+        returned.await.unwrap();
+        assert_eq!(fixture.status("b").await, Queued);
+        assert!(fixture.claim(turn * 10).await.is_none(), "not at once");
+    }
+}

@@ -1,0 +1,18 @@
+//! Whole drives through the whole service: what goes in over HTTP is what comes out of the map,
+//! whatever the order, the kills and the oddities on the way.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::print_stderr)]
+
+mod agreement;
+mod client;
+mod drives;
+mod intel;
+mod kill;
+mod odd_trips;
+mod order;
+mod parallel;
+mod process;
+mod restart;
+mod running;
+mod state;
