@@ -22,7 +22,8 @@ const LOOK: Duration = Duration::from_secs(1);
 const RELEASE: Duration = Duration::from_secs(5);
 
 /// Starts as many workers as there are cores, and the task that releases held batches. They end
-/// soon after `stopping` is cancelled; a batch under way is finished first.
+/// soon after `stopping` is cancelled; a batch under way is finished
+/// first, unless the drain time ends before it; then it is claimed again at the next start.
 ///
 /// # Errors
 /// If the threads cannot be had.
