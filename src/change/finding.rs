@@ -1,0 +1,39 @@
+//! What all looks at a place say together.
+
+use super::ChangeKind;
+use crate::geometry::Vector2;
+use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+
+/// A place where the world contradicts the map, as all looks known so far tell it.
+///
+/// Findings are a function of the set of scans and their poses, not of the order in which they
+/// arrived: `since` and `until` come from the scans' stamps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What is contradicted.
+    pub kind: ChangeKind,
+    /// Its centre, map frame, metres.
+    pub location: Vector2<f64>,
+    /// Standard deviation of the location, metres.
+    pub sigma_m: f64,
+    /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
+    pub region: Vec<Vector2<f64>>,
+    /// The closures whose scans disagree there, ascending.
+    pub edges: Vec<EdgeId>,
+    /// The nodes whose scans show the old or the new state, ascending.
+    pub nodes: Vec<NodeId>,
+    /// The trips that saw the new state, ascending.
+    pub trips: Vec<TripId>,
+    /// Scans that show the new state.
+    pub views: usize,
+    /// Passes by the place that saw the new state.
+    pub laps: usize,
+    /// Probability that the finding is true, in [0, 1].
+    pub confidence: f64,
+    /// The first look that shows the new state.
+    pub since: StampNs,
+    /// The last look that shows it.
+    pub last_seen: StampNs,
+    /// The first look that shows the old state again; `None` while the new state stands.
+    pub until: Option<StampNs>,
+}

@@ -1,0 +1,32 @@
+//! What kind of contradiction between the map and the world was found.
+
+use serde::{Deserialize, Serialize};
+
+/// The kinds of findings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChangeKind {
+    /// Something stands where earlier looks saw free space.
+    Appeared,
+    /// Free space is seen where earlier looks saw something.
+    Disappeared,
+    /// Closures contradict the map, without scans that say what changed.
+    Residual,
+    /// So much differs, or so many closures are missing, that the map does not fit the place.
+    MapMismatch,
+    /// One vehicle disagrees everywhere: mis-mounted or faulty.
+    VehicleSuspect,
+}
+
+impl ChangeKind {
+    /// Its name in files and in the API.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Appeared => "appeared",
+            Self::Disappeared => "disappeared",
+            Self::Residual => "residual",
+            Self::MapMismatch => "map_mismatch",
+            Self::VehicleSuspect => "vehicle_suspect",
+        }
+    }
+}
