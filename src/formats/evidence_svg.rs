@@ -186,10 +186,10 @@ fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
         label(svg, x + 30.0, SECOND_ROW_PX, caption, Ink::PLAIN);
         place::dots(svg, [(x + 306.0, y)], place::NEW.pale, 5.0);
         place::dots(svg, [(x + 316.0, y)], place::OLD.pale, 5.0);
-        let caption = "hidden from the other scan";
+        let caption = "not seen by the other scan";
         label(svg, x + 328.0, SECOND_ROW_PX, caption, Ink::PLAIN);
     }
-    let (x, y) = (0.5 * WIDTH_PX, SECOND_ROW_PX);
+    let (x, y) = (0.5 * WIDTH_PX + 28.0, SECOND_ROW_PX);
     let (left, top, colour) = (px(x), px(y - 10.0), place::REGION);
     svg.push_str(&format!(
         "<rect x=\"{left}\" y=\"{top}\" width=\"14\" height=\"12\" fill=\"{colour}\" fill-opacity=\"0.12\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n"

@@ -14,17 +14,21 @@ pub(super) struct Colours {
     pub strong: &'static str,
     /// Points that it cannot judge.
     pub pale: &'static str,
+    /// Size of the points, relative: old points show as a rim round new ones on the same wall.
+    pub size: f64,
 }
 
 pub(super) const OLD: Colours = Colours {
     plain: "#6d8bab",
     strong: "#174a7c",
     pale: "#bccbdb",
+    size: 1.5,
 };
 pub(super) const NEW: Colours = Colours {
     plain: "#ee8a22",
     strong: "#c4320a",
     pale: "#f8d0a3",
+    size: 1.0,
 };
 pub(super) const REGION: &str = "#6b2fa0";
 
@@ -159,11 +163,12 @@ impl Panel {
     /// Draws a scan's points: the contradicted ones last, larger and darker.
     pub(super) fn draw_points(&self, svg: &mut String, look: &Look<'_>, colours: Colours) {
         // Points grow with the scale, so that they stay apart in the near panel.
-        let size_px = (0.02 * self.px_per_m).clamp(2.6, 6.0);
+        let near_px = (0.02 * self.px_per_m).clamp(2.6, 6.0);
+        let size_px = colours.size * near_px;
         for (wanted, colour, size_px) in [
             (Class::Unjudged, colours.pale, size_px),
             (Class::Confirmed, colours.plain, size_px),
-            (Class::Contradicted, colours.strong, 1.9 * size_px),
+            (Class::Contradicted, colours.strong, 1.9 * near_px),
         ] {
             let ends = look.beams.iter().filter(|beam| class(beam) == wanted);
             let ends = ends.filter_map(|beam| beam.end).map(|end| self.at(&end));
