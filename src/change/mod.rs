@@ -1,11 +1,15 @@
 //! What the residuals of a pose graph say about changes of the world.
 
+mod accepted;
+mod alert;
 mod detector;
 mod finding;
 mod kind;
 pub mod series;
 pub mod threshold;
 
+pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
+pub use alert::{AlertAction, AlertStatus};
 pub use detector::Detector;
 pub use finding::Finding;
 pub use kind::ChangeKind;
