@@ -1,5 +1,7 @@
 //! What the residuals of a pose graph say about changes of the world.
 
+mod accepted;
+mod alert;
 mod beam_verdict;
 mod detector;
 mod finding;
@@ -7,6 +9,8 @@ mod kind;
 pub mod series;
 pub mod threshold;
 
+pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
+pub use alert::{AlertAction, AlertStatus};
 pub use beam_verdict::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
 pub use detector::Detector;
 pub use finding::Finding;

@@ -74,6 +74,7 @@ pub(super) fn of_extension(
         edges: new_edges.collect(),
         changed_nodes: differing(&workspace.saved_nodes, &nodes_now),
         changed_edges: differing(&workspace.saved_edges, &edges_now),
+        alerts: Vec::new(),
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };
@@ -92,10 +93,12 @@ pub(super) fn of_extension(
 fn state_of(map: &RouteMap) -> (Vec<NodeChange>, Vec<EdgeChange>) {
     let graph = map.graph();
     let blocks = Blocks::of(graph);
-    let nodes = graph.nodes().iter().map(|node| NodeChange {
+    let with_keyframes = graph.nodes().iter().zip(map.keyframes());
+    let nodes = with_keyframes.map(|(node, keyframe)| NodeChange {
         id: node.id,
         pose: node.pose,
         subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        reference: keyframe.reference,
         active: true,
     });
     let edges = graph
@@ -138,7 +141,7 @@ fn node_record(
         pose: state.pose,
         odom_from_base: keyframe.odom_from_base,
         drift_m: keyframe.drift_m,
-        reference: keyframe.reference,
+        reference: state.reference,
         active: state.active,
         subgraph_id: state.subgraph_id,
     };

@@ -116,6 +116,7 @@ fn node_change_of(record: &NodeWithScan) -> NodeChange {
         id: record.node.id,
         pose: record.node.pose,
         subgraph_id: record.node.subgraph_id,
+        reference: record.node.reference,
         active: record.node.active,
     }
 }

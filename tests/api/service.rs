@@ -129,6 +129,7 @@ async fn seed(directory: &TempDir) {
         ],
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
+        alerts: Vec::new(),
         stage: Stage::Mapping,
         processed_at: now,
         route_id,
