@@ -1,6 +1,7 @@
 //! Alerts: places where the world contradicts a route's map.
 
 mod body;
+mod carry_out;
 mod decisions;
 mod evidence;
 mod evidence_body;
@@ -66,7 +67,7 @@ pub(super) async fn list_alerts(
 /// What changed, where, how sure it is, and what became of it. The ETag guards decisions.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}", tag = "alerts",
-    params(("alert" = String, Path, format = Uuid, description = "Id of the alert")),
+    params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),
     responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's revision in quotes; decisions need it"))))
 )]
 pub(super) async fn get_alert(

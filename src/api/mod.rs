@@ -2,6 +2,7 @@
 //!
 //! Knows the store; knows nothing of matching, solving and workers.
 
+mod alerts;
 mod batches;
 mod documents;
 mod edges;
@@ -61,6 +62,17 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(maps::get_map_pgm))
         .routes(routes!(maps::get_map_yaml))
         .routes(routes!(versions::list_versions))
+        .routes(routes!(alerts::list_alerts))
+        .routes(routes!(alerts::list_alerts_geojson))
+        .routes(routes!(alerts::stream_alerts))
+        .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::get_evidence))
+        .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::acknowledge_alert))
+        .routes(routes!(alerts::accept_alert))
+        .routes(routes!(alerts::dismiss_alert))
+        .routes(routes!(alerts::reopen_alert))
+        .routes(routes!(alerts::undo_alert))
         .routes(routes!(operations::livez))
         .routes(routes!(operations::readyz))
         .routes(routes!(operations::metrics))

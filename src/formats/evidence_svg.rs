@@ -38,9 +38,9 @@ pub struct EvidencePicture<'a> {
     /// A simple polygon round it, map frame, metres.
     pub region: &'a [Vector2<f64>],
     /// Passes by the place that saw the new state.
-    pub laps: i64,
+    pub laps: usize,
     /// Scans that show the new state.
-    pub views: i64,
+    pub views: usize,
     /// Probability that the alert is true, in [0, 1].
     pub confidence: f64,
     /// The old and the new scan; `None` where the upload had no scans.
@@ -103,7 +103,7 @@ fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
     };
     let at = picture.location;
     let title = format!("{what} at x {:.2} m, y {:.2} m", at.x, at.y);
-    let times = |count: i64, one: &str| match count {
+    let times = |count: usize, one: &str| match count {
         1 => format!("1 {one}"),
         _ => format!("{count} {one}s"),
     };

@@ -26,7 +26,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 }))]
 pub(super) struct AlertBody {
     /// UUID of version 7: sorts by when the alert was raised.
-    #[schema(format = Uuid)]
+    #[schema(format = "uuid")]
     pub id: String,
     /// The route.
     pub route_id: String,

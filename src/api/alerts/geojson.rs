@@ -42,7 +42,7 @@ struct Feature {
     #[serde(rename = "type")]
     kind: &'static str,
     /// Id of the alert.
-    #[schema(format = Uuid)]
+    #[schema(format = "uuid")]
     id: String,
     /// Its region.
     geometry: Polygon,

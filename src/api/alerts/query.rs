@@ -48,7 +48,10 @@ impl AlertQuery {
     /// 400 for what is no name, time, box or probability.
     pub(super) fn filter(&self) -> Result<AlertFilter, Problem> {
         let bbox: Option<BoundingBox> = self.bbox.as_deref().map(str::parse).transpose()?;
-        if self.min_confidence.is_some_and(|c| !(0.0..=1.0).contains(&c)) {
+        if self
+            .min_confidence
+            .is_some_and(|c| !(0.0..=1.0).contains(&c))
+        {
             let detail = "min_confidence is a probability, 0 to 1";
             return Err(Problem::parameter("min_confidence", detail));
         }
