@@ -109,3 +109,34 @@ impl AlertAction {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_of_what_is_allowed() {
+        use AlertAction::{Accept, Acknowledge, Dismiss, Reopen, Undo};
+        use AlertStatus::{Accepted, Acknowledged, Dismissed, Open, Resolved};
+        let table: [(AlertStatus, &[AlertAction]); 5] = [
+            (Open, &[Acknowledge, Accept, Dismiss]),
+            (Acknowledged, &[Accept, Dismiss, Reopen]),
+            (Accepted, &[Undo]),
+            (Dismissed, &[Reopen]),
+            (Resolved, &[Reopen]),
+        ];
+        for (status, allowed) in table {
+            let found = AlertAction::ALL.into_iter().filter(|a| status.allows(*a));
+            assert_eq!(found.collect::<Vec<_>>(), allowed, "{status:?}");
+        }
+    }
+
+    #[test]
+    fn no_action_leads_to_where_the_alert_is() {
+        for status in AlertStatus::ALL {
+            for action in AlertAction::ALL {
+                assert!(!status.allows(action) || action.leads_to() != Some(status));
+            }
+        }
+    }
+}

@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 
 pub use crate::change::{AcceptedChange, AlertAction, AlertStatus, ChangeKind, Finding};
+pub use crate::formats::MapPicture;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
 
 use super::records::{EdgeChange, NodeChange};
@@ -142,17 +143,6 @@ pub struct Acceptance {
     pub change: AcceptedChange,
     /// What an undo restores; opaque to the store.
     pub undo: Vec<u8>,
-}
-
-/// A map's picture in the three formats.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MapPicture {
-    /// For people.
-    pub png: Vec<u8>,
-    /// For ROS's `map_server`.
-    pub pgm: Vec<u8>,
-    /// The description that goes with the PGM.
-    pub yaml: String,
 }
 
 /// Whether a decision was taken.
