@@ -156,18 +156,14 @@ fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
 
 /// Which colours and signs mean what, under the panels.
 fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
-    const FIRST_ROW_PX: f64 = 568.0;
-    const SECOND_ROW_PX: f64 = 592.0;
-    const SIGN_PX: f64 = 16.0;
-    if let Some(looks) = &picture.looks {
-        let colours = [place::OLD, place::NEW];
-        for ((look, colours), (x, when)) in looks
-            .iter()
-            .zip(colours)
-            .zip([(MARGIN_PX, "Old"), (0.5 * WIDTH_PX, "New")])
-        {
-            let middle = (x + 6.0, FIRST_ROW_PX - 4.0);
-            place::dots(svg, [middle], colours.plain, 7.0);
+    const ROWS_PX: [f64; 3] = [567.0, 588.0, 611.0];
+    const SIGNS_PX: f64 = ROWS_PX[2];
+    if let Some([old, new]) = &picture.looks {
+        for (look, colours, when, y) in [
+            (old, place::OLD, "Old", ROWS_PX[0]),
+            (new, place::NEW, "New", ROWS_PX[1]),
+        ] {
+            place::dots(svg, [(MARGIN_PX + 6.0, y - 4.0)], colours.plain, 7.0);
             let contradicting = look.beams.iter();
             let contradicting = contradicting.filter(|b| b.verdict == BeamVerdict::Contradicts);
             let caption = format!(
@@ -176,20 +172,20 @@ fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
                 contradicting.count(),
                 look.beams.iter().filter(|b| b.end.is_some()).count(),
             );
-            label(svg, x + SIGN_PX + 4.0, FIRST_ROW_PX, &caption, Ink::PLAIN);
+            label(svg, MARGIN_PX + 20.0, y, &caption, Ink::PLAIN);
         }
-        let y = SECOND_ROW_PX - 4.0;
+        let y = SIGNS_PX - 4.0;
         let x = MARGIN_PX;
         place::dots(svg, [(x + 6.0, y)], place::NEW.strong, 9.0);
         place::dots(svg, [(x + 18.0, y)], place::OLD.strong, 9.0);
         let caption = "lies where the other scan saw through";
-        label(svg, x + 30.0, SECOND_ROW_PX, caption, Ink::PLAIN);
+        label(svg, x + 30.0, SIGNS_PX, caption, Ink::PLAIN);
         place::dots(svg, [(x + 306.0, y)], place::NEW.pale, 5.0);
         place::dots(svg, [(x + 316.0, y)], place::OLD.pale, 5.0);
         let caption = "not seen by the other scan";
-        label(svg, x + 328.0, SECOND_ROW_PX, caption, Ink::PLAIN);
+        label(svg, x + 328.0, SIGNS_PX, caption, Ink::PLAIN);
     }
-    let (x, y) = (0.5 * WIDTH_PX + 28.0, SECOND_ROW_PX);
+    let (x, y) = (0.5 * WIDTH_PX + 28.0, SIGNS_PX);
     let (left, top, colour) = (px(x), px(y - 10.0), place::REGION);
     svg.push_str(&format!(
         "<rect x=\"{left}\" y=\"{top}\" width=\"14\" height=\"12\" fill=\"{colour}\" fill-opacity=\"0.12\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n"

@@ -7,7 +7,7 @@ use crate::client::Request;
 use crate::service::Service;
 
 /// Replaces what differs from run to run.
-fn steady(mut value: Value) -> Value {
+pub fn steady(mut value: Value) -> Value {
     fn visit(value: &mut Value) {
         match value {
             Value::Object(fields) => {

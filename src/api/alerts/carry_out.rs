@@ -48,7 +48,7 @@ pub(super) async fn carry_out(
             map: None,
         };
         if state.store.apply_decision(decision).await? == Decided::Committed {
-            return Ok(Some(next));
+            return known_alert(state, alert.id).await.map(Some);
         }
         if known_alert(state, alert.id).await?.revision != alert.revision {
             return Ok(None);

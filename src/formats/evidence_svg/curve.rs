@@ -4,9 +4,9 @@ use super::text::{Ink, label, power_of_ten, px, short};
 use super::{Curve, MARGIN_PX, WIDTH_PX};
 use crate::change::series::SeriesEntry;
 
-const HEADING_PX: f64 = 630.0;
-const TOP_PX: f64 = 648.0;
-const BOTTOM_PX: f64 = 806.0;
+const HEADING_PX: f64 = 646.0;
+const TOP_PX: f64 = 660.0;
+const BOTTOM_PX: f64 = 812.0;
 const LEFT_PX: f64 = 78.0;
 const RIGHT_PX: f64 = WIDTH_PX - MARGIN_PX;
 
