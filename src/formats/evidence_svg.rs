@@ -156,12 +156,13 @@ fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
 
 /// Which colours and signs mean what, under the panels.
 fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
-    const ROWS_PX: [f64; 3] = [567.0, 588.0, 611.0];
-    const SIGNS_PX: f64 = ROWS_PX[2];
+    const OLD_PX: f64 = 567.0;
+    const NEW_PX: f64 = 588.0;
+    const SIGNS_PX: f64 = 611.0;
     if let Some([old, new]) = &picture.looks {
         for (look, colours, when, y) in [
-            (old, place::OLD, "Old", ROWS_PX[0]),
-            (new, place::NEW, "New", ROWS_PX[1]),
+            (old, place::OLD, "Old", OLD_PX),
+            (new, place::NEW, "New", NEW_PX),
         ] {
             place::dots(svg, [(MARGIN_PX + 6.0, y - 4.0)], colours.plain, 7.0);
             let contradicting = look.beams.iter();

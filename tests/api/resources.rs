@@ -205,6 +205,7 @@ async fn operations_and_documents_are_served() {
     }
     for path in [
         "/page.js",
+        "/alerts.js",
         "/page.css",
         "/docs/swagger-ui-bundle.js",
         "/docs/swagger-initializer.js",
