@@ -11,6 +11,7 @@ use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
 use crate::ids::RouteId;
+use crate::pipeline::Decisions;
 use crate::store::{RouteRecord, Store};
 
 /// What all handlers share; cheap to clone.
@@ -27,6 +28,8 @@ pub struct Shared {
     pub draining: CancellationToken,
     /// What `/metrics` is read from.
     pub metrics: PrometheusHandle,
+    /// Who carries decisions about alerts out.
+    pub decisions: Decisions,
     /// Uploads that may be under way.
     pub(super) upload_slots: Arc<Semaphore>,
     /// Kibibytes of uploads as they are sent.
@@ -48,6 +51,7 @@ impl ApiState {
         limits: Limits,
         draining: CancellationToken,
         metrics: PrometheusHandle,
+        decisions: Decisions,
     ) -> Self {
         Self(Arc::new(Shared {
             upload_slots: Arc::new(Semaphore::new(limits.uploads)),
@@ -60,6 +64,7 @@ impl ApiState {
             limits,
             draining,
             metrics,
+            decisions,
         }))
     }
 
