@@ -1,7 +1,6 @@
 //! Alerts: places where the world contradicts a route's map.
 
 mod body;
-mod carry_out;
 mod decisions;
 mod evidence;
 mod evidence_body;
@@ -95,12 +94,12 @@ async fn page(
 }
 
 async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
-    let alert = state.store.alert(id).await?;
-    let unknown = || {
-        let detail = "there is no such alert: GET /v1/alerts lists them";
-        Problem::new(ProblemKind::NotFound, detail)
-    };
-    alert.ok_or_else(unknown)
+    state.store.alert(id).await?.ok_or_else(unknown_alert)
+}
+
+fn unknown_alert() -> Problem {
+    let detail = "there is no such alert: GET /v1/alerts lists them";
+    Problem::new(ProblemKind::NotFound, detail)
 }
 
 fn with_etag(alert: AlertRecord) -> Response {

@@ -12,6 +12,7 @@ use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
 use crate::ids::RouteId;
+use crate::pipeline::Decisions;
 use crate::store::{RouteRecord, Store};
 
 /// What all handlers share; cheap to clone.
@@ -28,6 +29,8 @@ pub struct Shared {
     pub draining: CancellationToken,
     /// What `/metrics` is read from.
     pub metrics: PrometheusHandle,
+    /// Who carries decisions about alerts out.
+    pub decisions: Decisions,
     /// Uploads that may be under way.
     pub(super) upload_slots: Arc<Semaphore>,
     /// Kibibytes of uploads as they are sent.
@@ -51,6 +54,7 @@ impl ApiState {
         limits: Limits,
         draining: CancellationToken,
         metrics: PrometheusHandle,
+        decisions: Decisions,
     ) -> Self {
         Self(Arc::new(Shared {
             upload_slots: Arc::new(Semaphore::new(limits.uploads)),
@@ -64,6 +68,7 @@ impl ApiState {
             limits,
             draining,
             metrics,
+            decisions,
         }))
     }
 

@@ -14,7 +14,7 @@ impl RouteMap {
     /// or after. Edges that are not there are passed over.
     ///
     /// A part of the map that nothing ties to the rest any more stays where it is.
-    pub fn set_edge_statuses(&mut self, changes: &[(EdgeId, EdgeStatus)]) {
+    pub fn restate_edges(&mut self, changes: &[(EdgeId, EdgeStatus)]) {
         let mut touched = self.edges_around(changes);
         for (edge, status) in changes {
             self.graph.set_edge_status(*edge, *status);
@@ -24,6 +24,11 @@ impl RouteMap {
         let options = SolveOptions::default();
         self.solver
             .solve_touched(&mut self.graph, &touched, &options);
+    }
+
+    /// Changes whether an edge is optimised; nothing moves.
+    pub fn set_edge_status(&mut self, edge: EdgeId, status: EdgeStatus) {
+        self.graph.set_edge_status(edge, status);
     }
 
     /// Every edge of the sub-graphs that some edges belong to.
@@ -129,7 +134,7 @@ mod tests {
         let mut map =
             RouteMap::restore(Weighting::Robust, nodes, edges, next_node, next_edge).unwrap();
         let first = map.graph().edges()[0].id;
-        map.set_edge_statuses(&[(first, EdgeStatus::Active)]);
+        map.restate_edges(&[(first, EdgeStatus::Active)]);
         map
     }
 
@@ -138,12 +143,12 @@ mod tests {
         let mut map = ladder();
         assert!(map.graph().cost() > 0.01);
         let bent: Vec<_> = map.graph().nodes().to_vec();
-        map.set_edge_statuses(&[
+        map.restate_edges(&[
             (EdgeId(13), EdgeStatus::Retired),
             (EdgeId(99), EdgeStatus::Retired),
         ]);
         assert!(map.graph().cost() < 1e-12);
-        map.set_edge_statuses(&[(EdgeId(13), EdgeStatus::Active)]);
+        map.restate_edges(&[(EdgeId(13), EdgeStatus::Active)]);
         for (now, then) in map.graph().nodes().iter().zip(&bent) {
             assert!((now.pose.x - then.pose.x).abs() < 1e-6);
         }
@@ -154,14 +159,14 @@ mod tests {
     fn a_sub_graph_that_falls_apart_is_solved_to_the_last_bridge() {
         let mut map = ladder();
         let all_but_one = [12, 13, 14, 15].map(|id| (EdgeId(id), EdgeStatus::Retired));
-        map.set_edge_statuses(&all_but_one);
+        map.restate_edges(&all_but_one);
         assert!(map.graph().cost() < 1e-20, "{}", map.graph().cost());
         let mut whole = map.graph().clone();
         solve(&mut whole, &SolveOptions::default());
         assert!((whole.cost() - map.graph().cost()).abs() < 1e-20);
         // The last tie gone, the chain that came later stays where it was.
         let before = map.graph().nodes().to_vec();
-        map.set_edge_statuses(&[(EdgeId(11), EdgeStatus::Retired)]);
+        map.restate_edges(&[(EdgeId(11), EdgeStatus::Retired)]);
         assert_eq!(map.graph().nodes(), before);
     }
 

@@ -45,6 +45,10 @@ pub(super) fn of_extension(
     origins: &[Origin],
     extension: &Extension,
 ) -> anyhow::Result<JobResult> {
+    for origin in origins {
+        let (trip, vehicle) = (origin.drive.trip.clone(), origin.vehicle_id.clone());
+        workspace.vehicles.insert(trip, vehicle);
+    }
     let (nodes_now, edges_now) = state_of(&workspace.map);
     let old_nodes = workspace.saved_nodes.len();
     let old_edges = workspace.saved_edges.len();
@@ -87,6 +91,17 @@ pub(super) fn of_extension(
     workspace.saved_nodes = nodes_now;
     workspace.saved_edges = edges_now;
     Ok(result)
+}
+
+/// What has changed since the workspace was last saved, no node or edge being new; its record of
+/// what is saved is brought up to date.
+pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<EdgeChange>) {
+    let (nodes_now, edges_now) = state_of(&workspace.map);
+    let changed_nodes = differing(&workspace.saved_nodes, &nodes_now);
+    let changed_edges = differing(&workspace.saved_edges, &edges_now);
+    workspace.saved_nodes = nodes_now;
+    workspace.saved_edges = edges_now;
+    (changed_nodes, changed_edges)
 }
 
 /// The part of every node and edge that a solve changes, in the order of the graph.

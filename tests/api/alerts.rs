@@ -213,3 +213,42 @@ async fn decisions_are_guarded_and_remembered() {
     assert_eq!(reopened.header("etag"), Some("\"4\""));
     service.stop().await;
 }
+
+#[tokio::test]
+async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
+    let service = changed_hall::start().await;
+    let evidence_before = service
+        .get(&format!("{}/evidence", path(APPEARED)))
+        .await
+        .json();
+    let accepted = decide(&service, "accept", "\"1\"", json!({"note": "new rack"})).await;
+    assert_eq!(accepted.status, 200, "{}", accepted.text());
+    assert_eq!(accepted.json()["status"], "accepted");
+    assert_eq!(accepted.json()["actions"], json!(["undo"]));
+    let edge = service.get("/v1/routes/hall/edges/3").await.json();
+    assert_eq!(edge["status"], "retired");
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(
+        (&route["map_version"], &route["counts"]["open_alerts"]),
+        (&json!(2), &json!(0))
+    );
+    // What it was decided on can still be looked at.
+    let evidence = service
+        .get(&format!("{}/evidence", path(APPEARED)))
+        .await
+        .json();
+    assert_eq!(
+        evidence["residuals"]["entries"],
+        evidence_before["residuals"]["entries"]
+    );
+    assert_eq!(evidence["edge_id"], 3);
+
+    let undone = decide(&service, "undo", "\"2\"", json!({})).await;
+    assert_eq!(undone.status, 200, "{}", undone.text());
+    assert_eq!(undone.json()["status"], "open");
+    let edge = service.get("/v1/routes/hall/edges/3").await.json();
+    assert_eq!(edge["status"], "active");
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(route["map_version"], 3);
+    service.stop().await;
+}

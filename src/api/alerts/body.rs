@@ -8,6 +8,7 @@ use super::names::{AlertActionName, AlertKindName, AlertStatusName};
 use crate::api::types::timestamp;
 use crate::change::AlertAction;
 use crate::geometry::Vector2;
+use crate::pipeline::is_allowed;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 
 /// A place where the world contradicts a route's map.
@@ -143,7 +144,7 @@ pub(super) fn etag(alert: &AlertRecord) -> String {
 /// What can be done with an alert now.
 pub(super) fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
     let all = AlertAction::ALL.into_iter();
-    all.filter(|action| alert.status.allows(*action)).collect()
+    all.filter(|action| is_allowed(alert, *action)).collect()
 }
 
 /// Corners as arrays.

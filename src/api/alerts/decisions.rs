@@ -8,14 +8,14 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::body::{allowed_actions, etag};
-use super::carry_out::{Reason, carry_out};
-use super::{AlertBody, known_alert, with_etag};
+use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::upload::small_json;
 use crate::change::AlertAction;
 use crate::ids::AlertId;
+use crate::pipeline::{DecisionError, Order};
 use crate::store::{AlertRecord, SYSTEM};
 
 const NOTE_CHARS_MAX: usize = 2_000;
@@ -34,6 +34,12 @@ pub(in crate::api) struct AlertDecision {
     /// Who decided; `anonymous` if left out.
     #[schema(min_length = 1, max_length = 100)]
     by: Option<String>,
+}
+
+/// Who decides, and why.
+struct Reason {
+    by: String,
+    note: Option<String>,
 }
 
 impl AlertDecision {
@@ -118,11 +124,25 @@ async fn decide(
     let reason = decision.check()?;
     let alert = known_alert(state, id).await?;
     check_if_match(headers, &alert)?;
-    if !alert.status.allows(action) {
-        return Err(refused(&alert, action));
+    let order = Order {
+        alert_id: id,
+        revision: alert.revision,
+        action,
+        by: reason.by,
+        note: reason.note,
+    };
+    match state.decisions.decide(order).await {
+        Ok(_) => Ok(with_etag(known_alert(state, id).await?)),
+        Err(DecisionError::UnknownAlert) => Err(unknown_alert()),
+        Err(DecisionError::Changed(_)) => Err(stale()),
+        Err(DecisionError::NotAllowed(alert)) => Err(refused(&alert, action)),
+        Err(DecisionError::Busy) => {
+            let detail = "the route changes too quickly; send the same again later";
+            Err(Problem::new(ProblemKind::Overloaded, detail))
+        }
+        Err(DecisionError::Store(error)) => Err(error.into()),
+        Err(error @ DecisionError::Failed(_)) => Err(Problem::internal(error)),
     }
-    let decided = carry_out(state, alert, action, &reason).await?;
-    decided.map(with_etag).ok_or_else(stale)
 }
 
 /// Take an alert up.

@@ -11,7 +11,7 @@ use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId};
 use crate::scan::{LaserScan, decode_scan};
-use crate::store::{AlertRecord, Detector, EdgeRecord, NodeRecord, RouteRecord};
+use crate::store::{AlertRecord, EdgeRecord, NodeRecord, RouteRecord};
 
 /// Pairs of scans that are compared before one is chosen.
 const PAIRS_MAX: usize = 16;
@@ -26,11 +26,13 @@ pub(super) const TOLERANCE: DepthTolerance = DepthTolerance::MATCHED;
 #[derive(Debug)]
 pub(super) struct Evidence {
     pub alert: AlertRecord,
-    /// The closure that tells it; `None` if nothing but nodes does.
+    /// The closure between the two looks; `None` if they are not matched with each other.
     pub edge_id: Option<EdgeId>,
+    /// The closure that tells it most clearly; `None` if nothing but nodes does.
+    pub told_by: Option<EdgeId>,
     /// The old and the new look; `None` where no two scans are known.
     pub looks: Option<[LookBack; 2]>,
-    /// The residuals around the closure.
+    /// The residuals around the closure that tells it.
     pub series: Option<SeriesAround>,
 }
 
@@ -65,8 +67,25 @@ pub(super) async fn gather(
     let nodes = named_nodes(state, &alert, &edges).await?;
     let pairs = pairs(&alert, &edges, &nodes);
     let scans = scans_of(state, &alert, &pairs, nodes).await?;
+    let mut accepted = state.store.accepted_changes(&alert.route_id).await?;
+    // The series as it stood against the map that the alert contradicts: an acceptance, the
+    // alert's own too, takes closures out of it.
+    accepted.retain(|change| change.map_version <= alert.map_version);
     let detector = route.settings.detector;
-    let work = move || compare(alert, &edges, &pairs, &scans, detector);
+    let work = move || {
+        let chosen = choose(&pairs, &scans, &alert.evidence.region);
+        let (pair, looks) = chosen.unzip();
+        let edge_id = pair.and_then(|pair| pair.edge);
+        let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
+        let series = |edge| series_around(&edges, edge, detector, &accepted, SERIES_REACH);
+        Evidence {
+            series: told_by.and_then(series),
+            edge_id,
+            told_by,
+            looks,
+            alert,
+        }
+    };
     state.rendering.run(work).await
 }
 
@@ -162,33 +181,18 @@ async fn scans_of(
 
 /// Chooses the pair whose scans contradict each other most within the region; the earlier one of
 /// equals, so that the residual's own closure wins where nothing contradicts.
-fn compare(
-    alert: AlertRecord,
-    edges: &[EdgeRecord],
-    pairs: &[Pair],
-    scans: &Scans,
-    detector: Detector,
-) -> Evidence {
+fn choose(pairs: &[Pair], scans: &Scans, region: &[Vector2<f64>]) -> Option<(Pair, [LookBack; 2])> {
     let mut best: Option<(usize, Pair, [LookBack; 2])> = None;
     for pair in pairs {
         let Some(looks) = judged(pair, scans) else {
             continue;
         };
-        let count = contradictions(&looks, &alert.evidence.region);
+        let count = contradictions(&looks, region);
         if best.as_ref().is_none_or(|(most, ..)| count > *most) {
             best = Some((count, *pair, looks));
         }
     }
-    let strongest = alert.residual.map(|residual| residual.edge_id);
-    let (pair, looks) = best.map(|(_, pair, looks)| (pair, looks)).unzip();
-    let edge_id = pair.and_then(|pair| pair.edge);
-    let marked = strongest.or(edge_id);
-    Evidence {
-        series: marked.and_then(|edge| series_around(edges, edge, detector, SERIES_REACH)),
-        edge_id,
-        looks,
-        alert,
-    }
+    best.map(|(_, pair, looks)| (pair, looks))
 }
 
 fn judged(pair: &Pair, scans: &Scans) -> Option<[LookBack; 2]> {

@@ -71,9 +71,7 @@ fn draw(evidence: &Evidence) -> String {
             beams: &look.beams,
         })
     });
-    let marked = alert.residual.map(|residual| residual.edge_id);
-    let marked = marked.or(evidence.edge_id);
-    let curve = evidence.series.as_ref().zip(marked);
+    let curve = evidence.series.as_ref().zip(evidence.told_by);
     to_svg(&EvidencePicture {
         kind: finding.kind,
         route: alert.route_id.as_str(),
