@@ -62,6 +62,13 @@ fn lists() -> Vec<Case> {
             "route_id",
         ),
         case(
+            "GeoJSON of a route at the pole",
+            get("/v1/alerts.geojson?route_id=pole"),
+            409,
+            "no-geo-anchor",
+            "route_id",
+        ),
+        case(
             "stream after something that is no event",
             get("/v1/alerts/stream").header("last-event-id", "abc"),
             400,
@@ -232,6 +239,9 @@ fn decisions() -> Vec<Case> {
 #[tokio::test]
 async fn bad_requests_about_alerts_get_the_answers_of_the_contract() {
     let service = changed_hall::start().await;
+    let pole = json!({"geo_anchor": {"latitude": -90, "longitude": 0, "heading": 0}});
+    let pole = Request::new("PUT", "/v1/routes/pole").json(&pole);
+    assert_eq!(service.send(pole).await.status, 201);
     check(
         &service,
         lists().into_iter().chain(ids()).chain(decisions()),
