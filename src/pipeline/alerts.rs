@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use jiff::Timestamp;
 use uuid::Uuid;
 
+use super::engine::now;
 use super::workspace::Workspace;
 use crate::change::series::{ResidualSeries, Verdict, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold};
@@ -28,7 +29,7 @@ pub(super) fn fold_into(
     let states: Vec<AlertState> = workspace.alerts.iter().map(state_of).collect();
     let updates = fold(&states, findings);
     let mut residuals = Residuals::of(workspace);
-    let now = Timestamp::now();
+    let now = now();
     let changed: Vec<AlertRecord> = updates
         .into_iter()
         .map(|update| {

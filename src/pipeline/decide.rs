@@ -1,10 +1,9 @@
 //! What people decide about alerts: checked, computed, and saved in one transaction.
 
 use anyhow::anyhow;
-use jiff::Timestamp;
 
 use super::accept::{accept, read_undo, undo};
-use super::engine::Engine;
+use super::engine::{Engine, now};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
 use crate::ids::AlertId;
@@ -197,7 +196,7 @@ fn next(alert: &AlertRecord, order: &Order, status: AlertStatus) -> AlertRecord 
     let mut next = alert.clone();
     next.revision += 1;
     next.status = status;
-    next.updated_at = Timestamp::now().max(alert.updated_at);
+    next.updated_at = now().max(alert.updated_at);
     next.history.push(HistoryEntry {
         status,
         at: next.updated_at,

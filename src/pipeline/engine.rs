@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, anyhow};
+use jiff::Timestamp;
 use tokio::sync::{OwnedMutexGuard, oneshot};
 
 use super::workspace::Workspaces;
@@ -66,6 +67,12 @@ impl Engine {
     pub async fn turn(&self, route: &RouteId) -> OwnedMutexGuard<()> {
         self.turns.of(route).lock_owned().await
     }
+}
+
+/// The time, as exactly as the store keeps it.
+pub(super) fn now() -> Timestamp {
+    let now = Timestamp::now();
+    Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
 }
 
 /// Who may change which route's map.

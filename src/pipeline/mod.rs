@@ -47,3 +47,6 @@ pub fn start(store: &Store, stopping: &CancellationToken) -> anyhow::Result<Pipe
         decisions: Decisions::new(engine),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -85,6 +85,20 @@ fn paths_and_parameters() -> Vec<Case> {
             "",
         ),
         case(
+            "unknown version",
+            get("/v1/routes/line-4/versions/7/map.png"),
+            404,
+            "not-found",
+            "",
+        ),
+        case(
+            "picture of the present version as if it were fixed",
+            get("/v1/routes/line-4/versions/1/map.pgm"),
+            404,
+            "not-found",
+            "",
+        ),
+        case(
             "unknown edge",
             get("/v1/routes/line-4/edges/7"),
             404,
@@ -179,6 +193,13 @@ fn paths_and_parameters() -> Vec<Case> {
         case(
             "name of 65 characters",
             get(&format!("/v1/routes/{}", "x".repeat(65))),
+            400,
+            "invalid-field",
+            "",
+        ),
+        case(
+            "version that is no number",
+            get("/v1/routes/line-4/versions/latest/map.yaml"),
             400,
             "invalid-field",
             "",
