@@ -3,6 +3,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::geometry::Pose2;
+use crate::ids::AlertId;
 use crate::scan::{LaserScan, Lidar};
 
 const WALL_M: f64 = 6.0;
@@ -62,7 +63,7 @@ impl Laps {
     fn findings(
         &self,
         suspicions: &[Suspicion],
-        settled: &[Settled],
+        accepted: &[AcceptedChange],
         watched: &[Vec<Vector2<f64>>],
     ) -> Vec<Finding> {
         let looks = self.scans.iter().map(|(lap, k, pose, scan)| {
@@ -73,7 +74,7 @@ impl Laps {
             looks: &looks.collect::<Vec<_>>(),
             trips: &self.trips,
             suspicions,
-            settled,
+            accepted,
             watched,
         })
     }
@@ -144,15 +145,19 @@ fn spots_are_decided_anew_when_suspected_or_watched() {
 #[test]
 fn what_was_accepted_is_not_found_again_but_its_going_is() {
     let region = region_round(&[Vector2::new(2.9, 0.5)], 0.3);
-    let settled = [Settled {
+    let accepted = [AcceptedChange {
+        alert_id: AlertId(uuid::Uuid::nil()),
         region,
         since: StampNs(20),
+        map_version: 2,
+        nodes: Vec::new(),
+        first_edge_id: EdgeId(9),
     }];
     let suspected = suspicions(&[Vector2::new(2.9, 0.5)], true);
     let laps = Laps::new(&[&[], &[], &[post()], &[post()]]);
-    assert_eq!(laps.findings(&suspected, &settled, &[]), []);
+    assert_eq!(laps.findings(&suspected, &accepted, &[]), []);
     let laps = Laps::new(&[&[], &[], &[post()], &[post()], &[], &[]]);
-    let findings = laps.findings(&suspected, &settled, &[]);
+    let findings = laps.findings(&suspected, &accepted, &[]);
     assert_eq!(findings.len(), 1, "{findings:?}");
     assert_eq!(findings[0].kind, ChangeKind::Disappeared);
     assert_eq!(findings[0].since, StampNs(40));
