@@ -16,7 +16,7 @@ const SUSPECTING_NODES_MIN: usize = 2;
 /// Views of the new state that a spot needs.
 const VIEWS_MIN: usize = 3;
 /// How much better a history with a change must explain the looks, in nats.
-const SUPPORT_MIN: f64 = 1.5;
+const SUPPORT_MIN: f64 = 5.0;
 /// Views that an alert needs, over all its spots.
 const FINDING_VIEWS_MIN: usize = 4;
 /// How far the outline stays away from the points, metres.

@@ -10,9 +10,11 @@ mod fold;
 mod history;
 mod kind;
 mod look;
+mod mismatch;
 mod region;
 pub mod series;
 pub mod threshold;
+mod vehicle;
 
 pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
 pub use alert::{AlertAction, AlertStatus};
@@ -23,3 +25,5 @@ pub use finding::Finding;
 pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
 pub use look::{Look, Sight};
+pub use mismatch::{TiedPose, mismatches};
+pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

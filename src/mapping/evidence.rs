@@ -4,10 +4,13 @@ use std::collections::BTreeMap;
 
 use super::partners::Placed;
 use super::route_map::RouteMap;
-use crate::change::{AcceptedChange, Evidence, Finding, Look, Suspicion, detect};
+use crate::change::{
+    AcceptedChange, Evidence, Finding, Look, Suspicion, TiedPose, TripPose, detect, mismatches,
+    suspect_vehicle,
+};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
-use crate::ids::{EdgeId, TripId};
+use crate::ids::{EdgeId, TripId, VehicleId};
 use crate::matching::{View, Visibility};
 
 /// Depth tolerance of the comparison of two scans, metres.
@@ -60,25 +63,88 @@ fn in_free_space(
         .collect()
 }
 
+/// What findings are asked for.
+pub struct Scope<'a> {
+    /// Spots are decided anew where closures from this one on raise a suspicion,
+    pub fresh_from: EdgeId,
+    /// and in these regions (map frame).
+    pub watched: &'a [Vec<Vector2<f64>>],
+    /// What the map has taken in already.
+    pub accepted: &'a [AcceptedChange],
+    /// Whose each trip is; a trip that is not named is its own vehicle's.
+    pub vehicles: &'a BTreeMap<TripId, VehicleId>,
+}
+
 impl RouteMap {
-    /// What the scans of the map say about changes. Spots are decided anew where closures of
-    /// `fresh_from` and later raise a suspicion, and in the `watched` regions (map frame).
-    pub fn findings(
-        &self,
-        fresh_from: EdgeId,
-        accepted: &[AcceptedChange],
-        watched: &[Vec<Vector2<f64>>],
-    ) -> Vec<Finding> {
+    /// What the scans of the map say: places that changed, vehicles whose lidar is turned, and
+    /// stretches where the map does not fit. A change that only suspected vehicles saw is left
+    /// out.
+    pub fn findings(&self, scope: &Scope<'_>) -> Vec<Finding> {
+        let suspects = self.suspected_vehicles(scope.vehicles);
+        let is_suspected = |trip: &TripId| suspects.iter().any(|s| s.trips.contains(trip));
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
-        let looks = self.looks();
-        let suspicions = self.suspicions(fresh_from);
-        detect(&Evidence {
-            looks: &looks,
+        let mut findings = detect(&Evidence {
+            looks: &self.looks(),
             trips: &trips,
-            suspicions: &suspicions,
-            accepted,
-            watched,
-        })
+            suspicions: &self.suspicions(scope.fresh_from),
+            accepted: scope.accepted,
+            watched: scope.watched,
+        });
+        findings.retain(|finding| !finding.trips.iter().all(is_suspected));
+        findings.extend(self.trips.keys().flat_map(|trip| self.mismatches_of(trip)));
+        findings.extend(suspects);
+        findings
+    }
+
+    fn suspected_vehicles(&self, vehicles: &BTreeMap<TripId, VehicleId>) -> Vec<Finding> {
+        let mut trips_of: BTreeMap<Result<&VehicleId, &TripId>, Vec<_>> = BTreeMap::new();
+        for (trip, places) in &self.trips {
+            let vehicle = vehicles.get(trip).ok_or(trip);
+            let poses = places.iter().map(|&k| self.trip_pose(k)).collect();
+            trips_of.entry(vehicle).or_default().push((trip, poses));
+        }
+        trips_of
+            .values()
+            .filter_map(|trips| suspect_vehicle(trips))
+            .collect()
+    }
+
+    fn trip_pose(&self, k: usize) -> TripPose {
+        let keyframe = &self.keyframes[k];
+        TripPose {
+            node: keyframe.node,
+            stamp: keyframe.stamp,
+            map_from_base: self.graph.nodes()[k].pose,
+            odom_from_base: keyframe.odom_from_base,
+        }
+    }
+
+    fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {
+        let nodes = self.graph.nodes();
+        let poses: Vec<TiedPose> = self.trips[trip]
+            .iter()
+            .map(|&k| TiedPose {
+                node: nodes[k].id,
+                stamp: self.keyframes[k].stamp,
+                pose: nodes[k].pose,
+                tied: self
+                    .graph
+                    .incident(k)
+                    .iter()
+                    .any(|&edge| self.ties(edge, k)),
+            })
+            .collect();
+        let start = poses.first().map(|pose| pose.stamp);
+        let others = self.keyframes.iter().zip(nodes).filter(|(keyframe, _)| {
+            keyframe.reference && keyframe.trip != *trip && Some(keyframe.stamp) < start
+        });
+        let references: Vec<Pose2> = others.map(|(_, node)| node.pose).collect();
+        mismatches(trip, &poses, &references)
+    }
+
+    /// Whether an edge is a closure from an older node to node `k`.
+    fn ties(&self, edge: usize, k: usize) -> bool {
+        self.graph.edges()[edge].kind == EdgeKind::LoopClosure && self.graph.ends()[edge].1 == k
     }
 
     fn looks(&self) -> Vec<Look<'_>> {

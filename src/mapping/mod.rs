@@ -19,6 +19,7 @@ mod route_map;
 pub use anchor::AnchorError;
 pub use closure::Closure;
 pub use drive::{Drive, DriveScan, InitialPose};
+pub use evidence::Scope;
 pub use extend::{Extension, NotExtended};
 pub use keyframe::Keyframe;
 pub use route_map::{RouteMap, Weighting};

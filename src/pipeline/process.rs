@@ -9,7 +9,7 @@ use super::workspace::Workspace;
 use crate::change::Finding;
 use crate::formats::batch_json;
 use crate::ids::EdgeId;
-use crate::mapping::{Drive, DriveScan, Extension, NotExtended};
+use crate::mapping::{Drive, DriveScan, Extension, NotExtended, Scope};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -68,8 +68,12 @@ pub(super) fn process(
 fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
     let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
     let watched: Vec<_> = pending.map(|a| a.evidence.region.clone()).collect();
-    let map = &workspace.map;
-    map.findings(fresh_from, &workspace.accepted, &watched)
+    workspace.map.findings(&Scope {
+        fresh_from,
+        watched: &watched,
+        accepted: &workspace.accepted,
+        vehicles: &workspace.vehicles,
+    })
 }
 
 fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {
