@@ -100,19 +100,18 @@ impl Connection {
         assert_eq!(&asked, b"HTTP/1.1 100 Continue\r\n\r\n");
     }
 
-    /// Reads until a text has come, and returns what came.
+    /// Reads up to the end of a text, and returns what came; what follows is left for later.
     pub async fn wait_for(&mut self, text: &str) -> String {
-        let (mut bytes, mut part) = (Vec::new(), [0; 4096]);
-        loop {
-            let read = tokio::time::timeout(PATIENCE, self.0.read(&mut part)).await;
-            let count = read.expect("the service goes on").unwrap();
-            bytes.extend_from_slice(&part[..count]);
-            let so_far = String::from_utf8_lossy(&bytes).into_owned();
-            if so_far.contains(text) {
-                return so_far;
+        let mut bytes = Vec::new();
+        let read = async {
+            while !bytes.ends_with(text.as_bytes()) {
+                bytes.push(self.0.read_u8().await.unwrap());
             }
-            assert!(count > 0, "{text} does not come in {so_far}");
-        }
+        };
+        let outcome = tokio::time::timeout(PATIENCE, read).await;
+        let came = String::from_utf8_lossy(&bytes).into_owned();
+        assert!(outcome.is_ok(), "{text} does not come in {came}");
+        came
     }
 
     /// Everything that comes until the service closes the connection.

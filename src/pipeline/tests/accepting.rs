@@ -130,7 +130,7 @@ async fn undone_is_as_before(restart: bool, acknowledged: bool) {
     assert!(bench.state().await != before);
     if restart {
         bench = bench.restarted().await;
-        assert_eq!(bench.alerts().await, [accepted.clone()]);
+        assert_eq!(bench.alerts().await, std::slice::from_ref(&accepted));
     }
     let undone = bench.decide(&accepted, AlertAction::Undo).await;
     assert_eq!(undone.status, alert.status);
