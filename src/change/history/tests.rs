@@ -65,7 +65,8 @@ fn what_stays_for_a_while_ends() {
 
 #[test]
 fn what_returns_counts_from_its_return() {
-    let back = last_departure(seen(&["........", "XXXXXXXX", "........", "XXXXXXXX"])).unwrap();
+    let (free, occupied) = ("........ ........", "XXXXXXXX XXXXXXXX");
+    let back = last_departure(seen(&[free, occupied, free, occupied])).unwrap();
     assert_eq!((back.since, back.until), (StampNs(3000), None));
 }
 
