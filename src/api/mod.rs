@@ -3,6 +3,7 @@
 //! Knows the store, and the pipeline's [`Decisions`](crate::pipeline::Decisions); knows nothing of
 //! matching, solving and workers.
 
+mod alerts;
 mod batches;
 mod documents;
 mod edges;
@@ -66,6 +67,17 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::list_alerts))
+        .routes(routes!(alerts::list_alerts_geojson))
+        .routes(routes!(alerts::stream_alerts))
+        .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::get_evidence))
+        .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::acknowledge_alert))
+        .routes(routes!(alerts::accept_alert))
+        .routes(routes!(alerts::dismiss_alert))
+        .routes(routes!(alerts::reopen_alert))
+        .routes(routes!(alerts::undo_alert))
         .routes(routes!(operations::livez))
         .routes(routes!(operations::readyz))
         .routes(routes!(operations::metrics))

@@ -10,7 +10,7 @@ use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
 use crate::graph::EdgeKind;
-use crate::ids::RouteId;
+use crate::ids::{EdgeId, RouteId};
 use crate::store::{AcceptedChange, Detector, EdgeRecord};
 
 /// A residual series.
@@ -144,6 +144,38 @@ pub(super) fn robust_series<'a>(
     series(edges, MeasurementName::Robust, detector, accepted)
 }
 
+/// A stretch of a sub-graph's series.
+#[derive(Debug)]
+pub(super) struct SeriesAround {
+    /// The sub-graph; `None` for the whole route.
+    pub subgraph_id: Option<i64>,
+    /// What was read from the whole series, with the entries of the stretch alone.
+    pub series: ResidualSeries,
+}
+
+/// The series that a closure lies in, `reach` entries to each side of it; `None` if the edge is
+/// no closure. A closure outside every sub-graph is shown in the series of the whole route.
+pub(super) fn series_around(
+    edges: &[EdgeRecord],
+    edge: EdgeId,
+    detector: Detector,
+    accepted: &[AcceptedChange],
+    reach: usize,
+) -> Option<SeriesAround> {
+    let found = edges.binary_search_by_key(&edge, |edge| edge.id).ok()?;
+    let subgraph_id = edges.get(found)?.subgraph_id;
+    let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
+    let mut series = robust_series(edges.iter().filter(within), detector, accepted);
+    let entries = &mut series.entries;
+    let place = entries.iter().position(|entry| entry.edge_id == edge)?;
+    entries.truncate(place + reach + 1);
+    entries.drain(..place.saturating_sub(reach));
+    Some(SeriesAround {
+        subgraph_id,
+        series,
+    })
+}
+
 fn series<'a>(
     edges: impl Iterator<Item = &'a EdgeRecord>,
     measurement: MeasurementName,
@@ -168,6 +200,12 @@ fn series<'a>(
         })
         .collect();
     residual_series(&samples, &detector.series_params())
+}
+
+impl From<&SeriesAround> for ResidualSeriesBody {
+    fn from(around: &SeriesAround) -> Self {
+        body(around.subgraph_id, MeasurementName::Robust, &around.series)
+    }
 }
 
 fn body(

@@ -7,6 +7,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::Limits;
+use super::alerts::STREAMS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
@@ -40,6 +41,8 @@ pub struct Shared {
     pub(super) decoding: Offload,
     /// Where pictures and large documents are made.
     pub(super) rendering: Offload,
+    /// Streams of alerts that may be open.
+    pub(super) streams: Arc<Semaphore>,
     /// Pictures of maps.
     pub(super) maps: MapCache,
 }
@@ -59,6 +62,7 @@ impl ApiState {
             body_budget: Arc::new(Semaphore::new(limits.body_bytes_total >> 10)),
             decoding: Offload::new(limits.decoders),
             rendering: Offload::new(2),
+            streams: Arc::new(Semaphore::new(STREAMS_MAX)),
             maps: MapCache::default(),
             store,
             limits,

@@ -2,16 +2,24 @@
 
 mod accepted;
 mod alert;
+mod beam_verdict;
+mod detect;
 mod detector;
 mod finding;
 mod fold;
+mod history;
 mod kind;
+mod look;
+mod region;
 pub mod series;
 pub mod threshold;
 
 pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
 pub use alert::{AlertAction, AlertStatus};
+pub use beam_verdict::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
+pub use detect::{Evidence, Suspicion, detect};
 pub use detector::Detector;
 pub use finding::Finding;
 pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
+pub use look::{Look, Sight};

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::evidence::Contradictions;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::Pose2;
@@ -28,6 +29,8 @@ pub struct RouteMap {
     pub(super) weighting: Weighting,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
+    /// What the scans of each closure say about each other.
+    pub(super) contradictions: BTreeMap<EdgeId, Contradictions>,
     next_node: i64,
     next_edge: i64,
 }
@@ -41,6 +44,7 @@ impl RouteMap {
             solver: Solver::default(),
             weighting,
             trips: BTreeMap::new(),
+            contradictions: BTreeMap::new(),
             next_node: 1,
             next_edge: 1,
         }
@@ -64,6 +68,7 @@ impl RouteMap {
         for edge in edges {
             map.graph.add_edge(edge)?;
         }
+        map.contradictions = map.compare_closures();
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
         Ok(map)

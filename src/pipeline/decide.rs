@@ -157,8 +157,9 @@ impl Decisions {
     }
 }
 
-/// A vehicle that is suspected is no change of the world: there is nothing to take into the map.
-fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
+/// Whether somebody may do this with the alert as it is. A vehicle that is suspected is no change
+/// of the world: there is nothing to take into the map.
+pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
     let is_change = alert.evidence.kind != ChangeKind::VehicleSuspect;
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
 }

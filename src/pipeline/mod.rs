@@ -6,10 +6,6 @@
 //! people decide about alerts takes the same way, without a job.
 
 mod accept;
-#[cfg_attr(
-    not(test),
-    expect(dead_code, reason = "called once the detector makes findings")
-)]
 mod alerts;
 mod decide;
 mod engine;
@@ -19,7 +15,7 @@ mod stage;
 mod worker;
 mod workspace;
 
-pub use decide::{DecisionError, Decisions, Order};
+pub use decide::{DecisionError, Decisions, Order, is_allowed};
 
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;

@@ -1,5 +1,7 @@
 //! Reading alerts.
 
+use std::collections::BTreeMap;
+
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
@@ -97,6 +99,27 @@ pub(super) async fn batch_alerts(
     .fetch_all(readers)
     .await?;
     rows.iter().map(|row| alert_id(row, "id")).collect()
+}
+
+/// The alerts that rest on each of a route's batches, by id; batches without any are left out.
+pub(super) async fn alerts_by_batch(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT batches.id AS batch_id, alerts.id FROM routes JOIN alerts USING (route_key) \
+         JOIN alert_batches USING (alert_key) JOIN batches USING (batch_key) \
+         WHERE routes.id = ? ORDER BY alerts.id",
+    )
+    .bind(route.as_str())
+    .fetch_all(readers)
+    .await?;
+    let mut by_batch: BTreeMap<BatchId, Vec<AlertId>> = BTreeMap::new();
+    for row in &rows {
+        let alerts = by_batch.entry(name(row, "batch_id")?).or_default();
+        alerts.push(alert_id(row, "id")?);
+    }
+    Ok(by_batch)
 }
 
 /// What happened to alerts after `after`, in order; of one route, or of all.

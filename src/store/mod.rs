@@ -35,6 +35,7 @@ pub use alert_records::*;
 pub use error::{Corruption, StoreError};
 pub use records::*;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -495,6 +496,17 @@ impl Store {
         batch: &BatchId,
     ) -> Result<Vec<AlertId>, StoreError> {
         named(alerts::batch_alerts(&self.shared.readers, route, batch).await)
+    }
+
+    /// The alerts of each of a route's batches, by id; batches without any are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alerts_by_batch(
+        &self,
+        route: &RouteId,
+    ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+        named(alerts::alerts_by_batch(&self.shared.readers, route).await)
     }
 
     /// What happened to alerts after the event `after` (0 for the first), in order, at most
