@@ -97,7 +97,10 @@ impl Bench {
         let lease = std::time::Duration::from_secs(60);
         let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
+        // What a detector says of the lap is set aside: here findings are made by hand.
+        let alerts = workspace.alerts.clone();
         let (mut workspace, mut result) = process(workspace, &job).unwrap();
+        workspace.alerts = alerts;
         let findings = findings(&workspace);
         result.alerts = fold_into(&mut workspace, &job, &findings);
         assert_eq!(
