@@ -22,11 +22,15 @@ const USAGE: &str = "usage: map_log [--beam-spacing=FACTOR] OUT_DIR LOG…";
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from).peekable();
-    let spacing = arguments.next_if(|a| a.to_string_lossy().starts_with(BEAM_SPACING));
-    let beam_spacing = match spacing {
-        Some(given) => given.to_string_lossy()[BEAM_SPACING.len()..].parse()?,
+    let option = |argument: &PathBuf| {
+        let text = argument.to_string_lossy();
+        text.strip_prefix(BEAM_SPACING).map(str::to_owned)
+    };
+    let beam_spacing = match arguments.peek().and_then(option) {
+        Some(factor) => factor.parse()?,
         None => 1.0,
     };
+    arguments.next_if(|argument| option(argument).is_some());
     let out = arguments.next().context(USAGE)?;
     let logs: Vec<PathBuf> = arguments.collect();
     if logs.is_empty() {
