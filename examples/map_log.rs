@@ -1,7 +1,8 @@
 //! Maps CARMEN logs without a service: every log is one trip of one route, in the order given.
 //!
 //! `cargo run --release --example map_log -- OUT_DIR LOG…` writes a TUM trajectory for each log,
-//! the map as a picture and the graph as g2o, and prints what became of each log.
+//! the map as a picture and the graph as g2o, and prints what became of each log. An argument
+//! `--beam-spacing=0.925` in front takes the beams to be 0.925 times as far apart as the logs state.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
@@ -16,19 +17,30 @@ use mapshift::scan::LaserScan;
 
 const PICTURE_RESOLUTION_M: f64 = 0.05;
 const BATCH_SCANS: usize = 60;
+const BEAM_SPACING: &str = "--beam-spacing=";
+const USAGE: &str = "usage: map_log [--beam-spacing=FACTOR] OUT_DIR LOG…";
 
 fn main() -> anyhow::Result<()> {
-    let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
-    let out = arguments.next().context("usage: map_log OUT_DIR LOG…")?;
+    let mut arguments = std::env::args_os().skip(1).map(PathBuf::from).peekable();
+    let option = |argument: &PathBuf| {
+        let text = argument.to_string_lossy();
+        text.strip_prefix(BEAM_SPACING).map(str::to_owned)
+    };
+    let beam_spacing = match arguments.peek().and_then(option) {
+        Some(factor) => factor.parse()?,
+        None => 1.0,
+    };
+    arguments.next_if(|argument| option(argument).is_some());
+    let out = arguments.next().context(USAGE)?;
     let logs: Vec<PathBuf> = arguments.collect();
     if logs.is_empty() {
-        bail!("usage: map_log OUT_DIR LOG…");
+        bail!(USAGE);
     }
     std::fs::create_dir_all(&out)?;
     let mut map = RouteMap::new(Weighting::Robust);
     let mut console = std::io::stdout();
     for path in &logs {
-        let log = read_log(path)?;
+        let log = read_log(path)?.with_beam_spacing(beam_spacing);
         let trip = trip_of(path)?;
         let started = std::time::Instant::now();
         let outcome = extend_in_batches(&mut map, &trip, &log);

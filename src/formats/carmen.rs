@@ -110,6 +110,18 @@ impl CarmenLog {
         }
     }
 
+    /// The log with its beams so many times as far apart as it states, about the middle of the
+    /// fan: for recordings that state the spacing wrongly.
+    pub fn with_beam_spacing(mut self, factor: f64) -> Self {
+        let beams = self.scans.first().map_or(0, |scan| scan.ranges_m.len());
+        let half_fan = 0.5 * beams.saturating_sub(1) as f64;
+        let lidar = &mut self.lidar;
+        let spacing_rad = factor * lidar.angle_increment_rad;
+        lidar.angle_min_rad += half_fan * (lidar.angle_increment_rad - spacing_rad);
+        lidar.angle_increment_rad = spacing_rad;
+        self
+    }
+
     /// Seconds from the first scan to the last.
     pub fn duration_s(&self) -> f64 {
         match (self.scans.first(), self.scans.last()) {
@@ -315,6 +327,21 @@ mod tests {
         let log = CarmenLog::read(BufReader::new(text.as_bytes())).unwrap();
         assert_eq!(log.scans.len(), 1);
         assert_eq!(log.skipped[&SkipReason::TooLong], 2);
+    }
+
+    #[test]
+    fn another_beam_spacing_keeps_the_middle_of_the_fan() {
+        let log = read(&line("1", 1.0)).unwrap();
+        let last = log.scans[0].ranges_m.len() - 1;
+        let ends = |log: &CarmenLog| {
+            let lidar = &log.lidar;
+            (lidar.beam_angle_rad(0), lidar.beam_angle_rad(last))
+        };
+        let (first_rad, last_rad) = ends(&log);
+        let (narrow_first_rad, narrow_last_rad) = ends(&log.clone().with_beam_spacing(0.9));
+        assert!((narrow_first_rad + narrow_last_rad - first_rad - last_rad).abs() < 1e-12);
+        let shares = (narrow_last_rad - narrow_first_rad) / (last_rad - first_rad);
+        assert!((shares - 0.9).abs() < 1e-12);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Point-to-line ICP.
 
-use super::estimate::{CORRELATED_POINTS, Observability};
+use super::estimate::{CORRELATED_POINTS, Observability, lever_arm_m};
 use super::{Estimate, ReferenceCloud, Termination};
-use crate::geometry::{Information, Matrix3, Pose2, Vector2, Vector3};
+use crate::geometry::{Information, Matrix3, Pose2, Transform2, Vector2, Vector3};
 use crate::scan::SurfacePoint;
 
 /// How points are paired and weighed.
@@ -18,6 +18,11 @@ pub struct IcpParams {
     pub cauchy_scale_m: Option<f64>,
     /// Least cosine between two points' normals.
     pub normal_cosine_min: f64,
+    /// How far a point may lie beside its counterpart, along the counterpart's line, metres; one
+    /// farther off lies beyond the end of what the reference shows.
+    pub beside_max_m: f64,
+    /// The same for far points, as a share of their range: neighbouring beams lie far apart there.
+    pub beside_max_range_share: f64,
     /// Largest number of iterations.
     pub iterations_max: usize,
     /// Distance to a counterpart within which a point counts as overlapping, metres.
@@ -34,6 +39,8 @@ impl IcpParams {
         gate_factor: 0.75,
         cauchy_scale_m: Some(0.03),
         normal_cosine_min: 0.7,
+        beside_max_m: 0.1,
+        beside_max_range_share: 0.02,
         iterations_max: 40,
         overlap_gate_m: 0.5,
         inlier_gate_m: 0.08,
@@ -46,6 +53,8 @@ impl IcpParams {
         gate_factor: 1.0,
         cauchy_scale_m: None,
         normal_cosine_min: -1.0,
+        beside_max_m: f64::INFINITY,
+        beside_max_range_share: 0.02,
         iterations_max: 30,
         overlap_gate_m: 0.5,
         inlier_gate_m: 0.08,
@@ -124,6 +133,7 @@ pub fn align(
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
     let mut termination = Termination::IterationLimit;
+    let lever_arm_m = lever_arm_m(points);
     for _ in 0..params.iterations_max {
         let mut equations = linearise(reference, points, &pose, gate_m, params);
         if equations.pairs < PAIRS_MIN {
@@ -131,7 +141,8 @@ pub fn align(
             pose = *initial;
             break;
         }
-        let observability = Observability::new(&equations.hessian, equations.weight_sum);
+        let observability =
+            Observability::new(&equations.hessian, equations.weight_sum, lever_arm_m);
         let step = match prior {
             None => observability.solve(&equations.gradient),
             Some(prior) => {
@@ -157,22 +168,29 @@ fn noise_variance_m2(range_sigma_m: f64, rmse_m: f64) -> f64 {
     (2.0 * range_sigma_m * range_sigma_m).max(rmse_m * rmse_m)
 }
 
-/// The counterpart of a point: where it lies, and along which normals it is compared.
+/// The counterpart of a point: the offset from it, and along which normal it is compared.
 fn pair(
     reference: &ReferenceCloud,
-    position: &Vector2<f64>,
-    normal: Option<Vector2<f64>>,
+    point: &SurfacePoint,
+    to_reference: &Transform2,
     gate_m: f64,
     params: &IcpParams,
 ) -> Option<(Vector2<f64>, Option<Vector2<f64>>)> {
-    let index = reference.nearest(position, gate_m)?;
+    let position = to_reference.apply(&point.position);
+    let index = reference.nearest(&position, gate_m)?;
+    let offset = position - reference.position(index);
     let reference_normal = reference.normal(index);
-    if let (Some(a), Some(b)) = (normal, reference_normal)
-        && a.dot(&b) < params.normal_cosine_min
-    {
-        return None;
+    if let Some(line_normal) = reference_normal {
+        let beside_max_m = params
+            .beside_max_m
+            .max(params.beside_max_range_share * point.range_m);
+        let normal = point.normal.map(|n| to_reference.turn(&n));
+        let turned_away = normal.is_some_and(|n| n.dot(&line_normal) < params.normal_cosine_min);
+        if turned_away || line_normal.perp(&offset).abs() > beside_max_m {
+            return None;
+        }
     }
-    Some((position - reference.position(index), reference_normal))
+    Some((offset, reference_normal))
 }
 
 fn linearise(
@@ -185,9 +203,8 @@ fn linearise(
     let to_reference = pose.to_transform();
     let mut equations = NormalEquations::default();
     for point in points {
-        let position = to_reference.apply(&point.position);
-        let normal = point.normal.map(|n| to_reference.turn(&n));
-        let Some((offset, line_normal)) = pair(reference, &position, normal, gate_m, params) else {
+        let Some((offset, line_normal)) = pair(reference, point, &to_reference, gate_m, params)
+        else {
             continue;
         };
         equations.pairs += 1;
@@ -224,10 +241,8 @@ fn summarise(
     let to_reference = pose.to_transform();
     let (mut overlapping, mut inliers, mut square_sum) = (0usize, 0usize, 0.0);
     for point in points {
-        let position = to_reference.apply(&point.position);
-        let normal = point.normal.map(|n| to_reference.turn(&n));
         let gate_m = params.overlap_gate_m;
-        if let Some((offset, line_normal)) = pair(reference, &position, normal, gate_m, params) {
+        if let Some((offset, line_normal)) = pair(reference, point, &to_reference, gate_m, params) {
             overlapping += 1;
             let distance_m = line_normal.map_or(offset.norm(), |n| n.dot(&offset).abs());
             if distance_m <= params.inlier_gate_m
@@ -243,7 +258,9 @@ fn summarise(
         (Information::from_upper([0.0; 6]), 0)
     } else {
         let equations = linearise(reference, points, pose, params.gate_end_m, params);
-        let observability = Observability::new(&equations.hessian, equations.weight_sum);
+        let lever_arm_m = lever_arm_m(points);
+        let observability =
+            Observability::new(&equations.hessian, equations.weight_sum, lever_arm_m);
         let variance_m2 = noise_variance_m2(range_sigma_m, rmse_m);
         (
             observability.information(variance_m2),

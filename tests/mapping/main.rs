@@ -9,6 +9,7 @@ mod restored;
 #[allow(dead_code, reason = "the matching tests use the rest")]
 #[path = "../common/scans.rs"]
 mod scans;
+mod short_sighted;
 mod strange;
 mod support;
 mod weighting;

@@ -59,7 +59,12 @@ fn pairs_by_brute_force(
             (Some(a), Some(b)) => (pose.rotation() * a).dot(&b) >= params.normal_cosine_min,
             _ => true,
         };
-        if distance(nearest) <= gate_m && alike {
+        let within = nearest.normal.is_none_or(|n| {
+            let along = Vector2::new(-n.y, n.x).dot(&(position - nearest.position));
+            let far_m = params.beside_max_range_share * point.range_m;
+            along.abs() <= params.beside_max_m || along.abs() <= far_m
+        });
+        if distance(nearest) <= gate_m && alike && within {
             pairs.push((point.position, nearest.position, nearest.normal));
         }
     }
@@ -192,7 +197,7 @@ fn what_is_free_is_left_out_and_what_is_fixed_is_kept() {
         let jacobian = Vector3::new(0.03 * f64::from(k % 3 - 1), 1.0, x);
         hessian += jacobian * jacobian.transpose();
     }
-    let observability = Observability::new(&hessian, 100.0);
+    let observability = Observability::new(&hessian, 100.0, 3.0);
     assert_eq!(observability.count(), 2);
     let gradient = Vector3::new(0.3, -2.0, 5.0);
     let step = observability.solve(&gradient);
@@ -203,4 +208,53 @@ fn what_is_free_is_left_out_and_what_is_fixed_is_kept() {
     assert!((observability.solve(&within) - step).norm() < 1e-12);
     let back = observability.hessian() * step;
     assert!((back - within).norm() < 1e-9 * within.norm());
+}
+
+/// A straight wall 1 m ahead between two values of y, a point every centimetre.
+fn wall(from_cm: i32, to_cm: i32) -> Vec<SurfacePoint> {
+    let point = |cm: i32| SurfacePoint {
+        position: Vector2::new(1.0, 0.01 * f64::from(cm)),
+        normal: Some(Vector2::new(-1.0, 0.0)),
+        beam: 0,
+        range_m: 1.0,
+    };
+    (from_cm..to_cm).map(point).collect()
+}
+
+#[test]
+fn points_beyond_the_end_of_a_wall_have_no_counterpart() {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, wall(-50, 1).as_slice())]).unwrap();
+    let longer = wall(-50, 51);
+    let pairs = |params: &IcpParams| {
+        let gate_m = params.gate_start_m;
+        linearise(&cloud, &longer, &Pose2::IDENTITY, gate_m, params).pairs
+    };
+    assert_eq!(pairs(&IcpParams::ROBUST), 51 + 10);
+    assert_eq!(pairs(&IcpParams::ALL_POINTS), 51 + 50);
+}
+
+#[test]
+fn a_short_sighted_lidar_measures_turns() {
+    // The same corner, seen from 1 m and from 10 m: as well fixed, though its points turn less.
+    for size in [1.0, 10.0] {
+        let mut corner = wall(-50, 50);
+        corner.extend(wall(-50, 50).iter().map(|p| SurfacePoint {
+            position: Vector2::new(p.position.y, p.position.x),
+            normal: Some(Vector2::new(0.0, -1.0)),
+            ..*p
+        }));
+        for point in &mut corner {
+            point.position *= size;
+            point.range_m = point.position.norm();
+        }
+        let cloud = ReferenceCloud::new([(Pose2::IDENTITY, corner.as_slice())]).unwrap();
+        let start = Pose2::new(0.0, 0.0, 0.05);
+        let found = align(&cloud, &corner, &start, 0.01, None, &IcpParams::ROBUST);
+        assert_eq!(found.observable_directions, 3, "{size} m");
+        assert!(
+            found.pose.theta.abs() < 1e-3,
+            "{size} m: {}",
+            found.pose.theta
+        );
+    }
 }
