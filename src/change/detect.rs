@@ -19,6 +19,8 @@ const VIEWS_MIN: usize = 3;
 const SUPPORT_MIN: f64 = 5.0;
 /// Views that an alert needs, over all its spots.
 const FINDING_VIEWS_MIN: usize = 4;
+/// Changed spots of one kind belong together if so many cells lie from one to the next.
+const GROUP_REACH: i32 = 3;
 /// How far the outline stays away from the points, metres.
 const REGION_MARGIN_M: f64 = 0.05;
 /// What is known of a pose, metres: no location is better.
@@ -166,7 +168,7 @@ fn group(changed: &BTreeMap<CellKey, Changed>) -> Vec<Vec<CellKey>> {
         let mut group = vec![first];
         let mut next = 0;
         while next < group.len() {
-            for key in around(group[next], 2) {
+            for key in around(group[next], GROUP_REACH) {
                 if left.contains(&key) && changed[&key].kind == kind {
                     left.remove(&key);
                     group.push(key);
