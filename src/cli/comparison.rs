@@ -8,7 +8,8 @@ use crate::sim::{ChangeEvent, Shape};
 /// metres.
 const MATCH_MAX_M: f64 = 0.5;
 
-/// One line for each change with the alert that is nearest to it, then the alerts that fit no
+/// One line for each change with the alert that is nearest to it (one that still stands before
+/// one that was resolved), then the alerts that fit no
 /// change. `None`: the service has no alerts to show.
 pub(super) fn compare(truth: &[ChangeEvent], alerts: Option<&[AlertReport]>) -> Vec<String> {
     let head = "truly changed, as far as it could be seen";
@@ -45,7 +46,9 @@ fn nearest<'a>(event: &ChangeEvent, alerts: &'a [AlertReport]) -> Option<&'a Ale
     let fitting = alerts
         .iter()
         .filter_map(|alert| Some((distance_m(event, alert)?, alert)));
-    let nearest = fitting.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let is_over = |alert: &AlertReport| alert.status == "resolved";
+    let nearest = fitting
+        .min_by(|(a_m, a), (b_m, b)| is_over(a).cmp(&is_over(b)).then(a_m.total_cmp(b_m)))?;
     Some(nearest.1)
 }
 

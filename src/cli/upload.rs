@@ -37,6 +37,9 @@ pub struct Args {
     /// Scans in a batch.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=1_000))]
     batch_scans: u16,
+    /// The beams are so many times as far apart as the file states (some logs state it wrongly).
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_beam_spacing)]
+    beam_spacing: f64,
     /// Where the vehicle started in the route's map, roughly: metres, metres, radians.
     #[arg(long, value_name = "X,Y,THETA", value_parser = parse_pose, allow_hyphen_values = true)]
     initial_pose: Option<Pose2>,
@@ -73,6 +76,13 @@ fn parse_pose(text: &str) -> Result<Pose2, String> {
     }
 }
 
+fn parse_beam_spacing(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(factor) if (0.5..=2.0).contains(&factor) => Ok(factor),
+        _ => Err("give a factor from 0.5 to 2, like 0.925".into()),
+    }
+}
+
 /// What an upload came to.
 #[derive(Debug)]
 struct Tally {
@@ -99,7 +109,10 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
     };
     for path in &args.files {
         match recording::read(path) {
-            Ok(log) => upload_file(&gateway, args, path, &log, &mut tally).await?,
+            Ok(log) => {
+                let log = log.with_beam_spacing(args.beam_spacing);
+                upload_file(&gateway, args, path, &log, &mut tally).await?;
+            }
             Err(error) => tally.failures.push(format!("{error:#}")),
         }
     }
@@ -273,6 +286,7 @@ mod tests {
             trip: Some(TripId::new("monday").unwrap()),
             url: url.to_owned(),
             batch_scans,
+            beam_spacing: 1.0,
             initial_pose: Some(Pose2::new(1.0, 2.0, 0.5)),
             wait: true,
         }
