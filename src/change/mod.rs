@@ -3,6 +3,7 @@
 mod detector;
 mod finding;
 mod kind;
+pub mod paper;
 pub mod series;
 pub mod threshold;
 

@@ -73,6 +73,13 @@ impl Default for SeriesParams {
     }
 }
 
+impl SeriesParams {
+    /// A raw ΔF belongs to a smoothed peak so many closures away, or fewer.
+    pub(super) fn peak_reach(&self) -> usize {
+        (PEAK_REACH_SIGMAS * self.smoothing_sigma.max(0.0)).round() as usize
+    }
+}
+
 /// What the paper's rule says about a closure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
@@ -147,7 +154,7 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
     let threshold_of = |sigma2| params.threshold_factor * paper_threshold(sigma2);
     // Where nothing ever differed, rounding must not count as a change.
     let threshold = sigma2.map(|sigma2| threshold_of(sigma2).max(SCALE_MIN));
-    let near_peak = NearPeak::of(&smoothed, &growth, params.smoothing_sigma);
+    let near_peak = NearPeak::of(&smoothed, &growth, params.peak_reach());
     let p_values = p_values(&growth);
 
     let entry = |(k, sample): (usize, &ClosureSample)| {
@@ -265,8 +272,7 @@ struct NearPeak {
 }
 
 impl NearPeak {
-    fn of(smoothed: &[f64], growth: &[f64], sigma: f64) -> Self {
-        let reach = (PEAK_REACH_SIGMAS * sigma.max(0.0)).round() as usize;
+    fn of(smoothed: &[f64], growth: &[f64], reach: usize) -> Self {
         let mut near = Self {
             within: vec![false; growth.len()],
             largest: vec![false; growth.len()],

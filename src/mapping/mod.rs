@@ -15,7 +15,7 @@ mod partners;
 mod route_map;
 
 pub use anchor::AnchorError;
-pub use closure::Closure;
+pub use closure::{Closure, ClosureRule};
 pub use drive::{Drive, DriveScan, InitialPose};
 pub use extend::{Extension, NotExtended};
 pub use keyframe::Keyframe;

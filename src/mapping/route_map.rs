@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::closure::ClosureRule;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::Pose2;
@@ -26,6 +27,7 @@ pub struct RouteMap {
     pub(super) keyframes: Vec<Keyframe>,
     pub(super) solver: Solver,
     pub(super) weighting: Weighting,
+    pub(super) closure_rule: ClosureRule,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
     next_node: i64,
@@ -40,6 +42,7 @@ impl RouteMap {
             keyframes: Vec::new(),
             solver: Solver::default(),
             weighting,
+            closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
             next_node: 1,
             next_edge: 1,
@@ -67,6 +70,14 @@ impl RouteMap {
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
         Ok(map)
+    }
+
+    /// The same map with another rule for the closures to come.
+    pub fn with_closure_rule(self, closure_rule: ClosureRule) -> Self {
+        Self {
+            closure_rule,
+            ..self
+        }
     }
 
     /// The pose graph.
