@@ -1,7 +1,10 @@
 //! Laps as a vehicle records them.
 
+use std::ops::Range;
+
 use super::random::{Purpose, stream};
-use super::{Route, Vehicle, World};
+use super::walker::Walkers;
+use super::{Route, Scene, Vehicle, World};
 use crate::geometry::Pose2;
 
 /// A scan with the truth beside it.
@@ -9,7 +12,7 @@ use crate::geometry::Pose2;
 pub struct SimScan {
     /// Seconds since the drive began.
     pub time_s: f64,
-    /// 0 for the first lap.
+    /// The scene's lap, 0 for its first.
     pub lap: usize,
     /// Where the vehicle truly was: `map_from_base`.
     pub map_from_base: Pose2,
@@ -17,9 +20,11 @@ pub struct SimScan {
     pub odom_from_base: Pose2,
     /// Metres, `None` for no return.
     pub ranges_m: Vec<Option<f64>>,
+    /// What each beam met, by its place in [`Scene::objects`]; `None` for no return or a person.
+    pub struck: Vec<Option<usize>>,
 }
 
-/// Drives `laps` laps without a break.
+/// Drives `laps` laps without a break in a world that stays as it is.
 ///
 /// The path of a lap depends on the seed and the lap's number alone; a world with another
 /// object in it leaves path, odometry and the noise of the other beams as they were.
@@ -30,35 +35,53 @@ pub fn drive(
     laps: usize,
     seed: u64,
 ) -> Vec<SimScan> {
-    let mut ranges = stream(seed, Purpose::Ranges);
-    let mut odometry = stream(seed, Purpose::Odometry);
-    let mut scans: Vec<SimScan> = Vec::new();
-    for lap in 0..laps {
-        let path_noise_m = if lap == 0 { 0.0 } else { vehicle.path_noise_m };
-        let mut path = stream(seed, Purpose::Path { lap });
-        for map_from_base in route.lap(vehicle.scan_spacing_m, path_noise_m, &mut path) {
-            let (time_s, odom_from_base) = match scans.last() {
-                None => (0.0, Pose2::IDENTITY),
-                Some(last) => {
-                    let motion = last.map_from_base.between(&map_from_base);
-                    let measured = vehicle.odometry.measured(&motion, &mut odometry);
-                    let way_m = motion.translation().norm();
-                    (
-                        last.time_s + way_m / vehicle.speed_mps,
-                        last.odom_from_base.compose(&measured),
-                    )
-                }
-            };
-            scans.push(SimScan {
-                time_s,
-                lap,
-                map_from_base,
-                odom_from_base,
-                ranges_m: vehicle.lidar.scan(world, &map_from_base, &mut ranges),
-            });
+    let scene = Scene::lasting(route.clone(), world.shapes().cloned(), 0);
+    scene.drive(vehicle, 0..laps, seed)
+}
+
+impl Scene {
+    /// Drives laps of the scene without a break: one odometry frame, one clock.
+    ///
+    /// The path of a lap depends on the seed and the lap's number alone, and lap 0 keeps to the
+    /// route; what is changed in the scene leaves path, odometry and the noise of the other beams
+    /// as they were.
+    pub fn drive(&self, vehicle: &Vehicle, laps: Range<usize>, seed: u64) -> Vec<SimScan> {
+        let from_lap = laps.start;
+        let mut ranges = stream(seed, Purpose::Ranges { from_lap });
+        let mut odometry = stream(seed, Purpose::Odometry { from_lap });
+        let mut scans: Vec<SimScan> = Vec::new();
+        for lap in laps {
+            let here = self.world(lap);
+            let mut walkers = Walkers::new(self, &here.world, lap, seed);
+            let path_noise_m = if lap == 0 { 0.0 } else { vehicle.path_noise_m };
+            let mut path = stream(seed, Purpose::Path { lap });
+            let spacing_m = vehicle.scan_spacing_m;
+            for map_from_base in self.route.lap(spacing_m, path_noise_m, &mut path) {
+                let (time_s, odom_from_base) = match scans.last() {
+                    None => (0.0, Pose2::IDENTITY),
+                    Some(last) => {
+                        let motion = last.map_from_base.between(&map_from_base);
+                        let measured = vehicle.odometry.measured(&motion, &mut odometry);
+                        let took_s = motion.translation().norm() / vehicle.speed_mps;
+                        walkers.walk(took_s);
+                        (last.time_s + took_s, last.odom_from_base.compose(&measured))
+                    }
+                };
+                let people = walkers.seen_from(&map_from_base.translation());
+                let cast = |origin: &_, direction: &_| here.cast(&people, origin, direction);
+                let beams = vehicle.lidar.scan(cast, &map_from_base, &mut ranges);
+                scans.push(SimScan {
+                    time_s,
+                    lap,
+                    map_from_base,
+                    odom_from_base,
+                    ranges_m: beams.iter().map(|beam| Some(beam.as_ref()?.0)).collect(),
+                    struck: beams.iter().map(|beam| beam.as_ref()?.1).collect(),
+                });
+            }
         }
+        scans
     }
-    scans
 }
 
 #[cfg(test)]

@@ -3,7 +3,6 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::World;
 use super::random::normal;
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::Lidar;
@@ -17,6 +16,9 @@ pub struct SimLidar {
     pub beams: usize,
     /// Share of the beams that give no return though something is there.
     pub dropout_rate: f64,
+    /// `mount_from_lidar`: where the lidar truly sits, seen from where `geometry` has it. The
+    /// identity unless the vehicle is faulty.
+    pub mount_error: Pose2,
 }
 
 impl SimLidar {
@@ -34,28 +36,32 @@ impl SimLidar {
             },
             beams,
             dropout_rate: 0.0,
+            mount_error: Pose2::IDENTITY,
         }
     }
 
-    /// One scan: metres to the millimetre, `None` for no return.
-    pub(super) fn scan(
+    /// One scan: metres to the millimetre and what was met there, `None` for no return. `cast`
+    /// follows a ray from an origin in a direction, map frame.
+    pub(super) fn scan<T>(
         &self,
-        world: &World,
+        cast: impl Fn(&Vector2<f64>, &Vector2<f64>) -> Option<(f64, T)>,
         map_from_base: &Pose2,
         rng: &mut ChaCha8Rng,
-    ) -> Vec<Option<f64>> {
-        let map_from_lidar = map_from_base.compose(&self.geometry.mount);
+    ) -> Vec<Option<(f64, T)>> {
+        let base_from_lidar = self.geometry.mount.compose(&self.mount_error);
+        let map_from_lidar = map_from_base.compose(&base_from_lidar);
         let eye = map_from_lidar.translation();
         let beam = |k| {
             let (sin, cos) = (map_from_lidar.theta + self.geometry.beam_angle_rad(k)).sin_cos();
-            let hit = world.cast(&eye, &Vector2::new(cos, sin));
+            let met = cast(&eye, &Vector2::new(cos, sin));
             // Drawn for every beam, so that a change in the world leaves the noise of the
             // other beams as it was.
             let noise_m = normal(rng, self.geometry.range_sigma_m);
             let dropped = rng.random::<f64>() < self.dropout_rate;
-            let range_m = ((hit?.range_m + noise_m) * 1e3).round() / 1e3;
+            let (true_range_m, what) = met?;
+            let range_m = ((true_range_m + noise_m) * 1e3).round() / 1e3;
             let seen = (self.geometry.range_min_m..self.geometry.range_max_m).contains(&range_m);
-            (seen && !dropped).then_some(range_m)
+            (seen && !dropped).then_some((range_m, what))
         };
         (0..self.beams).map(beam).collect()
     }
@@ -64,11 +70,15 @@ impl SimLidar {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::Shape;
     use crate::sim::random::{Purpose, stream};
+    use crate::sim::{Shape, World};
 
-    fn room() -> World {
-        World::new([Shape::rectangle(&Pose2::IDENTITY, 8.0, 6.0)])
+    fn scan_in_room(lidar: &SimLidar, map_from_base: &Pose2, seed: u64) -> Vec<Option<f64>> {
+        let room = World::new([Shape::rectangle(&Pose2::IDENTITY, 8.0, 6.0)]);
+        let cast = |origin: &_, direction: &_| Some((room.cast(origin, direction)?.range_m, ()));
+        let mut rng = stream(seed, Purpose::Ranges { from_lap: 0 });
+        let met = lidar.scan(cast, map_from_base, &mut rng);
+        met.into_iter().map(|beam| Some(beam?.0)).collect()
     }
 
     #[test]
@@ -76,7 +86,7 @@ mod tests {
         let mount = Pose2::new(0.2, -0.1, 0.5);
         let lidar = SimLidar::all_round(360, 20.0, 1e-9, mount);
         let pose = Pose2::new(1.0, 0.5, -2.5);
-        let ranges = lidar.scan(&room(), &pose, &mut stream(3, Purpose::Ranges));
+        let ranges = scan_in_room(&lidar, &pose, 3);
         assert_eq!(ranges.len(), 360);
         for (k, range) in ranges.into_iter().enumerate() {
             let angle = lidar.geometry.beam_angle_rad(k);
@@ -89,11 +99,26 @@ mod tests {
     }
 
     #[test]
+    fn a_faulty_mount_turns_what_is_seen() {
+        let mount = Pose2::new(0.2, -0.1, 0.5);
+        let faulty = SimLidar {
+            mount_error: Pose2::new(0.0, 0.0, 2.0_f64.to_radians()),
+            ..SimLidar::all_round(360, 20.0, 1e-9, mount)
+        };
+        let turned = SimLidar::all_round(360, 20.0, 1e-9, mount.compose(&faulty.mount_error));
+        let sound = SimLidar::all_round(360, 20.0, 1e-9, mount);
+        let pose = Pose2::new(1.0, 0.5, -2.5);
+        let seen = scan_in_room(&faulty, &pose, 3);
+        assert_eq!(seen, scan_in_room(&turned, &pose, 3));
+        assert_ne!(seen, scan_in_room(&sound, &pose, 3));
+        assert_eq!(faulty.geometry.mount, mount);
+    }
+
+    #[test]
     fn noise_dropouts_and_reach() {
         let mut lidar = SimLidar::all_round(3600, 3.9, 0.02, Pose2::IDENTITY);
         lidar.dropout_rate = 0.25;
-        let mut rng = stream(4, Purpose::Ranges);
-        let ranges = lidar.scan(&room(), &Pose2::IDENTITY, &mut rng);
+        let ranges = scan_in_room(&lidar, &Pose2::IDENTITY, 4);
         let mut squared = Vec::new();
         let mut dropped = 0;
         let mut reachable = 0;

@@ -12,18 +12,31 @@ use crate::geometry::Vector2;
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Purpose {
     World,
-    Ranges,
-    Odometry,
-    Path { lap: usize },
+    /// Of a drive that begins with this lap.
+    Ranges {
+        from_lap: usize,
+    },
+    Odometry {
+        from_lap: usize,
+    },
+    Path {
+        lap: usize,
+    },
+    Walker {
+        lap: usize,
+        walker: usize,
+    },
 }
 
 pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let of_lap = |lap: usize, number: u64| ((lap as u64) << 32) + number;
     rng.set_stream(match purpose {
         Purpose::World => 0,
-        Purpose::Ranges => 1,
-        Purpose::Odometry => 2,
+        Purpose::Ranges { from_lap } => of_lap(from_lap, 1),
+        Purpose::Odometry { from_lap } => of_lap(from_lap, 2),
         Purpose::Path { lap } => 1_000 + lap as u64,
+        Purpose::Walker { lap, walker } => of_lap(lap + 1, 1_000 + walker as u64),
     });
     rng
 }
@@ -64,9 +77,18 @@ mod tests {
     #[test]
     fn streams_are_independent_and_repeatable() {
         let draw = |seed, purpose| stream(seed, purpose).random::<u64>();
-        assert_eq!(draw(7, Purpose::Ranges), draw(7, Purpose::Ranges));
-        assert_ne!(draw(7, Purpose::Ranges), draw(7, Purpose::Odometry));
-        assert_ne!(draw(7, Purpose::Ranges), draw(8, Purpose::Ranges));
+        assert_eq!(
+            draw(7, Purpose::Ranges { from_lap: 0 }),
+            draw(7, Purpose::Ranges { from_lap: 0 })
+        );
+        assert_ne!(
+            draw(7, Purpose::Ranges { from_lap: 0 }),
+            draw(7, Purpose::Odometry { from_lap: 0 })
+        );
+        assert_ne!(
+            draw(7, Purpose::Ranges { from_lap: 0 }),
+            draw(8, Purpose::Ranges { from_lap: 0 })
+        );
         assert_ne!(
             draw(7, Purpose::Path { lap: 0 }),
             draw(7, Purpose::Path { lap: 1 })

@@ -1,0 +1,130 @@
+//! A world that changes from lap to lap.
+
+use super::{Hall, Hit, Route, Shape, World};
+use crate::geometry::Vector2;
+
+/// Something that stands in a scene during some laps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneObject {
+    /// Its outline, map frame.
+    pub shape: Shape,
+    /// The first lap that has it.
+    pub from_lap: usize,
+    /// The first lap that has it no more; `None` if it stays.
+    pub until_lap: Option<usize>,
+}
+
+/// A route through a world whose objects come and go between laps, and people who walk there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// The way of a lap.
+    pub route: Route,
+    /// Walls and objects.
+    pub objects: Vec<SceneObject>,
+    /// People near the route in every lap.
+    pub walkers: usize,
+    /// Where they walk, together with the drive's seed.
+    pub seed: u64,
+}
+
+/// A scene as it stands in one lap, without people.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LapWorld {
+    /// What stands there.
+    pub world: World,
+    /// The place in [`Scene::objects`] of each of the world's shapes.
+    pub objects: Vec<usize>,
+}
+
+impl SceneObject {
+    /// An object that is always there.
+    pub fn lasting(shape: Shape) -> Self {
+        Self {
+            shape,
+            from_lap: 0,
+            until_lap: None,
+        }
+    }
+
+    /// Whether it stands there in a lap.
+    pub fn is_there(&self, lap: usize) -> bool {
+        self.from_lap <= lap && self.until_lap.is_none_or(|until| lap < until)
+    }
+}
+
+impl Scene {
+    /// A scene in which these shapes stand for ever and nobody walks.
+    pub fn lasting(route: Route, shapes: impl IntoIterator<Item = Shape>, seed: u64) -> Self {
+        Self {
+            route,
+            objects: shapes.into_iter().map(SceneObject::lasting).collect(),
+            walkers: 0,
+            seed,
+        }
+    }
+
+    /// A hall as a scene; object 0 is its walls.
+    pub fn of_hall(hall: &Hall, seed: u64) -> Self {
+        Self::lasting(hall.route.clone(), hall.world.shapes().cloned(), seed)
+    }
+
+    /// What stands there in a lap.
+    pub fn world(&self, lap: usize) -> LapWorld {
+        let there = |k: &usize| self.objects[*k].is_there(lap);
+        let objects: Vec<usize> = (0..self.objects.len()).filter(there).collect();
+        let world = World::new(objects.iter().map(|&k| self.objects[k].shape.clone()));
+        LapWorld { world, objects }
+    }
+}
+
+impl LapWorld {
+    /// How far a ray runs among the objects and `people`, metres, and the scene's object that it
+    /// meets: `None` for a person.
+    pub(super) fn cast(
+        &self,
+        people: &World,
+        origin: &Vector2<f64>,
+        direction: &Vector2<f64>,
+    ) -> Option<(f64, Option<usize>)> {
+        let thing = self.world.cast(origin, direction);
+        let thing = thing.map(|Hit { range_m, shape }| (range_m, Some(self.objects[shape])));
+        let person = people
+            .cast(origin, direction)
+            .map(|hit| (hit.range_m, None));
+        let both = [thing, person].into_iter().flatten();
+        both.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose2;
+
+    #[test]
+    fn objects_stand_only_in_their_laps() {
+        let hall = Hall::generate(1).unwrap();
+        let mut scene = Scene::of_hall(&hall, 1);
+        let count = scene.objects.len();
+        scene.objects[3].until_lap = Some(2);
+        scene.objects.push(SceneObject {
+            shape: Shape::rectangle(&Pose2::IDENTITY, 1.0, 1.0),
+            from_lap: 1,
+            until_lap: Some(3),
+        });
+        for lap in 0..5 {
+            let lap_world = scene.world(lap);
+            let expected: Vec<usize> = (0..=count)
+                .filter(|&k| match k {
+                    3 => lap < 2,
+                    k if k == count => (1..3).contains(&lap),
+                    _ => true,
+                })
+                .collect();
+            assert_eq!(lap_world.objects, expected);
+            for (shape, &k) in lap_world.world.shapes().zip(&lap_world.objects) {
+                assert_eq!(shape, &scene.objects[k].shape);
+            }
+        }
+    }
+}
