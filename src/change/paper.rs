@@ -220,24 +220,32 @@ mod tests {
         assert_eq!(found.len(), 1);
         let laps: Vec<usize> = found[0].repeats.iter().map(|p| p.place.lap).collect();
         assert_eq!(laps, [4, 5, 6]);
-        assert!(found[0].repeats.iter().all(|p| p.ratio < found[0].first.ratio));
+        assert!(
+            found[0]
+                .repeats
+                .iter()
+                .all(|p| p.ratio < found[0].first.ratio)
+        );
     }
 
     #[test]
     fn a_higher_maximum_is_a_new_change_and_so_is_another_place() {
-        let higher = changes(&[(3, 20, &[8.0, 16.0, 8.0]), (5, 20, &[30.0, 60.0, 30.0])], 1.0);
+        let higher = changes(
+            &[(3, 20, &[8.0, 16.0, 8.0]), (5, 20, &[30.0, 60.0, 30.0])],
+            1.0,
+        );
         assert_eq!(higher.len(), 2);
-        let elsewhere = changes(&[(3, 8, &[20.0, 40.0, 20.0]), (4, 30, &[8.0, 20.0, 8.0])], 1.0);
+        let elsewhere = changes(
+            &[(3, 8, &[20.0, 40.0, 20.0]), (4, 30, &[8.0, 20.0, 8.0])],
+            1.0,
+        );
         assert_eq!(elsewhere.len(), 2);
         assert_eq!(elsewhere[1].first.place.lap, 4);
     }
 
     #[test]
     fn entering_and_leaving_a_changed_place_is_one_change() {
-        let found = changes(
-            &[(4, 18, &[8.0, 16.0]), (4, 22, &[12.0, 24.0])],
-            1.0,
-        );
+        let found = changes(&[(4, 18, &[8.0, 16.0]), (4, 22, &[12.0, 24.0])], 1.0);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].first.n, 4 * LAP + 24);
     }

@@ -10,6 +10,7 @@ mod optimise;
 mod pretend;
 mod progress;
 mod recording;
+mod reproduce;
 mod serve;
 mod upload;
 
@@ -36,6 +37,8 @@ enum Command {
     Upload(upload::Args),
     /// Optimise a pose graph in a g2o file.
     Optimise(optimise::Args),
+    /// Run the paper's experiments: its tables and figures, and ours beside them.
+    Reproduce(reproduce::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -47,6 +50,7 @@ pub fn run() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         Command::Upload(args) => upload::run(args),
         Command::Optimise(args) => optimise::run(args),
+        Command::Reproduce(args) => reproduce::run(args),
         Command::Openapi(args) => openapi::run(args),
     };
     match outcome {

@@ -154,11 +154,7 @@ impl Panel {
         let (bottom, right) = (top + PANEL_HEIGHT - MARGIN_BOTTOM, WIDTH - MARGIN_RIGHT);
         Self {
             x: Axis::new(points().map(|p| p.0).chain(upright), MARGIN_LEFT, right),
-            y: Axis::new(
-                points().map(|p| p.1).chain(level),
-                bottom,
-                top + MARGIN_TOP,
-            ),
+            y: Axis::new(points().map(|p| p.1).chain(level), bottom, top + MARGIN_TOP),
         }
     }
 
@@ -206,12 +202,24 @@ impl Panel {
         match guide.at {
             Crossing::X(x) => {
                 let x = self.x.place(x);
-                line(svg, (x, bottom), (x, top), GREY, " stroke-dasharray=\"5 4\"");
+                line(
+                    svg,
+                    (x, bottom),
+                    (x, top),
+                    GREY,
+                    " stroke-dasharray=\"5 4\"",
+                );
                 write_text(svg, (x + 4.0, top + 10.0), "start", &guide.label);
             }
             Crossing::Y(y) => {
                 let y = self.y.place(y);
-                line(svg, (left, y), (right, y), GREY, " stroke-dasharray=\"5 4\"");
+                line(
+                    svg,
+                    (left, y),
+                    (right, y),
+                    GREY,
+                    " stroke-dasharray=\"5 4\"",
+                );
                 write_text(svg, (left + 4.0, y - 4.0), "start", &guide.label);
             }
         }

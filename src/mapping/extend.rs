@@ -232,7 +232,8 @@ impl RouteMap {
         let chosen = partners::choose(&expected, &nearby);
         let measured = chosen.iter().filter_map(|old| {
             let old_from_new = old.pose.between(&pose);
-            let found = closure::measure(old, &new, &old_from_new, &SLACK_SMALL, &self.closure_rule)?;
+            let found =
+                closure::measure(old, &new, &old_from_new, &SLACK_SMALL, &self.closure_rule)?;
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()

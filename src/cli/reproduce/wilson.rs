@@ -39,10 +39,7 @@ impl Share {
             None => "–".to_owned(),
             Some(value) => {
                 let (low, high) = self.interval();
-                format!(
-                    "{value:.2} ({low:.2}–{high:.2}) {}/{}",
-                    self.hits, self.of
-                )
+                format!("{value:.2} ({low:.2}–{high:.2}) {}/{}", self.hits, self.of)
             }
         }
     }

@@ -54,7 +54,11 @@ fn ticks_are_round_and_within() {
         let ticks = axis.ticks();
         assert!((2..=8).contains(&ticks.len()), "{ticks:?}");
         let slack = 1e-9 * (high - low);
-        assert!(ticks.iter().all(|t| (low - slack..=high + slack).contains(t)));
+        assert!(
+            ticks
+                .iter()
+                .all(|t| (low - slack..=high + slack).contains(t))
+        );
     }
 }
 

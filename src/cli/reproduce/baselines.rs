@@ -1,0 +1,71 @@
+//! How others tell closures that contradict the map, on the same all-points measurements.
+
+use std::collections::BTreeSet;
+
+use anyhow::Context;
+
+use super::mapped::{MadeClosure, Mapped};
+use super::method::Judged;
+use crate::change::threshold::chi_squared_threshold;
+use crate::geometry::Pose2;
+use crate::graph::{Edge, EdgeKind, PoseGraph};
+use crate::ids::EdgeId;
+use crate::solver::{SolveOptions, solve_robust};
+
+/// RTAB-Map's `RGBD/OptimizeMaxError`.
+const ERROR_RATIO_MAX: f64 = 3.0;
+/// IPC's confidence is 90 %.
+const CHI_SQUARED_RATE: f64 = 0.1;
+
+/// The largest error of a closure over its standard deviation, at the optimum of all laps.
+pub(super) fn error_ratio(mapped: &Mapped) -> anyhow::Result<Judged> {
+    let graph = mapped.map.graph();
+    let ratio = |made: &MadeClosure| {
+        let edge = graph.edge(made.closure.edge)?;
+        let pose = |node| Some(graph.nodes()[graph.node_position(node)?].pose);
+        let measured = &made.closure.all_points_measurement;
+        let error = Pose2::edge_error(&pose(edge.from)?, &pose(edge.to)?, measured);
+        let information = made.closure.all_points_information.matrix();
+        let ratios = (0..3).map(|k| error[k].abs() * information[(k, k)].max(0.0).sqrt());
+        Some(ratios.fold(0.0, f64::max))
+    };
+    let ratios: Option<Vec<f64>> = mapped.closures.iter().map(ratio).collect();
+    let ratios = ratios.context("a closure without its nodes")?;
+    let told = ratios.iter().map(|r| *r > ERROR_RATIO_MAX).collect();
+    Ok(Judged::by_closure(mapped, Some(ratios), told))
+}
+
+/// eᵀΩe of each closure when it was made.
+pub(super) fn chi_squared(mapped: &Mapped) -> Judged {
+    let bound = chi_squared_threshold(CHI_SQUARED_RATE, 3);
+    let residual = |made: &MadeClosure| made.closure.all_points_residual;
+    let residuals: Vec<f64> = mapped.closures.iter().map(residual).collect();
+    let told = residuals.iter().map(|r| *r > bound).collect();
+    Judged::by_closure(mapped, Some(residuals), told)
+}
+
+/// Closures that a robust solve of all laps switches off.
+pub(super) fn gnc(mapped: &Mapped) -> anyhow::Result<Judged> {
+    let mut graph = PoseGraph::new();
+    for node in mapped.map.graph().nodes() {
+        graph.add_node(*node)?;
+    }
+    let closures = mapped.closures.iter().map(|made| made.closure);
+    let mut closures = closures.map(|c| (c.all_points_measurement, c.all_points_information));
+    for edge in mapped.map.graph().edges() {
+        let (measurement, information) = match edge.kind {
+            EdgeKind::Odometry => (edge.measurement, edge.information),
+            EdgeKind::LoopClosure => closures.next().context("an edge without its closure")?,
+        };
+        graph.add_edge(Edge {
+            measurement,
+            information,
+            ..*edge
+        })?;
+    }
+    let summary = solve_robust(&mut graph, &SolveOptions::default());
+    let off: BTreeSet<EdgeId> = summary.switched_off.into_iter().collect();
+    let is_off = |made: &MadeClosure| off.contains(&made.closure.edge);
+    let told = mapped.closures.iter().map(is_off).collect();
+    Ok(Judged::by_closure(mapped, None, told))
+}

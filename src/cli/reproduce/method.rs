@@ -1,0 +1,167 @@
+//! The ways of telling changes that are compared.
+
+use serde::Serialize;
+
+use super::laps::Laps;
+use super::mapped::{MadeClosure, Mapped};
+use crate::change::paper::ClosurePlace;
+use crate::change::{ChangeKind, Finding};
+use crate::geometry::Vector2;
+
+/// Places of one change are this near to each other where only closures are told, metres.
+const SAME_PLACE_M: f64 = 5.0;
+/// Laps that no method judges: they make the map.
+pub(super) const LAPS_LEARNT: usize = 2;
+
+/// A way of telling changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Method {
+    /// The paper's rule at th.
+    Paper,
+    /// The paper's rule at 2.5 th.
+    PaperRaised,
+    /// What the service does.
+    Fused,
+    /// An error beyond 3 σ at the optimum, as RTAB-Map refuses closures.
+    ErrorRatio,
+    /// eᵀΩe beyond the 90 % point of χ²₃, as IPC tests closures.
+    ChiSquared,
+    /// Switched off by graduated non-convexity.
+    Gnc,
+}
+
+impl Method {
+    /// All, in the order of the tables.
+    pub(super) const ALL: [Self; 6] = [
+        Self::Paper,
+        Self::PaperRaised,
+        Self::Fused,
+        Self::ErrorRatio,
+        Self::ChiSquared,
+        Self::Gnc,
+    ];
+
+    /// In tables.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper, th",
+            Self::PaperRaised => "paper, 2.5 th",
+            Self::Fused => "fused",
+            Self::ErrorRatio => "3σ error ratio",
+            Self::ChiSquared => "χ²₃ at 90 %",
+            Self::Gnc => "GNC weights",
+        }
+    }
+}
+
+/// Something that a method tells the keepers of the map.
+#[derive(Debug, Clone)]
+pub(super) struct Raised {
+    /// The lap in which it is told first.
+    pub lap: usize,
+    /// What is told.
+    pub what: Told,
+}
+
+/// What is told.
+#[derive(Debug, Clone)]
+pub(super) enum Told {
+    /// "Look at this closure's two scans": scans by their places in [`Laps::scans`].
+    Closure {
+        /// The old node's scan.
+        old: usize,
+        /// The new node's scan.
+        new: usize,
+        /// Halfway between the nodes, map frame, metres.
+        position: Vector2<f64>,
+    },
+    /// "Here is something new, or something gone".
+    Region {
+        /// Appeared or disappeared.
+        kind: ChangeKind,
+        /// Its middle, map frame, metres.
+        location: Vector2<f64>,
+        /// A polygon round it, map frame, metres.
+        region: Vec<Vector2<f64>>,
+    },
+}
+
+/// What a method makes of a case.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Judged {
+    /// For each closure the larger the more suspect; `None` where the method has no degrees.
+    pub scores: Option<Vec<f64>>,
+    /// For each closure whether the method judges it at all.
+    pub judged: Vec<bool>,
+    /// For each closure whether it is told to contradict the map.
+    pub told: Vec<bool>,
+    /// What the keepers of the map get.
+    pub raised: Vec<Raised>,
+}
+
+impl Judged {
+    /// From closures told one by one; those near to each other are one change.
+    pub(super) fn by_closure(mapped: &Mapped, scores: Option<Vec<f64>>, told: Vec<bool>) -> Self {
+        let judged: Vec<bool> = mapped.closures.iter().map(is_judged).collect();
+        let told: Vec<bool> = told.iter().zip(&judged).map(|(t, j)| *t && *j).collect();
+        let raised = gather(&mapped.closures, &told);
+        Self {
+            scores,
+            judged,
+            told,
+            raised,
+        }
+    }
+}
+
+fn is_judged(made: &MadeClosure) -> bool {
+    made.place.lap >= LAPS_LEARNT
+}
+
+/// The first closure told at each place; told again in the same lap or the next it is the same.
+fn gather(closures: &[MadeClosure], told: &[bool]) -> Vec<Raised> {
+    let mut known: Vec<ClosurePlace> = Vec::new();
+    let mut raised = Vec::new();
+    for (made, _) in closures.iter().zip(told).filter(|(_, told)| **told) {
+        let same = |known: &&mut ClosurePlace| {
+            let apart = known.position - made.place.position;
+            apart.norm() <= SAME_PLACE_M && made.place.lap <= known.lap + 1
+        };
+        match known.iter_mut().find(same) {
+            Some(known) => known.lap = made.place.lap,
+            None => {
+                known.push(made.place);
+                raised.push(raised_by(made));
+            }
+        }
+    }
+    raised
+}
+
+/// "Look at this closure".
+pub(super) fn raised_by(made: &MadeClosure) -> Raised {
+    Raised {
+        lap: made.place.lap,
+        what: Told::Closure {
+            old: made.old,
+            new: made.new,
+            position: made.place.position,
+        },
+    }
+}
+
+/// "Look at this place".
+#[allow(dead_code)]
+pub(super) fn raised_by_finding(finding: &Finding, laps: &Laps) -> Raised {
+    let at_or_after = |k: &usize| laps.scans[*k].scan.stamp >= finding.since;
+    let first = (0..laps.scans.len()).find(at_or_after);
+    Raised {
+        lap: first.map_or(laps.count, |k| laps.scans[k].lap),
+        what: Told::Region {
+            kind: finding.kind,
+            location: finding.location,
+            region: finding.region.clone(),
+        },
+    }
+}

@@ -1,0 +1,1 @@
+//! Scores of cases made by hand.
