@@ -37,7 +37,9 @@ pub struct Args {
 /// # Errors
 /// If a case could not be run or the results could not be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    for case in protocol::cases(args.short, args.seeds) {
+    let only: Vec<usize> = std::env::var("ONLY").unwrap_or_default().split(',').filter_map(|s| s.parse().ok()).collect();
+    for (k, case) in protocol::cases(args.short, args.seeds).into_iter().enumerate() {
+        if !only.is_empty() && !only.contains(&k) { continue; }
         let t = std::time::Instant::now();
         let laps = laps::Laps::drive(&case)?;
         let a = t.elapsed();

@@ -81,5 +81,15 @@ pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Pla
     chosen
 }
 
+/// The one reference node that a new node is tied to in the paper's graph: the nearest that shows
+/// its view. Scans from one place differ by what changed, not by what hides what.
+pub(super) fn nearest<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Option<Placed<'a>> {
+    let way_m = |old: &Placed<'a>| (old.pose.translation() - new.pose.translation()).norm();
+    let mut ranked = candidates.to_vec();
+    ranked.sort_by(|a, b| way_m(a).total_cmp(&way_m(b)));
+    let mut ranked = ranked.into_iter();
+    ranked.find(|old| reach_share(new, old) >= REACH_SHARE_MIN)
+}
+
 #[cfg(test)]
 mod tests;

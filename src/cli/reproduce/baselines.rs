@@ -1,13 +1,13 @@
-//! How others tell closures that contradict the map, on the same all-points measurements.
+//! How others tell closures that contradict the map.
 
 use std::collections::BTreeSet;
 
 use anyhow::Context;
 
 use super::mapped::{MadeClosure, Mapped};
-use super::method::Judged;
+use super::method::{Judged, Measurement};
 use crate::change::threshold::chi_squared_threshold;
-use crate::geometry::Pose2;
+use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeKind, PoseGraph};
 use crate::ids::EdgeId;
 use crate::solver::{SolveOptions, solve_robust};
@@ -17,16 +17,27 @@ const ERROR_RATIO_MAX: f64 = 3.0;
 /// IPC's confidence is 90 %.
 const CHI_SQUARED_RATE: f64 = 0.1;
 
+fn measured(made: &MadeClosure, which: Measurement) -> (Pose2, Information) {
+    let closure = &made.closure;
+    match which {
+        Measurement::AllPoints => (
+            closure.all_points_measurement,
+            closure.all_points_information,
+        ),
+        Measurement::Robust => (closure.robust.pose, closure.robust.information),
+    }
+}
+
 /// The largest error of a closure over its standard deviation, at the optimum of all laps.
-pub(super) fn error_ratio(mapped: &Mapped) -> anyhow::Result<Judged> {
+pub(super) fn error_ratio(mapped: &Mapped, which: Measurement) -> anyhow::Result<Judged> {
     let graph = mapped.map.graph();
     let ratio = |made: &MadeClosure| {
         let edge = graph.edge(made.closure.edge)?;
         let pose = |node| Some(graph.nodes()[graph.node_position(node)?].pose);
-        let measured = &made.closure.all_points_measurement;
-        let error = Pose2::edge_error(&pose(edge.from)?, &pose(edge.to)?, measured);
-        let information = made.closure.all_points_information.matrix();
-        let ratios = (0..3).map(|k| error[k].abs() * information[(k, k)].max(0.0).sqrt());
+        let (measurement, information) = measured(made, which);
+        let error = Pose2::edge_error(&pose(edge.from)?, &pose(edge.to)?, &measurement);
+        let weights = information.matrix();
+        let ratios = (0..3).map(|k| error[k].abs() * weights[(k, k)].max(0.0).sqrt());
         Some(ratios.fold(0.0, f64::max))
     };
     let ratios: Option<Vec<f64>> = mapped.closures.iter().map(ratio).collect();
@@ -35,27 +46,33 @@ pub(super) fn error_ratio(mapped: &Mapped) -> anyhow::Result<Judged> {
     Ok(Judged::by_closure(mapped, Some(ratios), told))
 }
 
-/// eᵀΩe of each closure when it was made.
-pub(super) fn chi_squared(mapped: &Mapped) -> Judged {
+/// Each closure when it was made: eᵀΩe of what is only watched, ΔF of what is optimised. For one
+/// new closure that is the normalised innovation squared.
+pub(super) fn chi_squared(mapped: &Mapped, which: Measurement) -> Judged {
     let bound = chi_squared_threshold(CHI_SQUARED_RATE, 3);
-    let residual = |made: &MadeClosure| made.closure.all_points_residual;
+    let residual = |made: &MadeClosure| match which {
+        Measurement::AllPoints => made.closure.all_points_residual,
+        Measurement::Robust => made.closure.delta_f,
+    };
     let residuals: Vec<f64> = mapped.closures.iter().map(residual).collect();
     let told = residuals.iter().map(|r| *r > bound).collect();
     Judged::by_closure(mapped, Some(residuals), told)
 }
 
 /// Closures that a robust solve of all laps switches off.
-pub(super) fn gnc(mapped: &Mapped) -> anyhow::Result<Judged> {
+pub(super) fn gnc(mapped: &Mapped, which: Measurement) -> anyhow::Result<Judged> {
     let mut graph = PoseGraph::new();
     for node in mapped.map.graph().nodes() {
         graph.add_node(*node)?;
     }
-    let closures = mapped.closures.iter().map(|made| made.closure);
-    let mut closures = closures.map(|c| (c.all_points_measurement, c.all_points_information));
+    let mut closures = mapped.closures.iter();
     for edge in mapped.map.graph().edges() {
         let (measurement, information) = match edge.kind {
             EdgeKind::Odometry => (edge.measurement, edge.information),
-            EdgeKind::LoopClosure => closures.next().context("an edge without its closure")?,
+            EdgeKind::LoopClosure => {
+                let made = closures.next().context("an edge without its closure")?;
+                measured(made, which)
+            }
         };
         graph.add_edge(Edge {
             measurement,

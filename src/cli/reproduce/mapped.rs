@@ -12,7 +12,7 @@ use crate::ids::{StampNs, TripId};
 use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Weighting};
 
 /// A node farther than this from the truth, metres, makes a map incorrect …
-const SHIFT_MAX_M: f64 = 0.5;
+const SHIFT_MAX_M: f64 = 1.0;
 /// … and so does one turned by more than this, radians.
 const TURN_MAX_RAD: f64 = 0.1;
 /// Fewer closures a lap after the change than this share of those before are a significant drop.

@@ -13,9 +13,18 @@ const SAME_PLACE_M: f64 = 5.0;
 /// Laps that no method judges: they make the map.
 pub(super) const LAPS_LEARNT: usize = 2;
 
-/// A way of telling changes.
+/// Which measurement of a closure a baseline is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
+pub(super) enum Measurement {
+    /// From all points: disturbed by changes.
+    AllPoints,
+    /// What an optimiser is usually given.
+    Robust,
+}
+
+/// A way of telling changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Method {
     /// The paper's rule at th.
     Paper,
@@ -24,34 +33,47 @@ pub(super) enum Method {
     /// What the service does.
     Fused,
     /// An error beyond 3 σ at the optimum, as RTAB-Map refuses closures.
-    ErrorRatio,
-    /// eᵀΩe beyond the 90 % point of χ²₃, as IPC tests closures.
-    ChiSquared,
+    ErrorRatio(Measurement),
+    /// An error beyond the 90 % point of χ²₃, as IPC tests closures.
+    ChiSquared(Measurement),
     /// Switched off by graduated non-convexity.
-    Gnc,
+    Gnc(Measurement),
 }
 
 impl Method {
     /// All, in the order of the tables.
-    pub(super) const ALL: [Self; 6] = [
+    pub(super) const ALL: [Self; 9] = [
         Self::Paper,
         Self::PaperRaised,
         Self::Fused,
-        Self::ErrorRatio,
-        Self::ChiSquared,
-        Self::Gnc,
+        Self::ErrorRatio(Measurement::AllPoints),
+        Self::ErrorRatio(Measurement::Robust),
+        Self::ChiSquared(Measurement::AllPoints),
+        Self::ChiSquared(Measurement::Robust),
+        Self::Gnc(Measurement::AllPoints),
+        Self::Gnc(Measurement::Robust),
     ];
 
-    /// In tables.
+    /// In tables and files.
     pub(super) fn name(self) -> &'static str {
+        use Measurement::{AllPoints, Robust};
         match self {
             Self::Paper => "paper, th",
             Self::PaperRaised => "paper, 2.5 th",
             Self::Fused => "fused",
-            Self::ErrorRatio => "3σ error ratio",
-            Self::ChiSquared => "χ²₃ at 90 %",
-            Self::Gnc => "GNC weights",
+            Self::ErrorRatio(AllPoints) => "3σ error ratio, all points",
+            Self::ErrorRatio(Robust) => "3σ error ratio, robust",
+            Self::ChiSquared(AllPoints) => "χ²₃ at 90 %, all points",
+            Self::ChiSquared(Robust) => "χ²₃ at 90 %, robust",
+            Self::Gnc(AllPoints) => "GNC weights, all points",
+            Self::Gnc(Robust) => "GNC weights, robust",
         }
+    }
+}
+
+impl Serialize for Method {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
     }
 }
 

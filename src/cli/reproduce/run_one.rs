@@ -62,9 +62,9 @@ pub(super) fn run(case: &Case) -> anyhow::Result<Outcome> {
             Method::Paper => (&paper, paper_mode::judge(&paper, 1.0)),
             Method::PaperRaised => (&paper, paper_mode::judge(&paper, 2.5)),
             Method::Fused => (&robust, fused_mode::judge(&robust, &laps)),
-            Method::ErrorRatio => (&robust, baselines::error_ratio(&robust)?),
-            Method::ChiSquared => (&robust, baselines::chi_squared(&robust)),
-            Method::Gnc => (&robust, baselines::gnc(&robust)?),
+            Method::ErrorRatio(which) => (&robust, baselines::error_ratio(&robust, which)?),
+            Method::ChiSquared(which) => (&robust, baselines::chi_squared(&robust, which)),
+            Method::Gnc(which) => (&robust, baselines::gnc(&robust, which)?),
         };
         scores.insert(method, Score::of(&laps, mapped, &judged));
     }

@@ -7,11 +7,35 @@ const Z: f64 = 1.959_963_984_540_054;
 
 /// So many of so many.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(into = "ShareNumbers")]
 pub(super) struct Share {
     /// Hits.
     pub hits: usize,
     /// Trials.
     pub of: usize,
+}
+
+/// A share as it is written to files.
+#[derive(Serialize)]
+struct ShareNumbers {
+    hits: usize,
+    of: usize,
+    value: Option<f64>,
+    low: f64,
+    high: f64,
+}
+
+impl From<Share> for ShareNumbers {
+    fn from(share: Share) -> Self {
+        let (low, high) = share.interval();
+        Self {
+            hits: share.hits,
+            of: share.of,
+            value: share.value(),
+            low,
+            high,
+        }
+    }
 }
 
 impl Share {
