@@ -9,12 +9,13 @@ use jiff::Timestamp;
 
 use super::fleet::Fleet;
 use super::gateway::Gateway;
+use super::plan::{PlanArgs, WorldKind};
 use super::progress::say;
 use super::serve::StopSignal;
+use super::simulate::describe;
 use crate::app::{self, RunningApp};
 use crate::config::{LogFormat, ServiceArgs, temporary_data_dir};
 use crate::ids::RouteId;
-use crate::sim::Hall;
 
 const ROUTE: &str = "demo-hall";
 const SEED: u64 = 4;
@@ -33,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Laps of each vehicle.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=50))]
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=50))]
     laps: u8,
     /// End by itself after the laps, and do not dawdle: for scripts.
     #[arg(long)]
@@ -85,49 +86,35 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
 }
 
 async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<()> {
-    let hall = Hall::generate(SEED)?;
-    let fleet = Fleet::new(&hall, args.laps.into(), SEED, Timestamp::now())?;
+    let plan = plan_of(args.laps).plan()?;
+    say(&describe(&plan));
+    let fleet = Fleet::new(&plan, Timestamp::now())?;
     let gateway = Gateway::new(url, say)?;
     gateway
         .ensure_route(route, Some("Demonstration hall"))
         .await?;
-    say(&format!(
-        "a hall of 40 m × 25 m with {} objects, a route of {:.0} m, laps of each vehicle: {}",
-        hall.world.shapes().len() - 1,
-        hall.route.length_m(),
-        args.laps,
-    ));
     let pace = if args.exit {
         Duration::ZERO
     } else {
         PACE.min(DRIVE_MAX / fleet.batch_count().max(1) as u32)
     };
     fleet.drive(&gateway, route, pace).await?;
-    let settled = fleet.settle(&gateway, route).await?;
-    let report = gateway.route(route).await?;
-    say(&format!(
-        "{} batches with {} scans are {}",
-        settled.batches,
-        settled.scans,
-        if settled.left_out.is_empty() {
-            "all in the map"
-        } else {
-            "stored"
-        },
-    ));
-    for line in &settled.left_out {
-        say(&format!("  {line}"));
+    fleet.report(&gateway, route).await
+}
+
+/// A hall that changes when half of the laps are driven.
+fn plan_of(laps: u8) -> PlanArgs {
+    PlanArgs {
+        world: WorldKind::Hall,
+        laps,
+        vehicles: 2,
+        changes: 4,
+        change_lap: None,
+        walkers: 1,
+        path_noise: 0.3,
+        seed: SEED,
+        faulty: false,
     }
-    say(&format!(
-        "the map is {}: version {}, {} nodes, {} edges, {} loop closures\nlook at it: {}/map.png",
-        report.stage,
-        report.map_version,
-        report.counts.nodes,
-        report.counts.edges,
-        report.counts.loop_closures,
-        gateway.route_url(route),
-    ));
-    Ok(())
 }
 
 fn welcome(url: &str, data: &DataDirectory) -> String {
@@ -138,7 +125,7 @@ fn welcome(url: &str, data: &DataDirectory) -> String {
         ""
     };
     in_a_box(&[
-        "mapshift demo: two vehicles map a hall".to_owned(),
+        "mapshift demo: two vehicles map a hall, then the hall changes".to_owned(),
         String::new(),
         format!("address    {url}"),
         format!("data       {}{fate}", data.path.display()),
@@ -147,6 +134,7 @@ fn welcome(url: &str, data: &DataDirectory) -> String {
         format!("           curl -o map.png {route}/map.png"),
         format!("           curl {route}/graph"),
         format!("           curl {route}/residuals"),
+        format!("           curl '{url}/v1/alerts?route_id={ROUTE}'"),
     ])
 }
 

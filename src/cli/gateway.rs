@@ -14,7 +14,8 @@ use serde::de::DeserializeOwned;
 use super::batch_body::EncodedBatch;
 use crate::ids::{BatchId, RouteId};
 
-pub(super) use answers::{BatchReport, Refusal, RouteReport};
+use answers::AlertPage;
+pub(super) use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
 use retry::{is_temporary, retry_after, wait_before_repeat};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -188,6 +189,31 @@ impl Gateway {
     ) -> Result<BatchReport, GatewayError> {
         let path = format!("/v1/routes/{route}/batches/{batch}");
         self.get(path, format!("batch {batch}")).await
+    }
+
+    /// A route's alerts; `None` if the service has no such thing.
+    pub(super) async fn alerts(
+        &self,
+        route: &RouteId,
+    ) -> Result<Option<Vec<AlertReport>>, GatewayError> {
+        let path = format!("/v1/alerts?route_id={route}&limit=1000");
+        let mut alerts = Vec::new();
+        let mut cursor = String::new();
+        loop {
+            let what = format!("the alerts of route {route}");
+            let page: AlertPage = match self.get(format!("{path}{cursor}"), what).await {
+                Ok(page) => page,
+                Err(GatewayError::Refused { problem, .. }) if problem.status == 404 => {
+                    return Ok(None);
+                }
+                Err(error) => return Err(error),
+            };
+            alerts.extend(page.items);
+            match page.next_cursor {
+                Some(next) => cursor = format!("&cursor={next}"),
+                None => return Ok(Some(alerts)),
+            }
+        }
     }
 
     async fn get<T: DeserializeOwned>(

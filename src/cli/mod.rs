@@ -1,17 +1,20 @@
 //! The command line: one file per command.
 
 mod batch_body;
+mod comparison;
 mod demo;
 mod fleet;
 mod gateway;
 mod openapi;
 mod optimise;
+mod plan;
 #[cfg(test)]
 mod pretend;
 mod progress;
 mod recording;
 mod reproduce;
 mod serve;
+mod simulate;
 mod upload;
 
 use std::io::{self, Write};
@@ -31,8 +34,10 @@ struct Cli {
 enum Command {
     /// Run the service.
     Serve(serve::Args),
-    /// Run the service with a simulated hall and vehicles that drive laps in it.
+    /// Run the service with a simulated hall that changes, and vehicles that drive laps in it.
     Demo(demo::Args),
+    /// Drive simulated vehicles through a world that changes, against a running service.
+    Simulate(simulate::Args),
     /// Upload recorded drives to a running service; safe to repeat.
     Upload(upload::Args),
     /// Optimise a pose graph in a g2o file.
@@ -48,6 +53,7 @@ pub fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve::run(args),
         Command::Demo(args) => demo::run(args),
+        Command::Simulate(args) => simulate::run(args),
         Command::Upload(args) => upload::run(args),
         Command::Optimise(args) => optimise::run(args),
         Command::Reproduce(args) => reproduce::run(args),

@@ -24,6 +24,8 @@ pub(super) struct State {
     /// By id.
     pub batches: BTreeMap<String, Value>,
     pub replays: usize,
+    /// One page each; `None` for a service without alerts.
+    pub alerts: Option<Vec<Value>>,
     requests: usize,
 }
 
@@ -71,6 +73,9 @@ impl State {
             .unwrap()
             .to_owned();
         let words: Vec<&str> = line.split(' ').collect();
+        if let Some(query) = words[1].strip_prefix("/v1/alerts?") {
+            return self.alert_page(query);
+        }
         let path: Vec<&str> = words[1].split('/').skip(3).collect();
         match (words[0], path.as_slice()) {
             ("PUT", [_]) => {
@@ -87,6 +92,19 @@ impl State {
             }
             _ => (404, json!({"title": "nothing here"})),
         }
+    }
+
+    fn alert_page(&self, query: &str) -> (u16, Value) {
+        let Some(alerts) = &self.alerts else {
+            return (404, json!({"title": "no such thing"}));
+        };
+        let cursor = query
+            .split_once("&cursor=")
+            .map_or("0", |(_, cursor)| cursor);
+        let first: usize = cursor.parse().unwrap();
+        let items: Vec<&Value> = alerts.iter().skip(first).take(1).collect();
+        let next = (first + 1 < alerts.len()).then(|| (first + 1).to_string());
+        (200, json!({"items": items, "next_cursor": next}))
     }
 
     fn put_batch(&mut self, id: &str, body: &[u8]) -> (u16, Value) {

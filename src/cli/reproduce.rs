@@ -1,22 +1,33 @@
 //! `mapshift reproduce`.
 
-mod area;
 mod baselines;
 mod case;
 mod counts;
+mod distance;
+mod figures;
 mod fused_mode;
 mod laps;
 mod mapped;
 mod method;
 mod paper_mode;
 mod protocol;
+mod report;
 mod run_one;
 mod score;
+mod summary;
+mod table;
 mod wilson;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 
-use case::Seeds;
+use anyhow::Context;
+use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+
+use super::progress::{Progress, say};
+use case::{Case, Seeds};
+use run_one::Outcome;
+use summary::Summary;
 
 /// Arguments of `mapshift reproduce`.
 #[derive(Debug, clap::Args)]
@@ -37,46 +48,104 @@ pub struct Args {
 /// # Errors
 /// If a case could not be run or the results could not be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let only: Vec<usize> = std::env::var("ONLY").unwrap_or_default().split(',').filter_map(|s| s.parse().ok()).collect();
-    for (k, case) in protocol::cases(args.short, args.seeds).into_iter().enumerate() {
-        if !only.is_empty() && !only.contains(&k) { continue; }
-        let t = std::time::Instant::now();
-        let laps = laps::Laps::drive(&case)?;
-        let a = t.elapsed();
-        let paper = mapped::Mapped::of(
-            &laps,
-            crate::mapping::Weighting::AllPointsIdentity,
-            case.acceptance,
-        )?;
-        let b = t.elapsed();
-        let outcome = run_one::run(&case)?;
-        let c = t.elapsed();
-        println!(
-            "{} drive {a:?} paper {:?} all {:?}",
-            case.name(),
-            b - a,
-            c - b
-        );
-        println!(
-            "{:?} {:?} vis {}",
-            outcome.maps, outcome.paper_columns, outcome.visible_changes
-        );
-        for (m, s) in &outcome.scores {
-            println!(
-                "  {:14} closures {:?} between {} auc {:?} laps {:?} later {:?} events {}/{} alerts {}+{}",
-                m.name(),
-                s.closures,
-                s.closures_between,
-                s.roc.as_ref().and_then(|r| counts::roc_area(&r.0, &r.1)),
-                s.laps,
-                s.laps_later,
-                s.events.iter().filter(|e| e.found).count(),
-                s.events.len(),
-                s.true_alerts,
-                s.false_alerts
-            );
-        }
-        drop(paper);
+    let directory = args.output.display();
+    std::fs::create_dir_all(&args.output)
+        .with_context(|| format!("the directory {directory} could not be made"))?;
+    let cases = protocol::cases(args.short, args.seeds);
+    let laps: usize = cases.iter().map(Case::laps).sum();
+    say(&format!("{} cases with {laps} laps", cases.len()));
+    let outcomes = run_all(cases)?;
+    let summary = Summary::of(outcomes, args.seeds, args.short);
+    let tables = text_of(&summary);
+    say(&tables);
+    write(&args.output, "tables.md", tables.as_bytes())?;
+    let numbers = serde_json::to_vec_pretty(&summary)?;
+    write(&args.output, "numbers.json", &numbers)?;
+    for figure in figures::draw(args.short, args.seeds)? {
+        say(&format!("{}: {}", figure.name, figure.caption));
+        write(&args.output, figure.name, figure.svg.as_bytes())?;
     }
+    say(&format!("tables, figures and numbers are in {directory}"));
     Ok(())
+}
+
+/// Runs the cases side by side; the outcomes are in the order of the cases.
+fn run_all(cases: Vec<Case>) -> anyhow::Result<Vec<Outcome>> {
+    let count = cases.len();
+    let mut progress = Progress::new(count as u64, "cases");
+    let (sender, receiver) = mpsc::channel();
+    rayon::spawn(move || {
+        let numbered = cases.into_par_iter().enumerate();
+        numbered.for_each_with(sender, |sender, (k, case)| {
+            let outcome = run_one::run(&case).with_context(|| case.name());
+            // Nobody listens any more after another case has failed.
+            let _ = sender.send((k, outcome));
+        });
+    });
+    let mut outcomes = Vec::with_capacity(count);
+    for (k, outcome) in receiver {
+        outcomes.push((k, outcome?));
+        progress.advance(1);
+    }
+    progress.finish();
+    outcomes.sort_by_key(|(k, _)| *k);
+    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+}
+
+fn text_of(summary: &Summary) -> String {
+    let tables: Vec<String> = report::tables(summary).iter().map(|t| t.text()).collect();
+    format!(
+        "{} cases, {} laps, {} closures in the paper's maps, {} in the robust maps; shares with \
+         Wilson's 95 % interval and counts.\n\n{}",
+        summary.cases,
+        summary.laps,
+        summary.closures_paper,
+        summary.closures_robust,
+        tables.join("\n")
+    )
+}
+
+fn write(directory: &Path, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
+    let path = directory.join(name);
+    std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_short_form_writes_everything_and_the_same_twice() {
+        let directory = tempfile::tempdir().unwrap();
+        let written = |name: &str| {
+            let args = Args {
+                short: true,
+                seeds: Seeds::Tuning,
+                output: directory.path().join(name),
+            };
+            run(args).unwrap();
+            let read = |file: &str| {
+                std::fs::read_to_string(directory.path().join(name).join(file)).unwrap()
+            };
+            [
+                "tables.md",
+                "numbers.json",
+                "figure-1.svg",
+                "figure-3.svg",
+                "figure-4.svg",
+                "figure-5.svg",
+            ]
+            .map(read)
+        };
+        let [tables, numbers, figures @ ..] = written("once");
+        assert!(tables.contains("| 0 m, 1 th") && tables.contains("0.83"));
+        let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+        assert_eq!(numbers["cases"], 3);
+        assert!(numbers["levels"][0]["rows"]["fused"]["events_found"]["of"].as_u64() > Some(0));
+        for figure in &figures {
+            assert!(figure.starts_with("<svg") && !figure.contains("NaN"));
+        }
+        let [again, ..] = written("twice");
+        assert_eq!(tables, again);
+    }
 }

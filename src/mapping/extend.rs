@@ -3,6 +3,7 @@
 use super::anchor::{self, AnchorError};
 use super::closure::{self, Closure, ClosureMeasurement, Slack};
 use super::drive::{Drive, DriveScan, InitialPose};
+use super::evidence::Contradictions;
 use super::front_end::{Motion, measure_motion};
 use super::keyframe::Keyframe;
 use super::local_map::LocalMap;
@@ -278,6 +279,9 @@ impl RouteMap {
             status: EdgeStatus::Active,
         };
         self.graph.add_edge(edge)?;
+        let (old, new) = (self.placed(partner), self.placed(index));
+        let contradictions = Contradictions::between(&old, &new, &edge.measurement);
+        self.contradictions.insert(edge.id, contradictions);
         let options = SolveOptions::default();
         let solved = self
             .solver

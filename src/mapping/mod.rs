@@ -6,6 +6,7 @@
 mod anchor;
 mod closure;
 mod drive;
+mod evidence;
 mod extend;
 mod front_end;
 mod keyframe;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::closure::ClosureRule;
+use super::evidence::Contradictions;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::Pose2;
@@ -30,6 +31,8 @@ pub struct RouteMap {
     pub(super) closure_rule: ClosureRule,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
+    /// What the scans of each closure say about each other.
+    pub(super) contradictions: BTreeMap<EdgeId, Contradictions>,
     next_node: i64,
     next_edge: i64,
 }
@@ -44,6 +47,7 @@ impl RouteMap {
             weighting,
             closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
+            contradictions: BTreeMap::new(),
             next_node: 1,
             next_edge: 1,
         }
@@ -67,6 +71,7 @@ impl RouteMap {
         for edge in edges {
             map.graph.add_edge(edge)?;
         }
+        map.contradictions = map.compare_closures();
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
         Ok(map)

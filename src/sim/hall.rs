@@ -63,21 +63,6 @@ impl Hall {
         let world = World::new(shapes);
         Ok(Self { world, route })
     }
-
-    /// Up to `count` further objects like the hall's own, at free spots, clear of the route and
-    /// of each other; fewer if the hall is full.
-    pub fn more_objects(&self, count: usize, seed: u64) -> Vec<Shape> {
-        let mut rng = stream(seed, Purpose::World);
-        let mut others: Vec<Shape> = self.world.shapes().skip(1).cloned().collect();
-        let own = others.len();
-        while others.len() < own + count {
-            match place_object(&mut rng, &self.route, &others) {
-                Some(object) => others.push(object),
-                None => break,
-            }
-        }
-        others.split_off(own)
-    }
 }
 
 fn walls() -> Shape {
@@ -166,19 +151,6 @@ mod tests {
                 let nearest = nearest.fold(f64::INFINITY, f64::min);
                 assert!(nearest > 1.4, "seed {seed}: {nearest} m at {pose:?}");
             }
-        }
-    }
-
-    #[test]
-    fn further_objects_stand_clear_of_everything() {
-        let hall = Hall::generate(2).unwrap();
-        let more = hall.more_objects(20, 9);
-        assert_eq!(more, hall.more_objects(20, 9));
-        assert!((15..=20).contains(&more.len()), "{}", more.len());
-        let own: Vec<Shape> = hall.world.shapes().skip(1).cloned().collect();
-        for (k, object) in more.iter().enumerate() {
-            let others: Vec<Shape> = own.iter().chain(&more[..k]).cloned().collect();
-            assert!(fits(object, &hall.route, &others), "{object:?}");
         }
     }
 

@@ -40,6 +40,20 @@ impl SimLidar {
         }
     }
 
+    /// Beams over a field of view that is centred ahead, the first and the last on its borders.
+    pub fn sector(
+        field_rad: f64,
+        beams: usize,
+        range_max_m: f64,
+        range_sigma_m: f64,
+        mount: Pose2,
+    ) -> Self {
+        let mut lidar = Self::all_round(beams, range_max_m, range_sigma_m, mount);
+        lidar.geometry.angle_min_rad = -0.5 * field_rad;
+        lidar.geometry.angle_increment_rad = field_rad / (beams.max(2) - 1) as f64;
+        lidar
+    }
+
     /// One scan: metres to the millimetre and what was met there, `None` for no return. `cast`
     /// follows a ray from an origin in a direction, map frame.
     pub(super) fn scan<T>(

@@ -2,24 +2,34 @@
 //!
 //! Everything is a function of its arguments and a seed.
 
+mod build;
+mod changes;
 mod drive;
 mod hall;
 mod lidar;
+mod racks;
 mod random;
+mod rooms;
 mod route;
 mod scene;
 mod shape;
+mod street;
 mod truth;
 mod vehicle;
 mod walker;
 mod world;
 
+pub use changes::Changes;
 pub use drive::{SimScan, drive};
 pub use hall::Hall;
 pub use lidar::SimLidar;
+pub use rooms::Rooms;
 pub use route::{Route, RouteError};
 pub use scene::{LapWorld, Scene, SceneObject};
 pub use shape::Shape;
 pub use truth::ChangeEvent;
 pub use vehicle::{OdometryError, Vehicle};
 pub use world::{Hit, World};
+
+#[cfg(test)]
+mod tests;

@@ -26,6 +26,9 @@ pub(super) enum Purpose {
         lap: usize,
         walker: usize,
     },
+    Changes {
+        lap: usize,
+    },
 }
 
 pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
@@ -36,6 +39,7 @@ pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::Ranges { from_lap } => of_lap(from_lap, 1),
         Purpose::Odometry { from_lap } => of_lap(from_lap, 2),
         Purpose::Path { lap } => 1_000 + lap as u64,
+        Purpose::Changes { lap } => of_lap(lap, 3),
         Purpose::Walker { lap, walker } => of_lap(lap + 1, 1_000 + walker as u64),
     });
     rng

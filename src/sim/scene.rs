@@ -3,6 +3,12 @@
 use super::{Hall, Hit, Route, Shape, World};
 use crate::geometry::Vector2;
 
+/// What is larger belongs to a building, metres from its middle.
+const LOOSE_REACH_MAX_M: f64 = 2.5;
+/// What is thinner belongs to something else (a wall, a door, the leg of a rack), metres from its
+/// middle to its line.
+const LOOSE_DEPTH_MIN_M: f64 = 0.1;
+
 /// Something that stands in a scene during some laps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneObject {
@@ -50,6 +56,12 @@ impl SceneObject {
     pub fn is_there(&self, lap: usize) -> bool {
         self.from_lap <= lap && self.until_lap.is_none_or(|until| lap < until)
     }
+
+    /// Whether it can be taken away by itself: neither part of a building nor of a rack.
+    pub fn stands_free(&self) -> bool {
+        let (middle, reach_m) = self.shape.bounding_circle();
+        reach_m <= LOOSE_REACH_MAX_M && self.shape.distance_to(&middle) >= LOOSE_DEPTH_MIN_M
+    }
 }
 
 impl Scene {
@@ -66,6 +78,16 @@ impl Scene {
     /// A hall as a scene; object 0 is its walls.
     pub fn of_hall(hall: &Hall, seed: u64) -> Self {
         Self::lasting(hall.route.clone(), hall.world.shapes().cloned(), seed)
+    }
+
+    /// The mean area of what stands free in the first lap, square metres; 0 if nothing does.
+    pub fn mean_object_area_m2(&self) -> f64 {
+        let original = self.objects.iter().filter(|o| o.is_there(0));
+        let areas: Vec<f64> = original
+            .filter(|o| o.stands_free())
+            .map(|o| o.shape.area_m2())
+            .collect();
+        areas.iter().sum::<f64>() / areas.len().max(1) as f64
     }
 
     /// What stands there in a lap.

@@ -1,5 +1,7 @@
 //! What stands in a world: outlines and round columns, as a horizontal cut shows them.
 
+use std::f64::consts::PI;
+
 use crate::geometry::{Pose2, Vector2};
 
 /// Neighbouring sides overlap by this share of their length, so that no ray slips between them.
@@ -47,6 +49,45 @@ impl Shape {
                 .map(|(a, b)| point_to_side(point, a, b))
                 .fold(f64::INFINITY, f64::min),
             Self::Round { centre, radius_m } => ((point - centre).norm() - radius_m).abs(),
+        }
+    }
+
+    /// Whether a point lies within the shape's line.
+    pub fn contains(&self, point: &Vector2<f64>) -> bool {
+        match self {
+            Self::Outline(corners) => {
+                // Even and odd: how many sides a ray to the right crosses.
+                let crossed = sides(corners).filter(|(a, b)| {
+                    let share = (point.y - a.y) / (b.y - a.y);
+                    (a.y > point.y) != (b.y > point.y) && point.x < a.x + share * (b.x - a.x)
+                });
+                crossed.count() % 2 == 1
+            }
+            Self::Round { centre, radius_m } => (point - centre).norm() < *radius_m,
+        }
+    }
+
+    /// What it covers, square metres; of an outline that does not cross itself.
+    pub fn area_m2(&self) -> f64 {
+        match self {
+            Self::Outline(corners) => {
+                let twice: f64 = sides(corners).map(|(a, b)| cross(a, b)).sum();
+                0.5 * twice.abs()
+            }
+            Self::Round { radius_m, .. } => PI * radius_m * radius_m,
+        }
+    }
+
+    /// The same shape elsewhere: every point p becomes `motion` · p.
+    pub fn moved(&self, motion: &Pose2) -> Self {
+        match self {
+            Self::Outline(corners) => {
+                Self::Outline(corners.iter().map(|c| motion.transform(c)).collect())
+            }
+            Self::Round { centre, radius_m } => Self::Round {
+                centre: motion.transform(centre),
+                radius_m: *radius_m,
+            },
         }
     }
 
@@ -127,7 +168,7 @@ fn point_to_side(point: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>) -> f6
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use std::f64::consts::{PI, TAU};
+    use std::f64::consts::TAU;
 
     fn unit(angle_rad: f64) -> Vector2<f64> {
         Vector2::new(angle_rad.cos(), angle_rad.sin())
@@ -207,6 +248,31 @@ mod tests {
                 let end = origin + direction * distance;
                 let on_wall = (end.x.abs() - 4.0).abs() < 1e-9 || (end.y.abs() - 3.0).abs() < 1e-9;
                 prop_assert!(on_wall && end.x.abs() < 4.0 + 1e-9 && end.y.abs() < 3.0 + 1e-9);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_moved_shape_has_its_points_moved(
+            x in -2.0..2.0_f64, y in -2.0..2.0_f64, dx in -5.0..5.0_f64, yaw in -PI..PI,
+            length in 0.2..3.0_f64, width in 0.2..3.0_f64,
+        ) {
+            let motion = Pose2::new(dx, 1.0, yaw);
+            let point = Vector2::new(x, y);
+            let inside = x.abs() < 0.5 * length && y.abs() < 0.5 * width;
+            let round = Shape::Round { centre: Vector2::zeros(), radius_m: 0.5 * length };
+            let shapes = [
+                (Shape::rectangle(&Pose2::IDENTITY, length, width), inside, length * width),
+                (round, point.norm() < 0.5 * length, 0.25 * PI * length * length),
+            ];
+            for (shape, inside, area) in shapes {
+                prop_assert_eq!(shape.contains(&point), inside);
+                let moved = shape.moved(&motion);
+                prop_assert_eq!(moved.contains(&motion.transform(&point)), inside);
+                let gap = moved.distance_to(&motion.transform(&point));
+                prop_assert!((gap - shape.distance_to(&point)).abs() < 1e-9);
+                prop_assert!((moved.area_m2() - area).abs() < 1e-9);
             }
         }
     }

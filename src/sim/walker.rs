@@ -135,3 +135,110 @@ fn is_free(world: &World, from: &Vector2<f64>, to: &Vector2<f64>) -> bool {
             .all(|shape| shape.distance_to(&point) >= CLEARANCE_M)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::SimScan;
+    use crate::sim::tests::{vehicle, worlds};
+
+    /// Where the walkers of a lap are, every half second.
+    fn ways(scene: &Scene, lap: usize, seed: u64) -> Vec<Vec<Vector2<f64>>> {
+        let world = scene.world(lap).world;
+        let mut walkers = Walkers::new(scene, &world, lap, seed);
+        let far_away = Vector2::new(1e3, 1e3);
+        (0..240)
+            .map(|_| {
+                walkers.walk(0.5);
+                let middle = |w: &Walker| {
+                    let shapes = w.shapes(&far_away);
+                    let middles = shapes.iter().map(|s| s.bounding_circle().0);
+                    middles.sum::<Vector2<f64>>() / shapes.len() as f64
+                };
+                walkers.walkers.iter().map(middle).collect()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn walkers_walk_free_of_everything_and_never_stay() {
+        for (name, mut scene) in worlds(6) {
+            scene.walkers = 4;
+            let world = scene.world(1).world;
+            let places = ways(&scene, 1, 3);
+            for pair in places.windows(2) {
+                for (before, after) in pair[0].iter().zip(&pair[1]) {
+                    assert!((after - before).norm() < SPEED_MPS * 0.5 + 1e-9, "{name}");
+                    let gap = world.shapes().map(|s| s.distance_to(after));
+                    assert!(gap.fold(f64::INFINITY, f64::min) > 0.4, "{name}");
+                    assert!(!world.shapes().skip(1).any(|s| s.contains(after)), "{name}");
+                }
+            }
+            // After three seconds nobody stands where they stood, but for those who turn.
+            let moved = |k: usize, w: usize| (places[k + 6][w] - places[k][w]).norm();
+            let all = (0..places.len() - 6).flat_map(|k| (0..4).map(move |w| (k, w)));
+            let (stood, looks) = all.fold((0, 0), |(stood, looks), (k, w)| {
+                (stood + usize::from(moved(k, w) < 0.5), looks + 1)
+            });
+            assert!(stood * 5 < looks, "{name}: {stood} of {looks}");
+        }
+    }
+
+    #[test]
+    fn every_lap_and_every_drive_has_other_walkers() {
+        let [(_, mut scene), ..] = worlds(6);
+        scene.walkers = 3;
+        let mut elsewhere = scene.clone();
+        elsewhere.seed += 1;
+        let here = ways(&scene, 1, 3);
+        assert_eq!(here, ways(&scene, 1, 3));
+        for other in [
+            ways(&scene, 2, 3),
+            ways(&scene, 1, 4),
+            ways(&elsewhere, 1, 3),
+        ] {
+            for (a, b) in here[0].iter().zip(&other[0]) {
+                assert!((a - b).norm() > 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn walkers_are_seen_and_leave_no_trace() {
+        for (name, mut scene) in worlds(7) {
+            let empty = scene.drive(&vehicle(0.3), 0..2, 5);
+            scene.walkers = 5;
+            let peopled = scene.drive(&vehicle(0.3), 0..2, 5);
+            let mut nearer = [0, 0];
+            for (a, b) in empty.iter().zip(&peopled) {
+                let poses = |s: &SimScan| (s.map_from_base, s.odom_from_base, s.time_s, s.lap);
+                assert_eq!(poses(a), poses(b), "{name}");
+                for (k, (x, y)) in a.ranges_m.iter().zip(&b.ranges_m).enumerate() {
+                    if x != y {
+                        assert!(y.is_none_or(|y| x.is_none_or(|x| y < x)), "{name}");
+                        assert_eq!(b.struck[k], None, "{name}: a person is no object");
+                        nearer[b.lap] += 1;
+                    } else {
+                        assert_eq!(a.struck[k], b.struck[k], "{name}");
+                    }
+                }
+            }
+            assert!(
+                nearer.iter().all(|&beams| beams > 100),
+                "{name}: {nearer:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn walkers_make_way() {
+        let [(_, mut scene), ..] = worlds(8);
+        scene.walkers = 8;
+        let mut vehicle = vehicle(0.0);
+        vehicle.lidar.geometry.range_sigma_m = 1e-9;
+        for scan in scene.drive(&vehicle, 0..1, 1) {
+            let nearest = scan.ranges_m.iter().flatten().copied();
+            assert!(nearest.fold(f64::INFINITY, f64::min) > 0.1);
+        }
+    }
+}

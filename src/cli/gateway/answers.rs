@@ -36,6 +36,31 @@ impl BatchReport {
     }
 }
 
+/// What the service says about a change of the world that it found.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub(in crate::cli) struct AlertReport {
+    pub id: String,
+    pub kind: String,
+    pub status: String,
+    /// `None` for what has no place, like a faulty vehicle.
+    pub location: Option<AlertLocation>,
+    pub confidence: Option<f64>,
+}
+
+/// Where an alert is, map frame, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub(in crate::cli) struct AlertLocation {
+    pub x: f64,
+    pub y: f64,
+}
+
+/// Some of a route's alerts, and where the others begin.
+#[derive(Debug, Deserialize)]
+pub(super) struct AlertPage {
+    pub items: Vec<AlertReport>,
+    pub next_cursor: Option<String>,
+}
+
 /// A refusal in the service's own words.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::cli) struct Refusal {

@@ -6,9 +6,10 @@ use anyhow::Context;
 
 use super::case::Acceptance;
 use super::laps::{Laps, RecordedScan};
+use crate::change::Finding;
 use crate::change::paper::ClosurePlace;
 use crate::geometry::angle_difference_rad;
-use crate::ids::{StampNs, TripId};
+use crate::ids::{EdgeId, StampNs, TripId};
 use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Weighting};
 
 /// A node farther than this from the truth, metres, makes a map incorrect …
@@ -60,6 +61,8 @@ pub(super) struct Mapped {
     pub map: RouteMap,
     /// All closures.
     pub closures: Vec<MadeClosure>,
+    /// After each lap what the service would find; only of robust maps.
+    pub findings: Vec<Vec<Finding>>,
     /// Why it is not scored.
     pub exclusion: Option<Exclusion>,
 }
@@ -79,7 +82,7 @@ impl Mapped {
         let scan_of: BTreeMap<StampNs, usize> = (laps.scans.iter().enumerate())
             .map(|(k, scan)| (scan.scan.stamp, k))
             .collect();
-        let mut made = Vec::new();
+        let (mut made, mut findings) = (Vec::new(), Vec::new());
         for lap in laps.scans.chunk_by(|a, b| a.lap == b.lap) {
             let added = map.extend(&Drive {
                 trip: trip.clone(),
@@ -90,6 +93,9 @@ impl Mapped {
                 let both = ends(&map, &closure, &scan_of);
                 let (old, new) = both.context("a closure without its scans")?;
                 made.push((closure, old, new));
+            }
+            if weighting == Weighting::Robust {
+                findings.push(map.findings(EdgeId(0), &[], &[]));
             }
         }
         let place = |old: usize, new: usize| {
@@ -110,6 +116,7 @@ impl Mapped {
         Ok(Self {
             map,
             closures,
+            findings,
             exclusion,
         })
     }

@@ -2,10 +2,9 @@
 
 use serde::Serialize;
 
-use super::laps::Laps;
 use super::mapped::{MadeClosure, Mapped};
+use crate::change::ChangeKind;
 use crate::change::paper::ClosurePlace;
-use crate::change::{ChangeKind, Finding};
 use crate::geometry::Vector2;
 
 /// Places of one change are this near to each other where only closures are told, metres.
@@ -169,21 +168,6 @@ pub(super) fn raised_by(made: &MadeClosure) -> Raised {
             old: made.old,
             new: made.new,
             position: made.place.position,
-        },
-    }
-}
-
-/// "Look at this place".
-#[allow(dead_code)]
-pub(super) fn raised_by_finding(finding: &Finding, laps: &Laps) -> Raised {
-    let at_or_after = |k: &usize| laps.scans[*k].scan.stamp >= finding.since;
-    let first = (0..laps.scans.len()).find(at_or_after);
-    Raised {
-        lap: first.map_or(laps.count, |k| laps.scans[k].lap),
-        what: Told::Region {
-            kind: finding.kind,
-            location: finding.location,
-            region: finding.region.clone(),
         },
     }
 }

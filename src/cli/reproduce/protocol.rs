@@ -121,7 +121,11 @@ fn figure_case(
     let laps = if short { SHORT_LAPS } else { laps };
     let case = case(seeds, 2, path_noise_m, changes, laps, 900);
     Case {
-        scan_spacing_m: if short { SHORT_SCAN_SPACING_M } else { SCAN_SPACING_M },
+        scan_spacing_m: if short {
+            SHORT_SCAN_SPACING_M
+        } else {
+            SCAN_SPACING_M
+        },
         ..case
     }
 }

@@ -61,7 +61,7 @@ pub(super) fn run(case: &Case) -> anyhow::Result<Outcome> {
         let (mapped, judged) = match method {
             Method::Paper => (&paper, paper_mode::judge(&paper, 1.0)),
             Method::PaperRaised => (&paper, paper_mode::judge(&paper, 2.5)),
-            Method::Fused => (&robust, fused_mode::judge(&robust, &laps)),
+            Method::Fused => (&robust, fused_mode::judge(&robust)),
             Method::ErrorRatio(which) => (&robust, baselines::error_ratio(&robust, which)?),
             Method::ChiSquared(which) => (&robust, baselines::chi_squared(&robust, which)),
             Method::Gnc(which) => (&robust, baselines::gnc(&robust, which)?),

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::area::{distance_m, region_distance_m};
 use super::counts::Counts;
+use super::distance::{distance_m, region_distance_m};
 use super::laps::{Laps, TrueChange};
 use super::mapped::Mapped;
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};

@@ -104,7 +104,9 @@ impl Summary {
         noises_m.sort_by(f64::total_cmp);
         noises_m.dedup();
         let at = |noise_m: f64| {
-            let at_level = outcomes.iter().filter(move |o| o.case.path_noise_m == noise_m);
+            let at_level = outcomes
+                .iter()
+                .filter(move |o| o.case.path_noise_m == noise_m);
             at_level.collect::<Vec<&Outcome>>()
         };
         let closures = |which: usize| outcomes.iter().map(|o| o.maps[which].closures).sum();
@@ -116,7 +118,10 @@ impl Summary {
             closures_paper: closures(0),
             closures_robust: closures(1),
             levels: noises_m.iter().map(|&m| Level::of(m, &at(m))).collect(),
-            acceptances: noises_m.iter().flat_map(|&m| acceptances(m, &at(m))).collect(),
+            acceptances: noises_m
+                .iter()
+                .flat_map(|&m| acceptances(m, &at(m)))
+                .collect(),
             outcomes,
         }
     }
@@ -197,7 +202,9 @@ impl Row {
             self.laps_until_raised[laps.min(2)] += 1;
         }
         let class = |event: &Event| {
-            let above = SIZE_BOUNDS.iter().filter(|bound| event.area_share >= **bound);
+            let above = SIZE_BOUNDS
+                .iter()
+                .filter(|bound| event.area_share >= **bound);
             above.count()
         };
         self.by_size = [0, 1, 2, 3].map(|k| found(score.events.iter().filter(|e| class(e) == k)));

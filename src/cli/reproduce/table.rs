@@ -49,7 +49,12 @@ impl Table {
             text
         };
         let rule: Vec<String> = widths.iter().map(|width| "-".repeat(*width)).collect();
-        let mut text = format!("### {}\n\n{}\n{}\n", self.title, line(&self.head), line(&rule));
+        let mut text = format!(
+            "### {}\n\n{}\n{}\n",
+            self.title,
+            line(&self.head),
+            line(&rule)
+        );
         for row in &self.rows {
             let _ = writeln!(text, "{}", line(row));
         }

@@ -1,4 +1,4 @@
-//! Areas of shapes, and how far regions are from them.
+//! How far points and regions are from solid shapes.
 
 use crate::geometry::Vector2;
 use crate::sim::Shape;
@@ -6,21 +6,9 @@ use crate::sim::Shape;
 /// Points along a region's sides are looked at this far apart, metres.
 const STEP_M: f64 = 0.05;
 
-/// Area of a shape, m².
-pub(super) fn area_m2(shape: &Shape) -> f64 {
-    match shape {
-        Shape::Outline(corners) => 0.5 * twice_signed_area(corners).abs(),
-        Shape::Round { radius_m, .. } => std::f64::consts::PI * radius_m * radius_m,
-    }
-}
-
 /// How far a point is from a solid shape, metres: 0 within.
 pub(super) fn distance_m(shape: &Shape, point: &Vector2<f64>) -> f64 {
-    let inside = match shape {
-        Shape::Outline(corners) => contains(corners, point),
-        Shape::Round { centre, radius_m } => (point - centre).norm() <= *radius_m,
-    };
-    if inside {
+    if shape.contains(point) {
         0.0
     } else {
         shape.distance_to(point)
@@ -44,11 +32,6 @@ pub(super) fn region_distance_m(shape: &Shape, region: &[Vector2<f64>]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-fn twice_signed_area(corners: &[Vector2<f64>]) -> f64 {
-    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
-    sides.map(|(a, b)| a.x * b.y - a.y * b.x).sum()
-}
-
 /// Whether a ray to the right crosses the outline an odd number of times.
 fn contains(corners: &[Vector2<f64>], point: &Vector2<f64>) -> bool {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
@@ -65,15 +48,13 @@ mod tests {
     use crate::geometry::Pose2;
 
     #[test]
-    fn areas_and_distances_of_simple_shapes() {
+    fn within_is_no_distance() {
         let rack = Shape::rectangle(&Pose2::new(2.0, 1.0, 0.7), 3.0, 0.5);
-        assert!((area_m2(&rack) - 1.5).abs() < 1e-12);
         assert_eq!(distance_m(&rack, &Vector2::new(2.0, 1.0)), 0.0);
         let column = Shape::Round {
             centre: Vector2::new(0.0, 0.0),
             radius_m: 0.5,
         };
-        assert!((area_m2(&column) - 0.785).abs() < 1e-3);
         assert_eq!(distance_m(&column, &Vector2::new(0.1, 0.1)), 0.0);
         assert!((distance_m(&column, &Vector2::new(2.0, 0.0)) - 1.5).abs() < 1e-12);
     }

@@ -1,0 +1,80 @@
+//! `mapshift simulate`.
+
+use std::time::Duration;
+
+use anyhow::Context;
+use jiff::Timestamp;
+
+use super::fleet::Fleet;
+use super::gateway::Gateway;
+use super::plan::{FAULT_DEG, Plan, PlanArgs};
+use super::progress::say;
+use crate::geometry::Pose2;
+use crate::ids::RouteId;
+use crate::sim::Vehicle;
+
+/// Arguments of `mapshift simulate`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The service.
+    #[arg(long, default_value = "http://127.0.0.1:8080")]
+    url: String,
+    /// The route that is driven; made if it is not there.
+    #[arg(long, default_value = "simulated")]
+    route: RouteId,
+    #[command(flatten)]
+    plan: PlanArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// If the simulation is impossible, or the service could not be reached or refused a batch.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .context("the runtime could not be started")?
+        .block_on(simulate(&args))
+}
+
+async fn simulate(args: &Args) -> anyhow::Result<()> {
+    let plan = args.plan.plan()?;
+    say(&describe(&plan));
+    let gateway = Gateway::new(&args.url, say)?;
+    gateway.ensure_route(&args.route, None).await?;
+    let fleet = Fleet::new(&plan, Timestamp::now())?;
+    fleet.drive(&gateway, &args.route, Duration::ZERO).await?;
+    fleet.report(&gateway, &args.route).await
+}
+
+/// What is about to be driven, for people.
+pub(super) fn describe(plan: &Plan) -> String {
+    let scene = &plan.scene;
+    let mut text = format!(
+        "{} objects and walls, {} of them standing free, a route of {:.0} m; vehicles: {}, laps of each: {}",
+        scene.world(0).objects.len(),
+        scene
+            .objects
+            .iter()
+            .filter(|o| o.is_there(0) && o.stands_free())
+            .count(),
+        scene.route.length_m(),
+        plan.vehicles.len(),
+        plan.laps,
+    );
+    let changed = scene
+        .objects
+        .iter()
+        .flat_map(|o| [Some(o.from_lap), o.until_lap]);
+    if let Some(lap) = changed.flatten().filter(|&lap| lap > 0).min() {
+        text.push_str(&format!("; the world changes before lap {}", lap + 1));
+    }
+    let sound = |vehicle: &Vehicle| vehicle.lidar.mount_error == Pose2::IDENTITY;
+    if !plan.vehicles.iter().all(sound) {
+        text.push_str(&format!(
+            "; the lidar of the last vehicle is turned by {FAULT_DEG}°"
+        ));
+    }
+    text
+}

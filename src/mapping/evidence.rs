@@ -1,0 +1,141 @@
+//! The map's scans as evidence of changes.
+
+use std::collections::BTreeMap;
+
+use super::partners::Placed;
+use super::route_map::RouteMap;
+use crate::change::{Evidence, Finding, Look, Settled, Suspicion, detect};
+use crate::geometry::{Pose2, Vector2};
+use crate::graph::EdgeKind;
+use crate::ids::{EdgeId, TripId};
+use crate::matching::{View, Visibility};
+
+/// Depth tolerance of the comparison of two scans, metres.
+const TOLERANCE_M: f64 = 0.12;
+/// What a metre of range adds to it: three standard deviations of a pose's turn, at a slant.
+const TOLERANCE_PER_RANGE: f64 = 0.012;
+/// Standard deviations of the two ranges in it.
+const TOLERANCE_SIGMAS: f64 = 4.0;
+
+/// The points by which the two scans of a closure contradict each other.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Contradictions {
+    /// Places in the new node's points: they lie in the old scan's free space.
+    pub new_in_old: Vec<usize>,
+    /// Places in the old node's points: they lie in the new scan's free space.
+    pub old_in_new: Vec<usize>,
+}
+
+impl Contradictions {
+    /// Of two scans that were matched.
+    pub fn between(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> Self {
+        Self {
+            new_in_old: in_free_space(new, old, old_from_new),
+            old_in_new: in_free_space(old, new, &old_from_new.inverse()),
+        }
+    }
+}
+
+fn in_free_space(
+    points: &Placed<'_>,
+    seen_by: &Placed<'_>,
+    seen_by_from_points: &Pose2,
+) -> Vec<usize> {
+    let view = View::new(&seen_by.keyframe.scan);
+    let to_seen_by = seen_by_from_points.to_transform();
+    let sigma_m = [points, seen_by]
+        .map(|placed| placed.keyframe.scan.lidar().range_sigma_m)
+        .into_iter()
+        .fold(0.0, f64::hypot);
+    let is_free = |position: &Vector2<f64>| {
+        let position = to_seen_by.apply(position);
+        let tolerance_m =
+            TOLERANCE_M + TOLERANCE_PER_RANGE * position.norm() + TOLERANCE_SIGMAS * sigma_m;
+        view.look_at(&position, tolerance_m) == Visibility::Free
+    };
+    let points = points.keyframe.points.iter().enumerate();
+    points
+        .filter(|(_, point)| is_free(&point.position))
+        .map(|(k, _)| k)
+        .collect()
+}
+
+impl RouteMap {
+    /// What the scans of the map say about changes. Spots are decided anew where closures of
+    /// `fresh_from` and later raise a suspicion, and in the `watched` regions (map frame).
+    pub fn findings(
+        &self,
+        fresh_from: EdgeId,
+        settled: &[Settled],
+        watched: &[Vec<Vector2<f64>>],
+    ) -> Vec<Finding> {
+        let trips: Vec<TripId> = self.trips.keys().cloned().collect();
+        let looks = self.looks();
+        let suspicions = self.suspicions(fresh_from);
+        detect(&Evidence {
+            looks: &looks,
+            trips: &trips,
+            suspicions: &suspicions,
+            settled,
+            watched,
+        })
+    }
+
+    fn looks(&self) -> Vec<Look<'_>> {
+        let nodes = self.graph.nodes();
+        let mut looks = Vec::with_capacity(nodes.len());
+        for (trip, places) in self.trips.values().enumerate() {
+            for (order, &k) in places.iter().enumerate() {
+                let keyframe = &self.keyframes[k];
+                looks.push(Look::new(
+                    keyframe.node,
+                    (trip, order),
+                    keyframe.stamp,
+                    &nodes[k].pose,
+                    &keyframe.scan,
+                ));
+            }
+        }
+        looks
+    }
+
+    fn suspicions(&self, fresh_from: EdgeId) -> Vec<Suspicion> {
+        let mut suspicions = Vec::new();
+        for (&edge, contradictions) in &self.contradictions {
+            let Some(position) = self.graph.edge_position(edge) else {
+                continue;
+            };
+            let (old, new) = self.graph.ends()[position];
+            let sides = [
+                (new, &contradictions.new_in_old),
+                (old, &contradictions.old_in_new),
+            ];
+            for (k, points) in sides {
+                let placed = self.placed(k);
+                let to_map = placed.pose.to_transform();
+                suspicions.extend(points.iter().map(|&point| Suspicion {
+                    edge,
+                    node: placed.keyframe.node,
+                    spot: to_map.apply(&placed.keyframe.points[point].position),
+                    fresh: edge >= fresh_from,
+                }));
+            }
+        }
+        suspicions
+    }
+
+    /// The contradictions of all closures, from their scans and measurements.
+    pub(super) fn compare_closures(&self) -> BTreeMap<EdgeId, Contradictions> {
+        let edges = self.graph.edges().iter().zip(self.graph.ends());
+        let closures = edges.filter(|(edge, _)| edge.kind == EdgeKind::LoopClosure);
+        closures
+            .map(|(edge, &(old, new))| {
+                let (old, new) = (self.placed(old), self.placed(new));
+                (
+                    edge.id,
+                    Contradictions::between(&old, &new, &edge.measurement),
+                )
+            })
+            .collect()
+    }
+}

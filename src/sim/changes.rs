@@ -1,0 +1,162 @@
+//! Changes of a scene, drawn at random.
+
+use std::f64::consts::PI;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::random::{Purpose, stream};
+use super::{Scene, SceneObject, Shape, World};
+use crate::geometry::{Pose2, Vector2};
+
+/// What a vehicle needs on either side of its path, metres.
+const PASSING_M: f64 = 0.5;
+/// Objects stand at most so much farther from the route than they must, metres.
+const NEAR_ROUTE_M: f64 = 2.0;
+/// Gap between an object and the circle round a new one, metres.
+const GAP_M: f64 = 0.2;
+/// Step along the route at which the clearance is checked, metres.
+const ROUTE_STEP_M: f64 = 0.2;
+/// Spots that are tried for one object.
+const TRIES_MAX: usize = 2_000;
+
+/// Makes changes that are first there in one lap.
+///
+/// What comes stands free, near the route, in sight of it and clear of it: vehicles pass whose
+/// laps stray by the stated path noise. Nothing comes to stand where anything else stands in any
+/// lap.
+#[derive(Debug)]
+pub struct Changes<'a> {
+    scene: &'a mut Scene,
+    lap: usize,
+    clearance_m: f64,
+    rng: ChaCha8Rng,
+}
+
+impl<'a> Changes<'a> {
+    /// Changes before lap `lap`, for laps that stray by `path_noise_m`.
+    pub fn new(scene: &'a mut Scene, lap: usize, path_noise_m: f64, seed: u64) -> Self {
+        Self {
+            scene,
+            lap,
+            clearance_m: path_noise_m + PASSING_M,
+            rng: stream(seed, Purpose::Changes { lap }),
+        }
+    }
+
+    /// Adds objects whose area is `area_share` of the mean area of the scene's original
+    /// free-standing objects. Answers their places in [`Scene::objects`]: fewer than `count` where
+    /// there is no room for more.
+    pub fn add(&mut self, count: usize, area_share: f64) -> Vec<usize> {
+        let area_m2 = area_share * self.scene.mean_object_area_m2();
+        let mut added = Vec::new();
+        for _ in 0..count {
+            let shape = random_shape(&mut self.rng, area_m2);
+            added.extend(self.find_spot(&shape).map(|shape| self.push(shape)));
+        }
+        added
+    }
+
+    /// Takes away free-standing objects that were there before. Answers their places in
+    /// [`Scene::objects`]: fewer than `count` where there are no more.
+    pub fn remove(&mut self, count: usize) -> Vec<usize> {
+        let mut removed = Vec::new();
+        for _ in 0..count {
+            removed.extend(self.choose().inspect(|&object| self.take(object)));
+        }
+        removed
+    }
+
+    /// Moves free-standing objects that were there before to other places. Answers where in
+    /// [`Scene::objects`] each was and is: fewer than `count` where there is no room.
+    pub fn displace(&mut self, count: usize) -> Vec<(usize, usize)> {
+        let mut moved = Vec::new();
+        for _ in 0..count {
+            let Some(object) = self.choose() else { break };
+            let shape = self.scene.objects[object].shape.clone();
+            if let Some(shape) = self.find_spot(&shape) {
+                self.take(object);
+                moved.push((object, self.push(shape)));
+            }
+        }
+        moved
+    }
+
+    fn choose(&mut self) -> Option<usize> {
+        let before = self.lap.checked_sub(1)?;
+        let candidates: Vec<usize> = (0..self.scene.objects.len())
+            .filter(|&k| {
+                let object = &self.scene.objects[k];
+                object.is_there(before) && object.is_there(self.lap) && object.stands_free()
+            })
+            .collect();
+        let place = self.rng.random_range(0..candidates.len().max(1));
+        candidates.get(place).copied()
+    }
+
+    fn take(&mut self, object: usize) {
+        self.scene.objects[object].until_lap = Some(self.lap);
+    }
+
+    fn push(&mut self, shape: Shape) -> usize {
+        self.scene.objects.push(SceneObject {
+            shape,
+            from_lap: self.lap,
+            until_lap: None,
+        });
+        self.scene.objects.len() - 1
+    }
+
+    /// The shape at a random spot where it may stand.
+    fn find_spot(&mut self, shape: &Shape) -> Option<Shape> {
+        let all = World::new(self.scene.objects.iter().map(|o| o.shape.clone()));
+        (0..TRIES_MAX).find_map(|_| self.try_spot(&all, shape))
+    }
+
+    fn try_spot(&mut self, all: &World, shape: &Shape) -> Option<Shape> {
+        let (middle, reach_m) = shape.bounding_circle();
+        let way_m = self.rng.random_range(0.0..self.scene.route.length_m());
+        let vehicle = self.scene.route.pose_at(way_m);
+        let side = if self.rng.random() { 1.0 } else { -1.0 };
+        let farther_m = self.rng.random_range(0.0..reach_m + NEAR_ROUTE_M);
+        let aside = Vector2::new(0.0, side * (self.clearance_m + farther_m));
+        let spot = vehicle.transform(&aside);
+        let to_spot = Pose2::new(spot.x, spot.y, self.rng.random_range(-PI..PI));
+        let is_free = is_in_sight(all, &vehicle.translation(), &spot)
+            && all
+                .shapes()
+                .all(|s| s.distance_to(&spot) >= reach_m + GAP_M);
+        let placed = shape.moved(&to_spot.compose(&Pose2::new(-middle.x, -middle.y, 0.0)));
+        (is_free && self.lets_pass(&placed)).then_some(placed)
+    }
+
+    fn lets_pass(&self, shape: &Shape) -> bool {
+        let steps = (self.scene.route.length_m() / ROUTE_STEP_M).ceil() as usize;
+        (0..steps).all(|k| {
+            let pose = self.scene.route.pose_at(k as f64 * ROUTE_STEP_M);
+            let point = pose.translation();
+            !shape.contains(&point) && shape.distance_to(&point) >= self.clearance_m
+        })
+    }
+}
+
+/// No spot inside of something, or behind a wall, is in sight of the route.
+fn is_in_sight(world: &World, eye: &Vector2<f64>, spot: &Vector2<f64>) -> bool {
+    let way = spot - eye;
+    let hit = world.cast(eye, &way.normalize());
+    hit.is_none_or(|hit| hit.range_m > way.norm())
+}
+
+fn random_shape(rng: &mut ChaCha8Rng, area_m2: f64) -> Shape {
+    if rng.random_bool(0.25) {
+        let radius_m = (area_m2 / PI).sqrt();
+        let centre = Vector2::zeros();
+        return Shape::Round { centre, radius_m };
+    }
+    let aspect: f64 = rng.random_range(1.0..2.0);
+    let width_m = (area_m2 / aspect).sqrt();
+    Shape::rectangle(&Pose2::IDENTITY, aspect * width_m, width_m)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+//! Rooms on both sides of a corridor, with doors that open and close.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use super::random::{Purpose, stream};
+use super::{Changes, Route, RouteError, Scene, SceneObject, Shape};
+use crate::geometry::{Pose2, Vector2};
+
+const LENGTH_M: f64 = 32.0;
+const WIDTH_M: f64 = 24.0;
+/// Depth of the outer rooms and width of the corridor, metres.
+const ROOM_DEPTH_M: f64 = 4.5;
+const CORRIDOR_M: f64 = 4.4;
+const WALL_M: f64 = 0.12;
+const DOOR_M: f64 = 1.0;
+const DOOR_THICKNESS_M: f64 = 0.05;
+/// Rooms are so long, or a little more.
+const ROOM_LENGTH_M: f64 = 4.5;
+const OPEN_RATE: f64 = 0.5;
+
+/// A floor of 32 m × 24 m: a corridor runs round the inner rooms, the outer rooms lie round it.
+/// The map frame's origin is its lower left corner.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rooms {
+    /// Walls, doors and furniture, and the way along the corridor.
+    pub scene: Scene,
+    doors: Vec<Door>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Door {
+    /// `map_from_hinge`: x to the latch, y into the room.
+    hinge: Pose2,
+    /// What it is now, by its place in [`Scene::objects`].
+    object: usize,
+    open: bool,
+}
+
+impl Rooms {
+    /// The floor of a seed.
+    ///
+    /// # Errors
+    /// [`RouteError`] if the corridor made no route; it does.
+    pub fn generate(seed: u64) -> Result<Self, RouteError> {
+        let mut rng = stream(seed, Purpose::World);
+        let middle_m = ROOM_DEPTH_M + 0.5 * CORRIDOR_M;
+        let route = Route::new(&corners(middle_m), 1.5)?;
+        let walls = Shape::Outline(corners(0.0).into());
+        let scene = Scene::lasting(route, [walls], seed);
+        let doors = Vec::new();
+        let mut rooms = Self { scene, doors };
+        rooms.build(&mut rng, &corners(ROOM_DEPTH_M), ROOM_DEPTH_M, -1.0);
+        let inner = corners(ROOM_DEPTH_M + CORRIDOR_M);
+        rooms.build(&mut rng, &inner, 0.35 * ROOM_DEPTH_M, 1.0);
+        rooms.furnish(&mut rng);
+        Ok(rooms)
+    }
+
+    /// Opens closed doors and closes open ones before lap `lap`. Answers where in
+    /// [`Scene::objects`] each door was and is: fewer than `count` where there are no more.
+    pub fn swing_doors(&mut self, count: usize, lap: usize, seed: u64) -> Vec<(usize, usize)> {
+        let mut rng = stream(seed, Purpose::Changes { lap });
+        let mut order: Vec<usize> = (0..self.doors.len()).collect();
+        order.shuffle(&mut rng);
+        let mut swung = Vec::new();
+        for &k in order.iter().take(count) {
+            let door = &mut self.doors[k];
+            let was = door.object;
+            door.open = !door.open;
+            door.object = self.scene.objects.len();
+            self.scene.objects[was].until_lap = Some(lap);
+            self.scene.objects.push(SceneObject {
+                shape: door.shape(),
+                from_lap: lap,
+                until_lap: None,
+            });
+            swung.push((was, door.object));
+        }
+        swung
+    }
+
+    /// Rooms along the sides of a rectangle of corridor walls: `inwards` is 1 if they lie on the
+    /// left of its sides. Partitions reach `depth_m` into them.
+    fn build(
+        &mut self,
+        rng: &mut ChaCha8Rng,
+        corners: &[Vector2<f64>; 4],
+        depth_m: f64,
+        inwards: f64,
+    ) {
+        for (k, from) in corners.iter().enumerate() {
+            let side = corners[(k + 1) % 4] - from;
+            let start = Pose2::new(from.x, from.y, side.y.atan2(side.x));
+            let count = (side.norm() / ROOM_LENGTH_M).floor().max(1.0);
+            let length_m = side.norm() / count;
+            for room in 0..count as usize {
+                let map_from_room = start.compose(&Pose2::new(room as f64 * length_m, 0.0, 0.0));
+                self.room(rng, &map_from_room, length_m, inwards * depth_m);
+            }
+        }
+    }
+
+    /// A wall with a door in it, and a partition to the next room; `depth_m` is negative for a
+    /// room on the right.
+    fn room(&mut self, rng: &mut ChaCha8Rng, map_from_room: &Pose2, length_m: f64, depth_m: f64) {
+        let door_m = rng.random_range(0.6..length_m - DOOR_M - 0.6);
+        let at = |x: f64, y: f64, theta: f64| map_from_room.compose(&Pose2::new(x, y, theta));
+        let after_m = door_m + DOOR_M;
+        let partition = at(0.0, 0.5 * depth_m, FRAC_PI_2);
+        let walls = [
+            (at(0.5 * door_m, 0.0, 0.0), door_m),
+            (at(0.5 * (after_m + length_m), 0.0, 0.0), length_m - after_m),
+            (partition, depth_m.abs()),
+        ];
+        for (middle, length_m) in walls {
+            let wall = Shape::rectangle(&middle, length_m, WALL_M);
+            self.scene.objects.push(SceneObject::lasting(wall));
+        }
+        // Seen from the hinge, the room lies on the left.
+        let hinge = if depth_m > 0.0 {
+            at(door_m, 0.0, 0.0)
+        } else {
+            at(after_m, 0.0, PI)
+        };
+        let door = Door {
+            hinge,
+            object: self.scene.objects.len(),
+            open: rng.random_bool(OPEN_RATE),
+        };
+        let shape = door.shape();
+        self.scene.objects.push(SceneObject::lasting(shape));
+        self.doors.push(door);
+    }
+
+    /// A cupboard in every room, in sight of its door, and a few things in the corridor.
+    fn furnish(&mut self, rng: &mut ChaCha8Rng) {
+        for door in &self.doors {
+            let (x, y) = (0.5 * DOOR_M + rng.random_range(-0.3..0.3), 1.9);
+            let middle = door.hinge.compose(&Pose2::new(x, y, 0.0));
+            let (length_m, width_m) = (rng.random_range(0.5..1.2), rng.random_range(0.4..0.6));
+            let cupboard = Shape::rectangle(&middle, length_m, width_m);
+            self.scene.objects.push(SceneObject::lasting(cupboard));
+        }
+        let seed = rng.random();
+        Changes::new(&mut self.scene, 0, 1.1, seed).add(8, 0.3);
+    }
+}
+
+impl Door {
+    fn shape(&self) -> Shape {
+        let turn_rad = if self.open { FRAC_PI_2 } else { 0.0 };
+        let middle = Pose2::new(0.5 * DOOR_M, 0.0, 0.0);
+        let map_from_leaf = self.hinge.compose(&Pose2::new(0.0, 0.0, turn_rad));
+        Shape::rectangle(
+            &map_from_leaf.compose(&middle),
+            DOOR_M - 0.02,
+            DOOR_THICKNESS_M,
+        )
+    }
+}
+
+/// The corners of the floor, so far inside of its walls.
+fn corners(inside_m: f64) -> [Vector2<f64>; 4] {
+    let (right, top) = (LENGTH_M - inside_m, WIDTH_M - inside_m);
+    [
+        Vector2::new(inside_m, inside_m),
+        Vector2::new(right, inside_m),
+        Vector2::new(right, top),
+        Vector2::new(inside_m, top),
+    ]
+}

@@ -1,0 +1,144 @@
+//! Laws that hold in every world.
+
+use super::*;
+use crate::geometry::{Pose2, Vector2};
+
+pub(super) fn worlds(seed: u64) -> [(&'static str, Scene); 4] {
+    let hall = Scene::of_hall(&Hall::generate(seed).unwrap(), seed);
+    [
+        ("hall", hall),
+        ("racks", Scene::racks(seed).unwrap()),
+        ("rooms", Rooms::generate(seed).unwrap().scene),
+        ("street", Scene::street(seed).unwrap()),
+    ]
+}
+
+/// A vehicle with few beams: quick.
+pub(super) fn vehicle(path_noise_m: f64) -> Vehicle {
+    let mut vehicle = Vehicle::of_fleet(0, path_noise_m);
+    vehicle.lidar = SimLidar::all_round(180, 20.0, 0.01, Pose2::new(0.2, 0.0, 0.0));
+    vehicle.scan_spacing_m = 0.5;
+    vehicle
+}
+
+#[test]
+fn worlds_are_clear_to_drive_in() {
+    for seed in 0..8 {
+        for (name, scene) in worlds(seed) {
+            let world = scene.world(0).world;
+            let steps = (scene.route.length_m() * 10.0) as usize;
+            for k in 0..steps {
+                let here = scene.route.pose_at(0.1 * k as f64).translation();
+                let nearest = world.shapes().map(|s| s.distance_to(&here));
+                let nearest = nearest.fold(f64::INFINITY, f64::min);
+                assert!(nearest > 1.4, "{name} {seed}: {nearest} m at {here:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn worlds_are_functions_of_their_seeds() {
+    for ((name, a), (_, b)) in worlds(3).into_iter().zip(worlds(3)) {
+        assert_eq!(a, b, "{name}");
+    }
+    for ((name, a), (_, b)) in worlds(3).into_iter().zip(worlds(4)) {
+        assert_ne!(a.objects, b.objects, "{name}");
+    }
+}
+
+#[test]
+fn worlds_have_what_can_change() {
+    for seed in 0..8 {
+        for (name, scene) in worlds(seed) {
+            let free = scene.objects.iter().filter(|o| o.stands_free()).count();
+            assert!((12..=45).contains(&free), "{name} {seed}: {free}");
+            let area = scene.mean_object_area_m2();
+            assert!((0.3..8.0).contains(&area), "{name} {seed}: {area}");
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_is_the_same_drive() {
+    for (name, mut scene) in worlds(2) {
+        scene.walkers = 2;
+        let once = scene.drive(&vehicle(0.5), 1..3, 7);
+        assert_eq!(once, scene.drive(&vehicle(0.5), 1..3, 7), "{name}");
+        assert_ne!(once, scene.drive(&vehicle(0.5), 1..3, 8), "{name}");
+        assert!(once.iter().all(|s| (1..3).contains(&s.lap)));
+    }
+}
+
+#[test]
+fn later_laps_stray_and_are_those_of_a_longer_drive() {
+    let [(_, scene), ..] = worlds(1);
+    let late = scene.drive(&vehicle(0.5), 2..3, 7);
+    let all = scene.drive(&vehicle(0.5), 0..3, 7);
+    let way = scene.route.length_m() / late.len() as f64;
+    let strays = |scans: &[SimScan]| {
+        let off = scans.iter().enumerate().map(|(k, scan)| {
+            let on_route = scene.route.pose_at(k as f64 * way).translation();
+            (scan.map_from_base.translation() - on_route).norm()
+        });
+        off.fold(0.0, f64::max)
+    };
+    assert!(strays(&late) > 0.2 && strays(&late) <= 0.5);
+    assert!(strays(&all[..late.len()]) < 1e-9);
+    let poses = |scans: &[SimScan]| scans.iter().map(|s| s.map_from_base).collect::<Vec<_>>();
+    assert_eq!(poses(&late), poses(&all[2 * late.len()..]));
+    assert_eq!(late[0].odom_from_base, Pose2::IDENTITY);
+    // Drives of one seed that begin with different laps do not share their noise.
+    assert_ne!(late[0].ranges_m, all[0].ranges_m);
+}
+
+#[test]
+fn what_is_struck_is_where_the_beam_ends() {
+    for (name, mut scene) in worlds(5) {
+        Changes::new(&mut scene, 1, 0.5, 5).add(4, 0.3);
+        Changes::new(&mut scene, 1, 0.5, 6).remove(4);
+        let vehicle = vehicle(0.5);
+        for scan in scene.drive(&vehicle, 0..2, 5).iter().step_by(7) {
+            let map_from_lidar = scan.map_from_base.compose(&vehicle.lidar.geometry.mount);
+            for (k, (range, struck)) in scan.ranges_m.iter().zip(&scan.struck).enumerate() {
+                assert_eq!(
+                    range.is_some(),
+                    struck.is_some(),
+                    "{name}: nobody walks here"
+                );
+                let (Some(range), Some(struck)) = (range, struck) else {
+                    continue;
+                };
+                let (sin, cos) = vehicle.lidar.geometry.beam_angle_rad(k).sin_cos();
+                let end = map_from_lidar.transform(&(Vector2::new(cos, sin) * *range));
+                let object = &scene.objects[*struck];
+                assert!(object.is_there(scan.lap), "{name}");
+                assert!(object.shape.distance_to(&end) < 0.06, "{name}: beam {k}");
+            }
+        }
+    }
+}
+
+#[test]
+fn doors_swing_between_two_places() {
+    let mut rooms = Rooms::generate(4).unwrap();
+    let before = rooms.scene.clone();
+    let swung = rooms.swing_doors(5, 3, 1);
+    assert_eq!(swung.len(), 5);
+    for &(was, is) in &swung {
+        let (was, is) = (&rooms.scene.objects[was], &rooms.scene.objects[is]);
+        assert_eq!((was.until_lap, is.from_lap), (Some(3), 3));
+        assert!((was.shape.area_m2() - is.shape.area_m2()).abs() < 1e-9);
+        // A quarter turn about a hinge half a leaf away.
+        let apart = (was.shape.bounding_circle().0 - is.shape.bounding_circle().0).norm();
+        assert!((apart - 0.5 * 2.0_f64.sqrt()).abs() < 1e-6, "{apart}");
+    }
+    let back = rooms.swing_doors(500, 5, 2);
+    assert!(back.len() >= 20, "{} doors", back.len());
+    for (was, is) in swung {
+        let again = back.iter().find(|(now, _)| *now == is).unwrap().1;
+        let shapes = [was, again].map(|k| &rooms.scene.objects[k].shape);
+        assert_eq!(shapes[0], shapes[1]);
+    }
+    assert_eq!(before.world(2), rooms.scene.world(2));
+}
