@@ -122,7 +122,7 @@ pub(super) struct Judged {
 }
 
 impl Judged {
-    /// From closures told one by one; those near to each other are one change.
+    /// From closures told one by one; in a lap those near to each other are one alert.
     pub(super) fn by_closure(mapped: &Mapped, scores: Option<Vec<f64>>, told: Vec<bool>) -> Self {
         let judged: Vec<bool> = mapped.closures.iter().map(is_judged).collect();
         let told: Vec<bool> = told.iter().zip(&judged).map(|(t, j)| *t && *j).collect();
@@ -140,21 +140,18 @@ fn is_judged(made: &MadeClosure) -> bool {
     made.place.lap >= LAPS_LEARNT
 }
 
-/// The first closure told at each place; told again in the same lap or the next it is the same.
+/// The first closure told at each place in each lap: who only looks at closures forgets.
 fn gather(closures: &[MadeClosure], told: &[bool]) -> Vec<Raised> {
     let mut known: Vec<ClosurePlace> = Vec::new();
     let mut raised = Vec::new();
     for (made, _) in closures.iter().zip(told).filter(|(_, told)| **told) {
-        let same = |known: &&mut ClosurePlace| {
+        let same = |known: &ClosurePlace| {
             let apart = known.position - made.place.position;
-            apart.norm() <= SAME_PLACE_M && made.place.lap <= known.lap + 1
+            apart.norm() <= SAME_PLACE_M && made.place.lap == known.lap
         };
-        match known.iter_mut().find(same) {
-            Some(known) => known.lap = made.place.lap,
-            None => {
-                known.push(made.place);
-                raised.push(raised_by(made));
-            }
+        if !known.iter().any(same) {
+            known.push(made.place);
+            raised.push(raised_by(made));
         }
     }
     raised

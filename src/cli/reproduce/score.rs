@@ -8,6 +8,7 @@ use super::laps::{Laps, TrueChange};
 use super::mapped::Mapped;
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
 use super::wilson::Share;
+use crate::change::ChangeKind;
 
 /// A closure is changed if the change shows in more than this share of a scan's beams, and
 /// unchanged if it shows in none; what lies between is not scored.
@@ -41,18 +42,24 @@ pub(super) struct Score {
     pub true_alerts: usize,
     /// Alerts that do not.
     pub false_alerts: usize,
+    /// Where those are, map frame, metres.
+    pub false_alert_places: Vec<[f64; 2]>,
 }
 
 /// A visible change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Event {
+    /// Appeared or disappeared.
+    pub kind: ChangeKind,
+    /// The object's middle, map frame, metres.
+    pub place: [f64; 2],
     /// Its area as a share of all original objects' area.
     pub area_share: f64,
     /// Whether an alert tells it.
     pub found: bool,
     /// Laps from the first that looks at its place to the alert; 0 for the same lap.
     pub laps_until_raised: Option<usize>,
-    /// From the place that was told to the object's outline, metres.
+    /// From the place that was told to the object, metres; 0 within it.
     pub location_error_m: Option<f64>,
 }
 
@@ -84,6 +91,7 @@ impl Score {
         self.events.extend(&other.events);
         self.true_alerts += other.true_alerts;
         self.false_alerts += other.false_alerts;
+        self.false_alert_places.extend(&other.false_alert_places);
     }
 
     fn judge_closures(&mut self, laps: &Laps, mapped: &Mapped, judged: &Judged) {
@@ -134,6 +142,7 @@ impl Score {
             let told = changes_told(laps, raised);
             if told.is_empty() {
                 self.false_alerts += 1;
+                self.false_alert_places.push(place_of(raised));
             } else {
                 self.true_alerts += 1;
             }
@@ -153,8 +162,17 @@ impl Score {
     }
 }
 
+fn place_of(raised: &Raised) -> [f64; 2] {
+    match &raised.what {
+        Told::Closure { position, .. } => (*position).into(),
+        Told::Region { location, .. } => (*location).into(),
+    }
+}
+
 fn unfound(change: &TrueChange) -> Event {
     Event {
+        kind: change.kind,
+        place: change.shape.bounding_circle().0.into(),
         area_share: change.area_share,
         found: false,
         laps_until_raised: None,
