@@ -86,3 +86,40 @@ pub(super) fn gnc(mapped: &Mapped, which: Measurement) -> anyhow::Result<Judged>
     let told = mapped.closures.iter().map(is_off).collect();
     Ok(Judged::by_closure(mapped, None, told))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::case::Seeds;
+    use super::super::laps::Laps;
+    use super::super::protocol;
+    use super::*;
+    use crate::mapping::Weighting;
+
+    #[test]
+    fn baselines_judge_every_closure_after_two_laps() {
+        let case = protocol::cases(true, Seeds::Tuning).remove(1);
+        let laps = Laps::drive(&case).unwrap();
+        let mapped = Mapped::of(&laps, Weighting::Robust, case.acceptance).unwrap();
+        for which in [Measurement::AllPoints, Measurement::Robust] {
+            let all = [
+                error_ratio(&mapped, which).unwrap(),
+                chi_squared(&mapped, which),
+                gnc(&mapped, which).unwrap(),
+            ];
+            for judged in all {
+                for (made, (judged, told)) in mapped
+                    .closures
+                    .iter()
+                    .zip(judged.judged.iter().zip(&judged.told))
+                {
+                    assert_eq!(*judged, made.place.lap >= 2);
+                    assert!(*judged || !told);
+                }
+            }
+        }
+        // The robust measurements agree with the map that they made.
+        let ratio = error_ratio(&mapped, Measurement::Robust).unwrap();
+        let off = ratio.told.iter().filter(|told| **told).count();
+        assert!(20 * off < ratio.told.len(), "{off}");
+    }
+}

@@ -53,3 +53,43 @@ fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
     }
     raised
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::change::ChangeKind;
+    use crate::geometry::Vector2;
+    use crate::ids::StampNs;
+
+    fn finding(kind: ChangeKind, x: f64) -> Finding {
+        Finding {
+            kind,
+            location: Vector2::new(x, 0.0),
+            sigma_m: 0.02,
+            region: Vec::new(),
+            edges: Vec::new(),
+            nodes: Vec::new(),
+            trips: Vec::new(),
+            views: 4,
+            laps: 1,
+            confidence: 0.99,
+            since: StampNs(0),
+            last_seen: StampNs(0),
+            until: None,
+        }
+    }
+
+    #[test]
+    fn a_finding_is_raised_once_and_counts_though_it_is_taken_back() {
+        let appeared = |x| finding(ChangeKind::Appeared, x);
+        let by_lap = [
+            vec![appeared(40.0)],
+            vec![],
+            vec![appeared(0.0)],
+            vec![appeared(0.3), finding(ChangeKind::Disappeared, 0.0)],
+            vec![appeared(9.0)],
+        ];
+        let laps: Vec<usize> = alerts(&by_lap).iter().map(|raised| raised.lap).collect();
+        assert_eq!(laps, [2, 3, 4]);
+    }
+}

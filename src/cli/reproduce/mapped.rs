@@ -180,3 +180,37 @@ fn exclusion(
     let (before, after) = (in_laps(1, laps.before), in_laps(laps.before, laps.count));
     (after < CLOSURES_KEPT_MIN * before).then_some(Exclusion::DroppedClosures)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::case::Seeds;
+    use super::super::protocol;
+    use super::*;
+
+    #[test]
+    fn closures_know_their_scans_and_cases_their_reasons() {
+        let case = protocol::cases(true, Seeds::Tuning).remove(1);
+        let mut laps = Laps::drive(&case).unwrap();
+        let paper = |laps: &Laps, acceptance| {
+            Mapped::of(laps, Weighting::AllPointsIdentity, acceptance).unwrap()
+        };
+        let mapped = paper(&laps, Acceptance::Medium);
+        assert_eq!(mapped.exclusion, None);
+        assert!(mapped.closures.len() > 100 && mapped.findings.is_empty());
+        for made in &mapped.closures {
+            assert!(made.old < made.new && laps.scans[made.new].lap == made.place.lap);
+            let way = laps.scans[made.old]
+                .truth
+                .between(&laps.scans[made.new].truth);
+            assert!(
+                way.translation().norm() < 2.0,
+                "the paper's partners are near"
+            );
+        }
+        let strict = paper(&laps, Acceptance::High);
+        assert!(strict.closures.len() <= mapped.closures.len());
+        laps.appeared_area_share = 1.1;
+        let too_much = paper(&laps, Acceptance::Medium).exclusion;
+        assert_eq!(too_much, Some(Exclusion::TooMuchChange));
+    }
+}
