@@ -52,7 +52,8 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let drain_timeout = config.limits.drain_timeout;
 
     // The one place where background tasks start. Each ends soon after `stopping` is cancelled.
-    let mut background = pipeline::start_workers(&store, &stopping)?;
+    let pipeline = pipeline::start(&store, &stopping)?;
+    let mut background = pipeline.tasks;
     let upkeep_metrics = metrics.clone();
     let upkeep = move || upkeep_metrics.run_upkeep();
     let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
@@ -63,6 +64,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         config.limits.clone(),
         draining.clone(),
         metrics,
+        pipeline.decisions,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;
     let connections = Connections::new(router, config.limits, draining.clone());

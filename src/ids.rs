@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use uuid::Uuid;
 
 /// Longest client-chosen name, in characters.
 pub const NAME_LENGTH_MAX: usize = 64;
@@ -114,6 +115,23 @@ number_type!(
     /// A time: nanoseconds since the Unix epoch, UTC.
     StampNs
 );
+
+/// An alert: a UUID of version 7, so that alerts sort by when they were raised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct AlertId(pub Uuid);
+
+impl fmt::Display for AlertId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::str::FromStr for AlertId {
+    type Err = uuid::Error;
+    fn from_str(text: &str) -> Result<Self, uuid::Error> {
+        text.parse().map(Self)
+    }
+}
 
 impl StampNs {
     /// Seconds since the Unix epoch.

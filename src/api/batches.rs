@@ -16,7 +16,7 @@ use super::problem::{Problem, ProblemKind};
 use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::formats::batch_json;
-use crate::ids::{BatchId, RouteId, VehicleId};
+use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
 use crate::store::{BatchFilter, BatchRecord, BatchStatus, Journaled, NewBatch};
 
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
@@ -140,7 +140,7 @@ pub(super) struct BatchBody {
     nodes_added: i64,
     /// Loop closures it added to the graph.
     loop_closures: i64,
-    /// Alerts that it raised or joined.
+    /// Alerts that rest on it, by id.
     alerts: Vec<String>,
     /// When it came in.
     #[schema(value_type = String, format = DateTime)]
@@ -197,8 +197,8 @@ pub(super) struct BatchQuery {
     cursor: Option<String>,
 }
 
-impl From<BatchRecord> for BatchBody {
-    fn from(batch: BatchRecord) -> Self {
+impl BatchBody {
+    fn new(batch: BatchRecord, alerts: &[AlertId]) -> Self {
         Self {
             id: batch.id.to_string(),
             route_id: batch.route_id.to_string(),
@@ -218,7 +218,7 @@ impl From<BatchRecord> for BatchBody {
             scans: batch.scans,
             nodes_added: batch.nodes_added,
             loop_closures: batch.loop_closures,
-            alerts: Vec::new(),
+            alerts: alerts.iter().map(ToString::to_string).collect(),
             received_at: batch.received_at,
             processed_at: batch.processed_at,
         }
@@ -272,7 +272,11 @@ pub(super) async fn put_batch(
     };
     metrics::counter!("mapshift_uploads_total", "outcome" => label).increment(1);
     let (journaled, batch) = outcome?;
-    let batch = BatchBody::from(batch);
+    let alerts = match journaled {
+        Journaled::Stored => Vec::new(),
+        _ => state.store.batch_alerts(&batch.route_id, &batch.id).await?,
+    };
+    let batch = BatchBody::new(batch, &alerts);
     Ok(if journaled == Journaled::Stored {
         let location = format!("/v1/routes/{}/batches/{}", batch.route_id, batch.id);
         let headers = [(header::LOCATION, location)];
@@ -349,7 +353,8 @@ pub(super) async fn get_batch(
     state.known_route(&route_id).await?;
     let batch = state.store.batch(&route_id, &id).await?;
     let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
-    Ok(Json(batch.into()))
+    let alerts = state.store.batch_alerts(&route_id, &id).await?;
+    Ok(Json(BatchBody::new(batch, &alerts)))
 }
 
 /// List a route's batches.
@@ -382,8 +387,13 @@ pub(super) async fn list_batches(
         .batches(&route_id, &filter, after.as_ref(), limit + 1);
     let mut batches = batches.await?;
     let next_cursor = cut_page(&mut batches, limit, |batch| batch.id.to_string());
+    let alerts = state.store.alerts_by_batch(&route_id).await?;
+    let body = |batch: BatchRecord| {
+        let alerts = alerts.get(&batch.id).map_or(&[][..], Vec::as_slice);
+        BatchBody::new(batch, alerts)
+    };
     Ok(Json(BatchPage {
-        items: batches.into_iter().map(BatchBody::from).collect(),
+        items: batches.into_iter().map(body).collect(),
         next_cursor,
     }))
 }

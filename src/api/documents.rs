@@ -39,6 +39,15 @@ pub(super) fn router(openapi: Bytes) -> Router<ApiState> {
             }),
         )
         .route(
+            "/alerts.js",
+            get(|| {
+                file(
+                    "text/javascript; charset=utf-8",
+                    include_str!("page/alerts.js"),
+                )
+            }),
+        )
+        .route(
             "/page.css",
             get(|| file("text/css; charset=utf-8", include_str!("page/page.css"))),
         )

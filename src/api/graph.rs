@@ -40,7 +40,7 @@ pub(super) struct GraphQuery {
 
 /// A rectangle in the map frame, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct BoundingBox {
+pub(super) struct BoundingBox {
     x: [f64; 2],
     y: [f64; 2],
 }
@@ -71,6 +71,11 @@ impl std::str::FromStr for BoundingBox {
 }
 
 impl BoundingBox {
+    /// Lowest x, lowest y, highest x, highest y.
+    pub(super) fn bounds(&self) -> [f64; 4] {
+        [self.x[0], self.y[0], self.x[1], self.y[1]]
+    }
+
     fn holds(&self, node: &NodeRecord) -> bool {
         (self.x[0]..=self.x[1]).contains(&node.pose.x)
             && (self.y[0]..=self.y[1]).contains(&node.pose.y)

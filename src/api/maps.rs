@@ -7,18 +7,18 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
+use sha2::{Digest, Sha256};
 use tokio::sync::Mutex;
 use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
 use super::problem::Problem;
-use crate::formats::{MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
+use crate::formats::{Look, MapImageError, MapPicture};
 use crate::ids::RouteId;
 use crate::scan::{CodecError, decode_scan};
-use crate::store::{NodeWithScan, RouteRecord};
+use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
-const RESOLUTION_M: f64 = 0.05;
 /// A picture has up to 24 MB, so only the routes that are looked at are kept.
 const ROUTES_KEPT: usize = 4;
 
@@ -30,6 +30,8 @@ pub(super) struct Binary(Vec<u8>);
 
 /// The pictures of one route at one revision.
 struct MapFiles {
+    /// Of the PGM.
+    sha256: [u8; 32],
     png: Bytes,
     pgm: Bytes,
     yaml: Bytes,
@@ -75,7 +77,8 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
     if nodes.is_empty() {
         return Err(Problem::not_found("map yet: nothing has been merged"));
     }
-    let files = state.rendering.run(move || draw(&nodes)).await?;
+    let accepted = state.store.accepted_changes(&route.id).await?;
+    let files = state.rendering.run(move || draw(&nodes, &accepted)).await?;
     let files = Arc::new(files.map_err(Problem::internal)?);
     drawn.retain(|(other, _)| other.route_id != key.route_id);
     drawn.push((key, files.clone()));
@@ -85,18 +88,34 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
     Ok(files)
 }
 
-fn draw(nodes: &[NodeWithScan]) -> Result<MapFiles, DrawError> {
+fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles, DrawError> {
     let mut scans = Vec::with_capacity(nodes.len());
     for node in nodes {
-        scans.push((node.node.pose, decode_scan(&node.scan)?));
+        scans.push((&node.node, decode_scan(&node.scan)?));
     }
-    let placed = scans.iter().map(|(pose, scan)| (*pose, scan));
-    let grid = OccupancyGrid::from_scans(placed, RESOLUTION_M);
+    let looks = scans.iter().map(|(node, scan)| Look {
+        stamp: node.stamp,
+        map_from_base: node.pose,
+        scan,
+    });
+    let picture = MapPicture::draw(looks, accepted)?;
     Ok(MapFiles {
-        png: to_png(&grid)?.into(),
-        pgm: to_pgm(&grid).into(),
-        yaml: to_yaml(&grid, "map.pgm").into(),
+        sha256: Sha256::digest(&picture.pgm).into(),
+        png: picture.png.into(),
+        pgm: picture.pgm.into(),
+        yaml: picture.yaml.into(),
     })
+}
+
+/// The SHA-256 of a route's PGM as it stands; `None` before anything has been merged.
+pub(super) async fn present_sha256(
+    state: &ApiState,
+    route: &RouteRecord,
+) -> Result<Option<[u8; 32]>, Problem> {
+    if route.counts.nodes == 0 {
+        return Ok(None);
+    }
+    Ok(Some(map_files(state, route).await?.sha256))
 }
 
 async fn answer(

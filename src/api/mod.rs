@@ -1,7 +1,9 @@
 //! The HTTP interface: one file per resource, one error type, the OpenAPI document, the page.
 //!
-//! Knows the store; knows nothing of matching, solving and workers.
+//! Knows the store, and the pipeline's [`Decisions`](crate::pipeline::Decisions); knows nothing of
+//! matching, solving and workers.
 
+mod alerts;
 mod batches;
 mod documents;
 mod edges;
@@ -23,6 +25,7 @@ mod subgraphs;
 mod trajectories;
 mod types;
 mod upload;
+mod version_maps;
 mod versions;
 
 use axum::Router;
@@ -61,6 +64,20 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(maps::get_map_pgm))
         .routes(routes!(maps::get_map_yaml))
         .routes(routes!(versions::list_versions))
+        .routes(routes!(version_maps::get_version_png))
+        .routes(routes!(version_maps::get_version_pgm))
+        .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::list_alerts))
+        .routes(routes!(alerts::list_alerts_geojson))
+        .routes(routes!(alerts::stream_alerts))
+        .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::get_evidence))
+        .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::acknowledge_alert))
+        .routes(routes!(alerts::accept_alert))
+        .routes(routes!(alerts::dismiss_alert))
+        .routes(routes!(alerts::reopen_alert))
+        .routes(routes!(alerts::undo_alert))
         .routes(routes!(operations::livez))
         .routes(routes!(operations::readyz))
         .routes(routes!(operations::metrics))

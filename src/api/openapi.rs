@@ -18,6 +18,7 @@ use super::problem::{FieldError, ProblemBody, ProblemKind};
         (name = "batches", description = "Uploads of scans"),
         (name = "graph", description = "Nodes, edges, trajectories"),
         (name = "residuals", description = "The statistics that tell a changed world"),
+        (name = "alerts", description = "Where the world has changed, and what was decided about it"),
         (name = "map", description = "Pictures and versions of the map"),
         (name = "operations", description = "For those who run the service")
     ),
@@ -85,6 +86,9 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
         kinds.extend([K::BadEncoding, K::DigestMismatch, K::BatchIdReused]);
         kinds.extend([K::ScanGeometry, K::TimestampOrder]);
     }
+    if path.starts_with("/v1/alerts") {
+        kinds.extend(of_alerts(path, method));
+    }
     if path == "/readyz" {
         kinds.push(K::NotReady);
     }
@@ -95,6 +99,24 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
     for kind in K::ALL.iter().filter(|kind| kinds.contains(kind)) {
         add_problem(responses, *kind);
     }
+}
+
+/// What operations on alerts can end in beside the rest.
+fn of_alerts(path: &str, method: &str) -> Vec<ProblemKind> {
+    use ProblemKind as K;
+    let mut kinds = if path.contains("{alert}") {
+        vec![K::InvalidField, K::NotFound]
+    } else {
+        vec![K::UnknownRoute]
+    };
+    if path.ends_with(".geojson") {
+        kinds.push(K::NoGeoAnchor);
+    }
+    if method == "post" {
+        kinds.extend([K::PreconditionRequired, K::PreconditionFailed]);
+        kinds.push(K::TransitionNotAllowed);
+    }
+    kinds
 }
 
 fn add_problem(responses: &mut Map<String, Value>, kind: ProblemKind) {
@@ -174,7 +196,7 @@ mod tests {
             if let Some(choices) = schema.get("oneOf").and_then(Value::as_array) {
                 assert!(choices.iter().all(|c| c["type"] == "string"), "{name}");
             }
-            let sent_by_clients = ["Put", "Upload", "InitialPose", "Lidar"];
+            let sent_by_clients = ["Put", "Upload", "InitialPose", "Lidar", "Decision"];
             let is_request = sent_by_clients.iter().any(|end| name.ends_with(end));
             let properties = schema["properties"].as_object();
             for property in properties.into_iter().flatten().map(|(name, _)| name) {

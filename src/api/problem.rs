@@ -55,7 +55,10 @@ problem_kinds! {
     BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
+    TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
+    NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
+    PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
     TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";
     UnsupportedEncoding = UNSUPPORTED_MEDIA_TYPE, "unsupported-encoding", "The body is encoded in a way that is not taken";

@@ -10,8 +10,8 @@ use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
 use crate::graph::EdgeKind;
-use crate::ids::RouteId;
-use crate::store::{Detector, EdgeRecord};
+use crate::ids::{EdgeId, RouteId};
+use crate::store::{AcceptedChange, Detector, EdgeRecord};
 
 /// A residual series.
 #[derive(Debug, Serialize, ToSchema)]
@@ -103,7 +103,8 @@ pub(super) struct ResidualQuery {
 
 /// Read a residual series.
 ///
-/// F, f and ΔF over the loop closures as the paper has them, with its threshold.
+/// F, f and ΔF over the loop closures as the paper has them, with its threshold. Where a change of
+/// the world was accepted, the closures made before it no longer count.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/residuals", tag = "residuals",
     params(
@@ -119,11 +120,13 @@ pub(super) async fn get_residuals(
 ) -> Result<Json<ResidualSeriesBody>, Problem> {
     let route = state.known_route(&route_id).await?;
     let edges = state.store.edges(&route_id).await?;
+    let accepted = state.store.accepted_changes(&route_id).await?;
     let (subgraph_id, measurement) = (query.subgraph_id, query.measurement.unwrap_or_default());
     let detector = route.settings.detector;
     let work = move || {
         let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
-        series(edges.iter().filter(within), measurement, detector)
+        let edges = edges.iter().filter(within);
+        series(edges, measurement, detector, &accepted)
     };
     let series = state.rendering.run(work).await?;
     if subgraph_id.is_some() && series.entries.is_empty() {
@@ -136,16 +139,54 @@ pub(super) async fn get_residuals(
 pub(super) fn robust_series<'a>(
     edges: impl Iterator<Item = &'a EdgeRecord>,
     detector: Detector,
+    accepted: &[AcceptedChange],
 ) -> ResidualSeries {
-    series(edges, MeasurementName::Robust, detector)
+    series(edges, MeasurementName::Robust, detector, accepted)
+}
+
+/// A stretch of a sub-graph's series.
+#[derive(Debug)]
+pub(super) struct SeriesAround {
+    /// The sub-graph; `None` for the whole route.
+    pub subgraph_id: Option<i64>,
+    /// What was read from the whole series, with the entries of the stretch alone.
+    pub series: ResidualSeries,
+}
+
+/// The series that a closure lies in, `reach` entries to each side of it; `None` if the edge is
+/// no closure. A closure outside every sub-graph is shown in the series of the whole route.
+pub(super) fn series_around(
+    edges: &[EdgeRecord],
+    edge: EdgeId,
+    detector: Detector,
+    accepted: &[AcceptedChange],
+    reach: usize,
+) -> Option<SeriesAround> {
+    let found = edges.binary_search_by_key(&edge, |edge| edge.id).ok()?;
+    let subgraph_id = edges.get(found)?.subgraph_id;
+    let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
+    let mut series = robust_series(edges.iter().filter(within), detector, accepted);
+    let entries = &mut series.entries;
+    let place = entries.iter().position(|entry| entry.edge_id == edge)?;
+    entries.truncate(place + reach + 1);
+    entries.drain(..place.saturating_sub(reach));
+    Some(SeriesAround {
+        subgraph_id,
+        series,
+    })
 }
 
 fn series<'a>(
     edges: impl Iterator<Item = &'a EdgeRecord>,
     measurement: MeasurementName,
     detector: Detector,
+    accepted: &[AcceptedChange],
 ) -> ResidualSeries {
-    let closures = edges.filter(|edge| edge.kind == EdgeKind::LoopClosure);
+    let counts = |edge: &&EdgeRecord| {
+        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
+        edge.kind == EdgeKind::LoopClosure && !accepted.iter().any(has_left)
+    };
+    let closures = edges.filter(counts);
     let samples: Vec<ClosureSample> = closures
         .filter_map(|edge| {
             let closure = edge.closure?;
@@ -159,6 +200,12 @@ fn series<'a>(
         })
         .collect();
     residual_series(&samples, &detector.series_params())
+}
+
+impl From<&SeriesAround> for ResidualSeriesBody {
+    fn from(around: &SeriesAround) -> Self {
+        body(around.subgraph_id, MeasurementName::Robust, &around.series)
+    }
 }
 
 fn body(

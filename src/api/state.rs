@@ -7,10 +7,12 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::Limits;
+use super::alerts::STREAMS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
 use crate::ids::RouteId;
+use crate::pipeline::Decisions;
 use crate::store::{RouteRecord, Store};
 
 /// What all handlers share; cheap to clone.
@@ -27,6 +29,8 @@ pub struct Shared {
     pub draining: CancellationToken,
     /// What `/metrics` is read from.
     pub metrics: PrometheusHandle,
+    /// Who carries decisions about alerts out.
+    pub decisions: Decisions,
     /// Uploads that may be under way.
     pub(super) upload_slots: Arc<Semaphore>,
     /// Kibibytes of uploads as they are sent.
@@ -37,6 +41,8 @@ pub struct Shared {
     pub(super) decoding: Offload,
     /// Where pictures and large documents are made.
     pub(super) rendering: Offload,
+    /// Streams of alerts that may be open.
+    pub(super) streams: Arc<Semaphore>,
     /// Pictures of maps.
     pub(super) maps: MapCache,
 }
@@ -48,6 +54,7 @@ impl ApiState {
         limits: Limits,
         draining: CancellationToken,
         metrics: PrometheusHandle,
+        decisions: Decisions,
     ) -> Self {
         Self(Arc::new(Shared {
             upload_slots: Arc::new(Semaphore::new(limits.uploads)),
@@ -55,11 +62,13 @@ impl ApiState {
             body_budget: Arc::new(Semaphore::new(limits.body_bytes_total >> 10)),
             decoding: Offload::new(limits.decoders),
             rendering: Offload::new(2),
+            streams: Arc::new(Semaphore::new(STREAMS_MAX)),
             maps: MapCache::default(),
             store,
             limits,
             draining,
             metrics,
+            decisions,
         }))
     }
 

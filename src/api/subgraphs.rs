@@ -12,9 +12,10 @@ use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
 use super::residuals::robust_series;
+use crate::change::series::ResidualSeries;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::RouteId;
-use crate::store::{Detector, EdgeRecord, NodeRecord};
+use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
 
 /// A block of the pose graph with its own statistics.
 #[derive(Debug, Serialize, ToSchema)]
@@ -75,17 +76,23 @@ pub(super) async fn list_subgraphs(
     let route = state.known_route(&route_id).await?;
     let edges = state.store.edges(&route_id).await?;
     let nodes = state.store.nodes(&route_id).await?;
+    let accepted = state.store.accepted_changes(&route_id).await?;
     let detector = route.settings.detector;
     let all = state
         .rendering
-        .run(move || subgraphs(&nodes, &edges, detector));
+        .run(move || subgraphs(&nodes, &edges, detector, &accepted));
     let mut items = all.await?;
     items.retain(|item| after.is_none_or(|after| item.id > after));
     let next_cursor = cut_page(&mut items, limit, |item| item.id.to_string());
     Ok(Json(SubgraphPage { items, next_cursor }))
 }
 
-fn subgraphs(nodes: &[NodeRecord], edges: &[EdgeRecord], detector: Detector) -> Vec<SubgraphBody> {
+fn subgraphs(
+    nodes: &[NodeRecord],
+    edges: &[EdgeRecord],
+    detector: Detector,
+    accepted: &[AcceptedChange],
+) -> Vec<SubgraphBody> {
     let mut members: BTreeMap<i64, (u64, Vec<&EdgeRecord>)> = BTreeMap::new();
     for node in nodes {
         if let Some(id) = node.subgraph_id {
@@ -97,13 +104,14 @@ fn subgraphs(nodes: &[NodeRecord], edges: &[EdgeRecord], detector: Detector) -> 
             members.entry(id).or_default().1.push(edge);
         }
     }
-    let bodies = members
-        .into_iter()
-        .map(|(id, (nodes, edges))| body(id, nodes, &edges, detector));
+    let bodies = members.into_iter().map(|(id, (nodes, edges))| {
+        let series = robust_series(edges.iter().copied(), detector, accepted);
+        body(id, nodes, &edges, &series)
+    });
     bodies.collect()
 }
 
-fn body(id: i64, nodes: u64, edges: &[&EdgeRecord], detector: Detector) -> SubgraphBody {
+fn body(id: i64, nodes: u64, edges: &[&EdgeRecord], series: &ResidualSeries) -> SubgraphBody {
     let active = || {
         edges
             .iter()
@@ -112,7 +120,6 @@ fn body(id: i64, nodes: u64, edges: &[&EdgeRecord], detector: Detector) -> Subgr
     let closures = active().filter(|edge| edge.kind == EdgeKind::LoopClosure);
     let loop_closures = closures.count() as u64;
     let total: f64 = active().map(|edge| edge.residual).sum();
-    let series = robust_series(edges.iter().copied(), detector);
     SubgraphBody {
         id,
         nodes,

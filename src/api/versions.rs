@@ -8,15 +8,17 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{checked_limit, key_of_cursor};
+use super::maps::present_sha256;
+use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
-use crate::ids::RouteId;
+use crate::ids::{AlertId, RouteId};
+use crate::store::{AlertAction, MapVersionRecord};
 
 /// A version of a route's map.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersion)]
 struct VersionBody {
-    /// 1 for the first map; raised by every accepted change.
+    /// 1 for the first map; raised by every accepted change and by every undo.
     version: i64,
     /// The epoch that it belongs to.
     epoch: i64,
@@ -25,6 +27,39 @@ struct VersionBody {
     /// When the version began.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
+    /// When another version followed; null for the present one.
+    #[schema(required, value_type = Option<String>, format = DateTime)]
+    superseded_at: Option<Timestamp>,
+    /// The decision that began it; null for the first version.
+    #[schema(required)]
+    cause: Option<VersionCauseBody>,
+    /// SHA-256 of its `map.pgm`, hexadecimal. That of a version that others have followed never
+    /// changes; that of the present one changes as the map grows, and is null before anything
+    /// has been merged.
+    #[schema(required, min_length = 64, max_length = 64)]
+    sha256: Option<String>,
+}
+
+/// The decision that began a version.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = MapVersionCause)]
+struct VersionCauseBody {
+    /// About which alert.
+    #[schema(value_type = String, format = "uuid")]
+    alert_id: AlertId,
+    /// What was decided.
+    action: CauseName,
+}
+
+/// What begins a version.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = MapVersionAction)]
+#[serde(rename_all = "snake_case")]
+enum CauseName {
+    /// A change was taken into the map.
+    Accept,
+    /// A change was taken out of it again.
+    Undo,
 }
 
 /// A part of the list of versions.
@@ -40,7 +75,7 @@ pub(super) struct VersionPage {
 
 /// List the versions of a route's map.
 ///
-/// A version begins when a change of the world is accepted. Every route has one version now.
+/// A version begins when a change of the world is accepted, or when that is undone.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions", tag = "map",
     params(
@@ -54,20 +89,40 @@ pub(super) async fn list_versions(
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Json<VersionPage>, Problem> {
-    checked_limit(query.limit)?;
+    let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     let route = state.known_route(&route_id).await?;
-    let current = VersionBody {
-        version: route.map_version,
-        epoch: route.epoch,
-        current: true,
-        created_at: route.created_at,
-    };
-    let items = [current].into_iter();
-    Ok(Json(VersionPage {
-        items: items
-            .filter(|item| after.is_none_or(|after| item.version > after))
-            .collect(),
-        next_cursor: None,
-    }))
+    let after = after.unwrap_or_default();
+    let mut records = state
+        .store
+        .map_versions(&route_id, after, limit.saturating_add(1))
+        .await?;
+    let next_cursor = cut_page(&mut records, limit, |record| record.version.to_string());
+    let mut items = Vec::with_capacity(records.len());
+    for record in records {
+        let sha256 = match record.superseded_at {
+            Some(_) => record.sha256,
+            None => present_sha256(&state, &route).await?,
+        };
+        items.push(body(&record, sha256));
+    }
+    Ok(Json(VersionPage { items, next_cursor }))
+}
+
+fn body(record: &MapVersionRecord, sha256: Option<[u8; 32]>) -> VersionBody {
+    VersionBody {
+        version: record.version,
+        epoch: record.epoch,
+        current: record.superseded_at.is_none(),
+        created_at: record.created_at,
+        superseded_at: record.superseded_at,
+        cause: record.cause.map(|cause| VersionCauseBody {
+            alert_id: cause.alert_id,
+            action: match cause.action {
+                AlertAction::Undo => CauseName::Undo,
+                _ => CauseName::Accept,
+            },
+        }),
+        sha256: sha256.map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+    }
 }

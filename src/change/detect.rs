@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::history::{Departure, Seen, State, last_departure};
 use super::look::{Look, Sight};
-use super::region::{centroid, contains, region_round};
-use super::{ChangeKind, Finding};
-use crate::geometry::Vector2;
+use super::region::{centroid, region_round};
+use super::{AcceptedChange, ChangeKind, Finding};
+use crate::geometry::{Vector2, distance_to_polygon};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 
 /// Suspicions are gathered in squares of this size, metres.
@@ -16,7 +16,7 @@ const SUSPECTING_NODES_MIN: usize = 2;
 /// Views of the new state that a spot needs.
 const VIEWS_MIN: usize = 3;
 /// How much better a history with a change must explain the looks, in nats.
-const SUPPORT_MIN: f64 = 1.0;
+const SUPPORT_MIN: f64 = 1.5;
 /// Views that an alert needs, over all its spots.
 const FINDING_VIEWS_MIN: usize = 4;
 /// How far the outline stays away from the points, metres.
@@ -37,15 +37,6 @@ pub struct Suspicion {
     pub fresh: bool,
 }
 
-/// A place whose change was accepted: what was seen there before is no longer asked for.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Settled {
-    /// The place, map frame, counter-clockwise.
-    pub region: Vec<Vector2<f64>>,
-    /// Looks before this are not asked.
-    pub since: StampNs,
-}
-
 /// Everything that decides.
 pub struct Evidence<'a> {
     /// Every scan of the map, vehicles under suspicion left out.
@@ -55,7 +46,7 @@ pub struct Evidence<'a> {
     /// Every suspicion known.
     pub suspicions: &'a [Suspicion],
     /// Accepted changes.
-    pub settled: &'a [Settled],
+    pub accepted: &'a [AcceptedChange],
     /// Places that are decided anew without a new suspicion.
     pub watched: &'a [Vec<Vector2<f64>>],
 }
@@ -125,10 +116,8 @@ fn is_due(
     let near: Vec<&Cell> = around(key, 1).filter_map(|k| cells.get(&k)).collect();
     let watched = || {
         let spot = mean(&cell.spots);
-        evidence
-            .watched
-            .iter()
-            .any(|region| contains(region, &spot))
+        let mut watched = evidence.watched.iter();
+        watched.any(|region| distance_to_polygon(&spot, region) <= REGION_MARGIN_M)
     };
     if !near.iter().any(|cell| cell.fresh) && !watched() {
         return false;
@@ -139,16 +128,14 @@ fn is_due(
 
 fn decide(cell: &Cell, evidence: &Evidence<'_>) -> Option<Changed> {
     let spot = mean(&cell.spots);
-    let before = |look: &Look<'_>| {
-        let settled = evidence.settled.iter();
-        settled
-            .filter(|settled| look.stamp < settled.since)
-            .any(|settled| contains(&settled.region, &spot))
+    let is_outdated = |look: &Look<'_>| {
+        let mut accepted = evidence.accepted.iter();
+        accepted.any(|change| change.outdates(look.stamp, &spot))
     };
     let reaching = evidence.looks.iter().filter(|look| look.reaches(&spot));
     let seen = reaching.filter_map(|look| {
         let sight = look.sight(&spot);
-        (sight != Sight::Hidden && !before(look)).then_some(Seen {
+        (sight != Sight::Hidden && !is_outdated(look)).then_some(Seen {
             node: look.node,
             trip: look.trip,
             order: look.order,
@@ -241,3 +228,6 @@ fn finding_of(
             .filter(|_| !stands),
     }
 }
+
+#[cfg(test)]
+mod tests;

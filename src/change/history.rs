@@ -8,13 +8,13 @@ use super::look::Sight;
 use crate::ids::{NodeId, StampNs};
 
 /// Probability that a look strikes what stands there: beams pass beside thin things.
-const STRUCK_IF_OCCUPIED: f64 = 0.7;
+const STRUCK_IF_OCCUPIED: f64 = 0.75;
 /// Probability that a look strikes where nothing stands: people, noise, a pose that is off.
-const STRUCK_IF_FREE: f64 = 0.05;
+const STRUCK_IF_FREE: f64 = 0.1;
 /// What a look more lets a visit say at most, in nats.
-const VISIT_LIMIT_PER_LOOK: f64 = 1.5;
+const VISIT_LIMIT_PER_LOOK: f64 = 1.0;
 /// What a visit can say at most, in nats.
-const VISIT_LIMIT: f64 = 6.5;
+const VISIT_LIMIT: f64 = 8.0;
 /// What a change of state costs, in nats: changes are rare.
 const CHANGE_COST: f64 = 4.6;
 /// Looks of a trip belong to one visit if they are no more keyframes than this apart from its
@@ -204,3 +204,6 @@ fn most_likely(visits: &[Visit]) -> (Vec<State>, f64) {
     }
     (states, support)
 }
+
+#[cfg(test)]
+mod tests;

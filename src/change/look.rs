@@ -126,3 +126,6 @@ impl<'a> Look<'a> {
         (0..count).contains(&index).then_some(index as usize)
     }
 }
+
+#[cfg(test)]
+mod tests;

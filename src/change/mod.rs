@@ -1,8 +1,12 @@
 //! What the residuals of a pose graph say about changes of the world.
 
+mod accepted;
+mod alert;
+mod beam_verdict;
 mod detect;
 mod detector;
 mod finding;
+mod fold;
 mod history;
 mod kind;
 mod look;
@@ -11,8 +15,12 @@ mod region;
 pub mod series;
 pub mod threshold;
 
-pub use detect::{Evidence, Settled, Suspicion, detect};
+pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
+pub use alert::{AlertAction, AlertStatus};
+pub use beam_verdict::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
+pub use detect::{Evidence, Suspicion, detect};
 pub use detector::Detector;
 pub use finding::Finding;
+pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
 pub use look::{Look, Sight};

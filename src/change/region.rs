@@ -66,15 +66,63 @@ pub fn centroid(polygon: &[Vector2<f64>]) -> Vector2<f64> {
     origin + moment / (3.0 * area)
 }
 
-/// Whether a point lies in a simple polygon (even–odd rule).
-pub fn contains(polygon: &[Vector2<f64>], point: &Vector2<f64>) -> bool {
-    let mut inside = false;
-    for (k, a) in polygon.iter().enumerate() {
-        let b = &polygon[(k + 1) % polygon.len()];
-        let crosses = (a.y > point.y) != (b.y > point.y);
-        if crosses && point.x < a.x + (b.x - a.x) * (point.y - a.y) / (b.y - a.y) {
-            inside = !inside;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::distance_to_polygon;
+    use proptest::prelude::*;
+
+    fn points() -> impl Strategy<Value = Vec<Vector2<f64>>> {
+        let point = (-5.0..5.0_f64, -5.0..5.0_f64).prop_map(|(x, y)| Vector2::new(x, y));
+        prop::collection::vec(point, 1..40)
+    }
+
+    proptest! {
+        #[test]
+        fn a_region_is_convex_and_holds_its_points(points in points(), margin_m in 0.01..0.5_f64) {
+            let region = region_round(&points, margin_m);
+            let count = region.len();
+            prop_assert!(count >= 3);
+            for k in 0..count {
+                let (a, b, c) = (region[k], region[(k + 1) % count], region[(k + 2) % count]);
+                prop_assert!((b - a).perp(&(c - b)) > 0.0, "not convex and counter-clockwise");
+            }
+            for point in &points {
+                prop_assert!(distance_to_polygon(point, &region) == 0.0);
+            }
+            let farthest = |corner: &Vector2<f64>| {
+                let gaps = points.iter().map(|point| (point - corner).norm());
+                gaps.fold(f64::INFINITY, f64::min)
+            };
+            prop_assert!(region.iter().all(|corner| farthest(corner) <= margin_m + 1e-9));
+            prop_assert!(distance_to_polygon(&centroid(&region), &region) == 0.0);
+        }
+
+        #[test]
+        fn the_order_of_the_points_does_not_matter(points in points()) {
+            let backwards: Vec<_> = points.iter().rev().copied().collect();
+            prop_assert_eq!(region_round(&points, 0.1), region_round(&backwards, 0.1));
         }
     }
-    inside
+
+    #[test]
+    fn the_centroid_is_the_area_s() {
+        let l_shape = [
+            (0.0, 0.0),
+            (2.0, 0.0),
+            (2.0, 1.0),
+            (1.0, 1.0),
+            (1.0, 2.0),
+            (0.0, 2.0),
+        ];
+        let l_shape = l_shape.map(|(x, y)| Vector2::new(x + 10.0, y - 3.0));
+        let centre = centroid(&l_shape);
+        let expected = Vector2::new(10.0 + 2.5 / 3.0, -3.0 + 2.5 / 3.0);
+        assert!((centre - expected).norm() < 1e-12, "{centre}");
+    }
+
+    #[test]
+    fn nothing_has_no_region() {
+        assert!(region_round(&[], 0.1).is_empty());
+    }
 }

@@ -11,38 +11,28 @@ const MATCH_MAX_M: f64 = 0.5;
 /// One line for each change with the alert that is nearest to it, then the alerts that fit no
 /// change. `None`: the service has no alerts to show.
 pub(super) fn compare(truth: &[ChangeEvent], alerts: Option<&[AlertReport]>) -> Vec<String> {
-    let mut lines = Vec::new();
+    let head = "truly changed, as far as it could be seen";
     let Some(alerts) = alerts else {
-        lines.push(format!(
-            "truly changed, as far as it could be seen: {}",
-            truth.len()
-        ));
+        let mut lines = vec![format!("{head}: {}", truth.len())];
         lines.extend(truth.iter().map(describe_change));
         lines.push("the service has no alerts to show".to_owned());
         return lines;
     };
-    let found: Vec<Option<(f64, &AlertReport)>> =
-        truth.iter().map(|event| nearest(event, alerts)).collect();
-    lines.push(format!(
-        "truly changed, as far as it could be seen: {}, found: {}",
-        truth.len(),
-        found.iter().flatten().count(),
-    ));
-    for (event, found) in truth.iter().zip(&found) {
+    let found: Vec<_> = truth.iter().map(|event| nearest(event, alerts)).collect();
+    let found_count = found.iter().flatten().count();
+    let mut lines = vec![format!("{head}: {}, found: {found_count}", truth.len())];
+    for (event, found) in truth.iter().zip(found) {
         let change = describe_change(event);
         lines.push(match found {
-            Some((_, alert)) => format!("{change}   found:{}", describe_alert(alert)),
+            Some(alert) => format!("{change}   found:{}", describe_alert(alert)),
             None => format!("{change}   no alert"),
         });
     }
-    let fits = |alert: &&AlertReport| truth.iter().any(|e| distance(e, alert).is_some());
-    let others: Vec<String> = alerts
-        .iter()
-        .filter(|alert| !fits(alert))
-        .map(|alert| format!("  {}{}", alert.kind, describe_alert(alert)))
-        .collect();
-    lines.push(format!("alerts where nothing changed: {}", others.len()));
-    lines.extend(others);
+    let fits = |alert: &&AlertReport| truth.iter().any(|e| distance_m(e, alert).is_some());
+    let others: Vec<&AlertReport> = alerts.iter().filter(|alert| !fits(alert)).collect();
+    lines.push(format!("alerts that fit no change: {}", others.len()));
+    let line = |alert: &AlertReport| format!("  {}{}", alert.kind, describe_alert(alert));
+    lines.extend(others.into_iter().map(line));
     lines
 }
 
@@ -51,13 +41,16 @@ pub(super) fn announce(alert: &AlertReport) -> String {
     format!("ALERT {}{}", alert.kind, describe_alert(alert))
 }
 
-fn nearest<'a>(event: &ChangeEvent, alerts: &'a [AlertReport]) -> Option<(f64, &'a AlertReport)> {
-    let fitting = alerts.iter().filter_map(|a| Some((distance(event, a)?, a)));
-    fitting.min_by(|a, b| a.0.total_cmp(&b.0))
+fn nearest<'a>(event: &ChangeEvent, alerts: &'a [AlertReport]) -> Option<&'a AlertReport> {
+    let fitting = alerts
+        .iter()
+        .filter_map(|alert| Some((distance_m(event, alert)?, alert)));
+    let nearest = fitting.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(nearest.1)
 }
 
 /// Metres from an alert to the object of a change, 0 inside; `None` if the alert does not fit.
-fn distance(event: &ChangeEvent, alert: &AlertReport) -> Option<f64> {
+fn distance_m(event: &ChangeEvent, alert: &AlertReport) -> Option<f64> {
     let AlertLocation { x, y } = alert.location?;
     let place = Vector2::new(x, y);
     let distance_m = match &event.shape {
@@ -124,14 +117,14 @@ mod tests {
     #[test]
     fn an_alert_fits_a_change_of_its_kind_and_place() {
         let appeared = event(ChangeKind::Appeared, 0.0);
-        let at = |x| distance(&appeared, &alert("appeared", x));
+        let at = |x| distance_m(&appeared, &alert("appeared", x));
         assert_eq!(at(0.2), Some(0.0));
         assert!((at(1.4).unwrap() - 0.4).abs() < 1e-9);
         assert_eq!(at(1.6), None);
-        assert_eq!(distance(&appeared, &alert("disappeared", 0.0)), None);
+        assert_eq!(distance_m(&appeared, &alert("disappeared", 0.0)), None);
         let mut placeless = alert("appeared", 0.0);
         placeless.location = None;
-        assert_eq!(distance(&appeared, &placeless), None);
+        assert_eq!(distance_m(&appeared, &placeless), None);
     }
 
     #[test]
@@ -152,7 +145,7 @@ mod tests {
                 "truly changed, as far as it could be seen: 2, found: 1",
                 "  appeared    at ( 0.00,  0.00), a box of 4.00 m², lap 3   found: at (0.90, 0.00), confidence 0.998, open",
                 "  disappeared at (10.00,  0.00), a box of 4.00 m², lap 3   no alert",
-                "alerts where nothing changed: 1",
+                "alerts that fit no change: 1",
                 "  residual at (5.00, 0.00), confidence 0.998, open",
             ]
         );

@@ -1,7 +1,9 @@
 //! Where the map is occupied, free, or never looked at.
 
 use super::cells::for_each_cell_before_end;
+use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange};
 use crate::geometry::{Pose2, Vector2};
+use crate::ids::StampNs;
 use crate::scan::LaserScan;
 
 /// Most cells of a grid: a map that needs more is drawn with coarser cells.
@@ -24,6 +26,17 @@ pub enum Occupancy {
     Free,
     /// Beams ended there.
     Occupied,
+}
+
+/// A scan where and when it was taken.
+#[derive(Debug, Clone, Copy)]
+pub struct Look<'a> {
+    /// When.
+    pub stamp: StampNs,
+    /// Where.
+    pub map_from_base: Pose2,
+    /// What was seen.
+    pub scan: &'a LaserScan,
 }
 
 /// A grid over the map frame that counts beams.
@@ -58,6 +71,60 @@ impl OccupancyGrid {
             grid.draw(map_from_base, scan, &mut returns);
         }
         grid
+    }
+
+    /// As [`OccupancyGrid::from_scans`], in the order of time; in the region of an accepted
+    /// change only looks since then count.
+    pub fn from_looks<'a>(
+        looks: impl IntoIterator<Item = Look<'a>>,
+        accepted: &[AcceptedChange],
+        resolution_m: f64,
+    ) -> Self {
+        let looks = looks.into_iter();
+        let mut looks: Vec<_> = looks.filter(|l| l.map_from_base.is_finite()).collect();
+        looks.sort_by_key(|look| look.stamp);
+        let mut changes: Vec<&AcceptedChange> = accepted.iter().collect();
+        changes.sort_by_key(|change| change.since);
+        let mut changes = changes.into_iter().peekable();
+        let scans: Vec<_> = looks.iter().map(|l| (l.map_from_base, l.scan)).collect();
+        let mut grid = Self::covering(&extent(&scans), resolution_m);
+        let mut returns = Vec::new();
+        for look in &looks {
+            while let Some(change) = changes.next_if(|change| change.since <= look.stamp) {
+                grid.forget(change);
+            }
+            grid.draw(&look.map_from_base, look.scan, &mut returns);
+        }
+        changes.for_each(|change| grid.forget(change));
+        grid
+    }
+
+    /// Takes back what was counted in the cells whose centres a change covers.
+    fn forget(&mut self, change: &AcceptedChange) {
+        let (mut low, mut high) = (
+            Vector2::repeat(f64::INFINITY),
+            Vector2::repeat(f64::NEG_INFINITY),
+        );
+        for corner in &change.region {
+            low = low.inf(corner);
+            high = high.sup(corner);
+        }
+        let to_cells = |v: f64, origin: f64| (v - origin) / self.resolution_m;
+        // Conversion saturates: a region outside the grid gives an empty range.
+        let first = |v: f64, origin| to_cells(v - ACCEPTED_MARGIN_M, origin).floor() as usize;
+        let end = |v: f64, origin| to_cells(v + ACCEPTED_MARGIN_M, origin).ceil() as usize;
+        let columns = first(low.x, self.origin.x)..end(high.x, self.origin.x).min(self.width);
+        let rows = first(low.y, self.origin.y)..end(high.y, self.origin.y).min(self.height);
+        for row in rows {
+            for column in columns.clone() {
+                let in_cells = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+                if change.covers(&(self.origin + in_cells * self.resolution_m)) {
+                    let cell = row * self.width + column;
+                    self.hits[cell] = 0;
+                    self.passes[cell] = 0;
+                }
+            }
+        }
     }
 
     fn covering(extent: &Extent, resolution_m: f64) -> Self {
@@ -332,6 +399,64 @@ mod tests {
         assert_eq!(at(3.025, 0.025), ((0, 20), Occupancy::Free));
         assert_eq!(at(5.025, 0.025), ((20, 0), Occupancy::Occupied));
         assert_eq!(at(0.025, 0.325).1, Occupancy::Unknown);
+    }
+
+    /// A wall at 2 m; later something stands at 1 m before it; then it is gone again.
+    #[test]
+    fn an_accepted_change_makes_earlier_looks_count_no_more() {
+        use crate::ids::{AlertId, EdgeId};
+
+        let lidar = lidar(4, Pose2::IDENTITY);
+        let look =
+            |range_m| LaserScan::new(lidar.clone(), [None, None, Some(range_m), None]).unwrap();
+        let (wall, thing) = (look(2.0), look(1.0));
+        let at = |stamp: i64| Look {
+            stamp: StampNs(stamp),
+            map_from_base: Pose2::new(0.025, 0.025, 0.0),
+            scan: if (100..200).contains(&stamp) {
+                &thing
+            } else {
+                &wall
+            },
+        };
+        let accepted = |since: i64, version| AcceptedChange {
+            alert_id: AlertId(uuid::Uuid::nil()),
+            region: [[0.95, -0.1], [1.1, -0.1], [1.1, 0.1], [0.95, 0.1]]
+                .map(Vector2::from)
+                .to_vec(),
+            since: StampNs(since),
+            map_version: version,
+            nodes: Vec::new(),
+            first_edge_id: EdgeId(1),
+        };
+        let seen = |stamps: &[i64], changes: &[AcceptedChange]| {
+            let looks = stamps.iter().map(|&stamp| at(stamp));
+            let grid = OccupancyGrid::from_looks(looks, changes, 0.05);
+            [0.525, 1.025, 1.525].map(|x| {
+                let (column, row) = grid.cell_at(&Vector2::new(x, 0.025)).unwrap();
+                grid.counts(column, row).unwrap()
+            })
+        };
+        let before: Vec<i64> = (0..30).collect();
+        let with_thing: Vec<i64> = before.iter().copied().chain([100, 101]).collect();
+        assert_eq!(seen(&with_thing, &[]), [(0, 32), (2, 30), (0, 30)]);
+        let change = [accepted(100, 2)];
+        assert_eq!(seen(&with_thing, &change), [(0, 32), (2, 0), (0, 30)]);
+        // Whatever the order in which looks and changes come.
+        let mut late = with_thing.clone();
+        late.reverse();
+        assert_eq!(seen(&late, &change), [(0, 32), (2, 0), (0, 30)]);
+        // Gone again, and that accepted too.
+        late.extend([200, 201, 202]);
+        let both = [accepted(200, 3), accepted(100, 2)];
+        assert_eq!(seen(&late, &both), [(0, 35), (0, 3), (0, 33)]);
+        // Nobody has looked since: nothing is known there.
+        assert_eq!(seen(&before, &change)[1], (0, 0));
+        let outside = AcceptedChange {
+            region: vec![Vector2::new(-90.0, 70.0)],
+            ..accepted(100, 2)
+        };
+        assert_eq!(seen(&with_thing, &[outside]), seen(&with_thing, &[]));
     }
 
     #[test]

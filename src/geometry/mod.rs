@@ -2,10 +2,12 @@
 
 mod angle;
 mod information;
+mod polygon;
 mod pose2;
 
 pub use angle::{angle_difference_rad, wrap_angle};
 pub use information::Information;
+pub use polygon::{distance_to_polygon, polygon_gap};
 pub use pose2::{EdgeError, Pose2, Tangent2, Transform2};
 
 pub use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};

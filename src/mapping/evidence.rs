@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::partners::Placed;
 use super::route_map::RouteMap;
-use crate::change::{Evidence, Finding, Look, Settled, Suspicion, detect};
+use crate::change::{AcceptedChange, Evidence, Finding, Look, Suspicion, detect};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, TripId};
@@ -66,7 +66,7 @@ impl RouteMap {
     pub fn findings(
         &self,
         fresh_from: EdgeId,
-        settled: &[Settled],
+        accepted: &[AcceptedChange],
         watched: &[Vec<Vector2<f64>>],
     ) -> Vec<Finding> {
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
@@ -76,7 +76,7 @@ impl RouteMap {
             looks: &looks,
             trips: &trips,
             suspicions: &suspicions,
-            settled,
+            accepted,
             watched,
         })
     }

@@ -13,6 +13,7 @@ mod keyframe;
 mod local_map;
 mod odometry;
 mod partners;
+mod restate;
 mod route_map;
 
 pub use anchor::AnchorError;

@@ -2,12 +2,47 @@
 //! everything that came of it in one transaction.
 //!
 //! A job is never worked on inside a transaction. What a worker computed is refused by the store
-//! if its lease was lost or the route has moved on; then it is dropped and computed anew.
+//! if its lease was lost or the route has moved on; then it is dropped and computed anew. What
+//! people decide about alerts takes the same way, without a job.
 
+mod accept;
+mod alerts;
+mod decide;
+mod engine;
 mod process;
 mod result;
 mod stage;
 mod worker;
 mod workspace;
 
-pub use worker::start_workers;
+pub use decide::{DecisionError, Decisions, Order, is_allowed};
+
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::store::Store;
+use engine::Engine;
+
+/// A pipeline that runs.
+pub struct Pipeline {
+    /// Takes decisions about alerts.
+    pub decisions: Decisions,
+    /// Workers; they end soon after the pipeline is told to stop.
+    pub tasks: Vec<JoinHandle<()>>,
+}
+
+/// Starts the pipeline's workers on the current runtime. They end soon after `stopping` is
+/// cancelled; a batch under way is finished first, unless the drain time ends before it.
+///
+/// # Errors
+/// If the threads cannot be had.
+pub fn start(store: &Store, stopping: &CancellationToken) -> anyhow::Result<Pipeline> {
+    let engine = Engine::new(store)?;
+    Ok(Pipeline {
+        tasks: worker::start(&engine, stopping),
+        decisions: Decisions::new(engine),
+    })
+}
+
+#[cfg(test)]
+mod tests;

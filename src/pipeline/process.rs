@@ -2,10 +2,13 @@
 
 use anyhow::Context;
 
+use super::alerts::fold_into;
 use super::result::{self, Origin};
 use super::stage::stage_of;
 use super::workspace::Workspace;
+use crate::change::Finding;
 use crate::formats::batch_json;
+use crate::ids::EdgeId;
 use crate::mapping::{Drive, DriveScan, Extension, NotExtended};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
@@ -29,6 +32,7 @@ pub(super) fn process(
         return Ok((workspace, result));
     }
     let drive = join(&origins);
+    let first_edge = workspace.map.next_edge_id();
     let (extension, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
             let outcomes = merged(job, &origins, &extension, &workspace);
@@ -49,10 +53,23 @@ pub(super) fn process(
         Err(NotExtended::Graph(error)) => return Err(error.into()),
     };
     let mut result = result::of_extension(&mut workspace, job, &origins, &extension)?;
+    if !extension.nodes.is_empty() {
+        let findings = findings(&workspace, first_edge);
+        result.alerts = fold_into(&mut workspace, job, &findings);
+    }
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;
     result.outcomes = outcomes;
     Ok((workspace, result))
+}
+
+/// What all scans of the route say where the new closures raise a suspicion, and where an alert
+/// waits.
+fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
+    let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
+    let watched: Vec<_> = pending.map(|a| a.evidence.region.clone()).collect();
+    let map = &workspace.map;
+    map.findings(fresh_from, &workspace.accepted, &watched)
 }
 
 fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {

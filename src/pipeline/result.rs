@@ -45,6 +45,10 @@ pub(super) fn of_extension(
     origins: &[Origin],
     extension: &Extension,
 ) -> anyhow::Result<JobResult> {
+    for origin in origins {
+        let (trip, vehicle) = (origin.drive.trip.clone(), origin.vehicle_id.clone());
+        workspace.vehicles.insert(trip, vehicle);
+    }
     let (nodes_now, edges_now) = state_of(&workspace.map);
     let old_nodes = workspace.saved_nodes.len();
     let old_edges = workspace.saved_edges.len();
@@ -74,6 +78,7 @@ pub(super) fn of_extension(
         edges: new_edges.collect(),
         changed_nodes: differing(&workspace.saved_nodes, &nodes_now),
         changed_edges: differing(&workspace.saved_edges, &edges_now),
+        alerts: Vec::new(),
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };
@@ -88,14 +93,27 @@ pub(super) fn of_extension(
     Ok(result)
 }
 
+/// What has changed since the workspace was last saved, no node or edge being new; its record of
+/// what is saved is brought up to date.
+pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<EdgeChange>) {
+    let (nodes_now, edges_now) = state_of(&workspace.map);
+    let changed_nodes = differing(&workspace.saved_nodes, &nodes_now);
+    let changed_edges = differing(&workspace.saved_edges, &edges_now);
+    workspace.saved_nodes = nodes_now;
+    workspace.saved_edges = edges_now;
+    (changed_nodes, changed_edges)
+}
+
 /// The part of every node and edge that a solve changes, in the order of the graph.
 fn state_of(map: &RouteMap) -> (Vec<NodeChange>, Vec<EdgeChange>) {
     let graph = map.graph();
     let blocks = Blocks::of(graph);
-    let nodes = graph.nodes().iter().map(|node| NodeChange {
+    let with_keyframes = graph.nodes().iter().zip(map.keyframes());
+    let nodes = with_keyframes.map(|(node, keyframe)| NodeChange {
         id: node.id,
         pose: node.pose,
         subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        reference: keyframe.reference,
         active: true,
     });
     let edges = graph
@@ -138,7 +156,7 @@ fn node_record(
         pose: state.pose,
         odom_from_base: keyframe.odom_from_base,
         drift_m: keyframe.drift_m,
-        reference: keyframe.reference,
+        reference: state.reference,
         active: state.active,
         subgraph_id: state.subgraph_id,
     };

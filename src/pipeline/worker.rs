@@ -1,21 +1,22 @@
 //! Tasks that claim jobs and see them through.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use jiff::Timestamp;
-use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use super::engine::Engine;
 use super::process::process;
-use super::workspace::Workspaces;
+use crate::ids::RouteId;
 use crate::store::{Applied, ClaimedJob, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);
+/// How often a job is computed before somebody's decisions in between count as a failure.
+const COMPUTATIONS_MAX: usize = 4;
 /// How often work is looked for without a hint.
 const LOOK: Duration = Duration::from_secs(1);
 /// How often held batches are looked through.
@@ -24,29 +25,16 @@ const RELEASE: Duration = Duration::from_secs(5);
 /// Starts as many workers as there are cores, and the task that releases held batches. They end
 /// soon after `stopping` is cancelled; a batch under way is finished
 /// first, unless the drain time ends before it; then it is claimed again at the next start.
-///
-/// # Errors
-/// If the threads cannot be had.
-pub fn start_workers(
-    store: &Store,
-    stopping: &CancellationToken,
-) -> anyhow::Result<Vec<JoinHandle<()>>> {
-    let count = std::thread::available_parallelism().map_or(1, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(count)
-        .thread_name(|k| format!("map-{k}"))
-        .build()
-        .context("cannot start the worker threads")?;
+pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHandle<()>> {
     let worker = Worker {
-        store: store.clone(),
-        workspaces: Arc::new(Workspaces::default()),
-        pool: Arc::new(pool),
+        engine: engine.clone(),
     };
-    let mut tasks: Vec<JoinHandle<()>> = (0..count)
+    let mut tasks: Vec<JoinHandle<()>> = (0..Engine::threads())
         .map(|_| tokio::spawn(worker.clone().run(stopping.clone())))
         .collect();
-    tasks.push(tokio::spawn(release_held(store.clone(), stopping.clone())));
-    Ok(tasks)
+    let store = engine.store.clone();
+    tasks.push(tokio::spawn(release_held(store, stopping.clone())));
+    tasks
 }
 
 async fn release_held(store: Store, stopping: CancellationToken) {
@@ -62,17 +50,15 @@ async fn release_held(store: Store, stopping: CancellationToken) {
 
 #[derive(Clone)]
 struct Worker {
-    store: Store,
-    workspaces: Arc<Workspaces>,
-    pool: Arc<rayon::ThreadPool>,
+    engine: Engine,
 }
 
 impl Worker {
     async fn run(self, stopping: CancellationToken) {
         while !stopping.is_cancelled() {
-            match self.store.claim_job(Timestamp::now(), LEASE).await {
+            match self.engine.store.claim_job(Timestamp::now(), LEASE).await {
                 Ok(Some(job)) => self.see_through(job, &stopping).await,
-                Ok(None) => idle(&self.store, &stopping).await,
+                Ok(None) => idle(&self.engine.store, &stopping).await,
                 Err(error) => {
                     tracing::warn!(%error, "no job could be claimed");
                     pause(&stopping).await;
@@ -107,39 +93,47 @@ impl Worker {
     ) -> Result<(), StoreError> {
         let now = Timestamp::now();
         if passing {
-            return self.store.return_job(job_id, generation, now).await;
+            return self.engine.store.return_job(job_id, generation, now).await;
         }
-        self.store.fail_job(job_id, generation, reason, now).await
+        self.engine
+            .store
+            .fail_job(job_id, generation, reason, now)
+            .await
     }
 
-    /// Load, compute, save.
+    /// Load, compute, save; anew if somebody's decision came in between.
     async fn attempt(&self, job: ClaimedJob) -> anyhow::Result<()> {
-        let route = job.route_id.clone();
-        let workspace = self.workspaces.take(&self.store, &route).await?;
-        let (workspace, result) = self.compute(move || process(workspace, &job)).await??;
-        match self.store.apply_result(result).await? {
-            Applied::Committed => {
-                self.workspaces.put_back(route, workspace.saved());
-                Ok(())
+        let job = Arc::new(job);
+        let route = &job.route_id;
+        let _turn = self.engine.turn(route).await;
+        for _ in 0..COMPUTATIONS_MAX {
+            let workspace = self
+                .engine
+                .workspaces
+                .take(&self.engine.store, route)
+                .await?;
+            let own = Arc::clone(&job);
+            let computed = self.engine.compute(move || process(workspace, &own));
+            let (workspace, result) = computed.await??;
+            let base_revision = result.base_revision;
+            match self.engine.store.apply_result(result).await? {
+                Applied::Committed => {
+                    let saved = workspace.saved();
+                    self.engine.workspaces.put_back(route.clone(), saved);
+                    return Ok(());
+                }
+                Applied::Stale if self.is_at(route, base_revision).await? => {
+                    return Err(anyhow!("the job is somebody else's by now"));
+                }
+                Applied::Stale => {}
             }
-            Applied::Stale => Err(anyhow!("the route has moved on meanwhile")),
         }
+        Err(anyhow!("the route has moved on meanwhile"))
     }
 
-    async fn compute<T: Send + 'static>(
-        &self,
-        work: impl FnOnce() -> T + Send + 'static,
-    ) -> anyhow::Result<T> {
-        let (sender, receiver) = oneshot::channel();
-        self.pool.spawn(move || {
-            let outcome = catch_unwind(AssertUnwindSafe(work));
-            // A receiver that is gone was cut off at shutdown: the job is claimed again.
-            let _ = sender.send(outcome);
-        });
-        match receiver.await.context("the worker thread is gone")? {
-            Ok(value) => Ok(value),
-            Err(panic) => Err(anyhow!("the computation panicked: {}", message_of(&*panic))),
-        }
+    async fn is_at(&self, route: &RouteId, revision: i64) -> Result<bool, StoreError> {
+        let route = self.engine.store.route(route).await?;
+        Ok(route.is_none_or(|route| route.revision == revision))
     }
 }
 
@@ -148,12 +142,6 @@ fn is_passing(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<StoreError>()
         .is_some_and(StoreError::is_passing)
-}
-
-fn message_of(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "without a message".to_owned())
 }
 
 async fn idle(store: &Store, stopping: &CancellationToken) {

@@ -7,11 +7,12 @@ use anyhow::{Context, anyhow};
 
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
-use crate::ids::{EdgeId, RouteId};
+use crate::ids::{EdgeId, RouteId, TripId, VehicleId};
 use crate::mapping::{Keyframe, RouteMap, Weighting};
 use crate::scan::decode_scan;
 use crate::store::{
-    Detector, EdgeChange, EdgeRecord, NodeChange, NodeWithScan, RouteGraph, Stage, Store,
+    AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, NodeChange, NodeWithScan,
+    RouteGraph, Stage, Store,
 };
 
 /// Most maps that are kept in memory between batches.
@@ -31,6 +32,14 @@ pub(super) struct Workspace {
     pub saved_edges: Vec<EdgeChange>,
     /// ΔF of every closure, in the order of insertion.
     pub closures: Vec<ClosureSample>,
+    /// Whose each trip is.
+    pub vehicles: BTreeMap<TripId, VehicleId>,
+    pub map_version: i64,
+    /// Every alert of the route, the oldest first.
+    pub alerts: Vec<AlertRecord>,
+    /// What the map has taken in, in the order of acceptance: in these regions looks from before
+    /// the change say nothing.
+    pub accepted: Vec<AcceptedChange>,
 }
 
 impl Workspace {
@@ -38,6 +47,13 @@ impl Workspace {
     pub fn saved(mut self) -> Self {
         self.revision += 1;
         self
+    }
+
+    /// Puts the next revision of an alert in the place of the one before.
+    pub fn replace_alert(&mut self, alert: &AlertRecord) {
+        if let Some(old) = self.alerts.iter_mut().find(|old| old.id == alert.id) {
+            *old = alert.clone();
+        }
     }
 
     fn restore(graph: RouteGraph) -> anyhow::Result<Self> {
@@ -73,10 +89,14 @@ impl Workspace {
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
             closures: closures.collect(),
+            vehicles: graph.nodes.iter().map(driver_of).collect(),
+            map_version: graph.map_version,
+            alerts: graph.alerts,
+            accepted: graph.accepted,
         })
     }
 
-    /// The closures of one block, in the order of insertion.
+    /// The closures of one block that its residual series counts, in the order of insertion.
     pub fn closures_of(&self, subgraph_id: i64) -> Vec<ClosureSample> {
         let members: BTreeMap<EdgeId, Option<i64>> = self
             .saved_edges
@@ -84,7 +104,19 @@ impl Workspace {
             .map(|edge| (edge.id, edge.subgraph_id))
             .collect();
         let of_block = |c: &&ClosureSample| members.get(&c.edge_id) == Some(&Some(subgraph_id));
-        self.closures.iter().filter(of_block).copied().collect()
+        let of_block = self.closures.iter().filter(of_block);
+        of_block
+            .filter(|c| self.is_in_baseline(c.edge_id))
+            .copied()
+            .collect()
+    }
+
+    fn is_in_baseline(&self, edge: EdgeId) -> bool {
+        let Some(edge) = self.map.graph().edge(edge) else {
+            return false;
+        };
+        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
+        !self.accepted.iter().any(has_left)
     }
 }
 
@@ -97,6 +129,11 @@ fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
     Ok(keyframe)
+}
+
+fn driver_of(record: &NodeWithScan) -> (TripId, VehicleId) {
+    let node = &record.node;
+    (node.trip_id.clone(), node.vehicle_id.clone())
 }
 
 fn edge_of(record: &EdgeRecord) -> Edge {
@@ -116,6 +153,7 @@ fn node_change_of(record: &NodeWithScan) -> NodeChange {
         id: record.node.id,
         pose: record.node.pose,
         subgraph_id: record.node.subgraph_id,
+        reference: record.node.reference,
         active: record.node.active,
     }
 }
@@ -150,6 +188,18 @@ impl Workspaces {
         let graph = store.load_graph(route).await?;
         let graph = graph.ok_or_else(|| anyhow!("the route is gone"))?;
         tokio::task::spawn_blocking(move || Workspace::restore(graph)).await?
+    }
+
+    /// Brings a map in memory up to date after a decision that leaves the graph alone.
+    pub fn note_decision(&self, base_revision: i64, alert: &AlertRecord) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_route = kept.iter_mut().find(|(id, _)| *id == alert.route_id);
+        if let Some((_, workspace)) = of_route
+            && workspace.revision == base_revision
+        {
+            workspace.revision += 1;
+            workspace.replace_alert(alert);
+        }
     }
 
     /// Keeps a map whose changes are committed; the one longest unused makes room.

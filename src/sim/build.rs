@@ -8,10 +8,9 @@ const SPEED_MPS: f64 = 1.2;
 const DROPOUT_RATE: f64 = 0.01;
 
 impl Vehicle {
-    /// The vehicle of a number, whose laps stray by `path_noise_m`. Three builds take turns: a
-    /// lidar that looks all round over 20 m, the same sitting elsewhere, and one that looks 270°
-    /// over 30 m. After them comes a fourth, 240° and no more than 10 m with a noise of 2 cm. Their
-    /// wheels err differently.
+    /// The vehicle of a number, whose laps stray by `path_noise_m`. Four builds take turns: two
+    /// look all round over 20 m from different mounts, the third looks 270° over 30 m, the fourth
+    /// 240° over 10 m with a noise of 2 cm instead of 1 cm. Their wheels err differently.
     pub fn of_fleet(number: usize, path_noise_m: f64) -> Self {
         let right_angles = |count: f64| count * std::f64::consts::FRAC_PI_2;
         let (lidar, scale, yaw_drift_rad_per_m) = match number % 4 {

@@ -18,6 +18,8 @@ const CORRIDOR_M: f64 = 4.4;
 const WALL_M: f64 = 0.12;
 const DOOR_M: f64 = 1.0;
 const DOOR_THICKNESS_M: f64 = 0.05;
+/// A closed door overlaps its frame by this on either side: nothing is seen past it.
+const DOOR_STOP_M: f64 = 0.01;
 /// Rooms are so long, or a little more.
 const ROOM_LENGTH_M: f64 = 4.5;
 const OPEN_RATE: f64 = 0.5;
@@ -157,7 +159,7 @@ impl Door {
         let map_from_leaf = self.hinge.compose(&Pose2::new(0.0, 0.0, turn_rad));
         Shape::rectangle(
             &map_from_leaf.compose(&middle),
-            DOOR_M - 0.02,
+            DOOR_M + 2.0 * DOOR_STOP_M,
             DOOR_THICKNESS_M,
         )
     }

@@ -114,7 +114,7 @@ mod tests {
                 let events = scene.visible_changes(&scans);
                 let told: Vec<_> = events.iter().map(|e| (e.kind, e.object, e.lap)).collect();
                 assert_eq!(told, by_brute_force(&scene, &scans), "{name} {laps:?}");
-                let shape = |e: &ChangeEvent| &scene.objects[e.object].shape == &e.shape;
+                let shape = |e: &ChangeEvent| scene.objects[e.object].shape == e.shape;
                 assert!(events.iter().all(shape));
                 if laps == (0..3) {
                     events_seen += events.len();

@@ -1,14 +1,17 @@
 //! How values stand in columns: the texts of enumerations, times, names, flags.
 
 use jiff::Timestamp;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::error::{Corruption, StoreError};
 use super::records::{BatchStatus, Detector, Stage};
-use crate::geometry::{Information, Pose2};
+use crate::change::{AlertAction, AlertStatus, ChangeKind};
+use crate::geometry::{Information, Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
-use crate::ids::{BatchId, InvalidName, RouteId, TripId, VehicleId};
+use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId};
 
 /// An enumeration that is stored as text.
 pub(super) trait Text: Sized {
@@ -57,6 +60,28 @@ text_column!(EdgeStatus {
     Quarantined = "quarantined",
 });
 
+text_column!(ChangeKind {
+    Appeared = "appeared",
+    Disappeared = "disappeared",
+    Residual = "residual",
+    MapMismatch = "map_mismatch",
+    VehicleSuspect = "vehicle_suspect",
+});
+text_column!(AlertStatus {
+    Open = "open",
+    Acknowledged = "acknowledged",
+    Accepted = "accepted",
+    Dismissed = "dismissed",
+    Resolved = "resolved",
+});
+text_column!(AlertAction {
+    Acknowledge = "acknowledge",
+    Accept = "accept",
+    Dismiss = "dismiss",
+    Reopen = "reopen",
+    Undo = "undo",
+});
+
 /// A client-chosen name that is stored as text.
 pub(super) trait Name: Sized {
     /// Checks the name.
@@ -75,7 +100,8 @@ macro_rules! name_column {
 
 name_column!(RouteId, VehicleId, TripId, BatchId);
 
-fn corrupt(column: &'static str) -> StoreError {
+/// A value that no version of this program writes.
+pub(super) fn corrupt(column: &'static str) -> StoreError {
     StoreError::Corrupt(Corruption::Value { column })
 }
 
@@ -119,6 +145,52 @@ pub(super) fn flags_text(flags: &[String]) -> String {
 /// The flags of a column's text.
 pub(super) fn parse_flags(text: &str) -> Result<Vec<String>, StoreError> {
     serde_json::from_str(text).map_err(|_| corrupt("flags"))
+}
+
+/// An alert id's column.
+pub(super) fn alert_id(row: &SqliteRow, column: &'static str) -> Result<AlertId, StoreError> {
+    let text: &str = row.try_get(column)?;
+    text.parse().map_err(|_| corrupt(column))
+}
+
+/// Numbers, names or ids as JSON. No fractions: they would not come back to the bit.
+pub(super) fn json_text<T: Serialize>(values: &[T]) -> Result<String, StoreError> {
+    serde_json::to_string(values)
+        .map_err(|error| StoreError::InvalidResult(format!("it has no JSON: {error}")))
+}
+
+/// A column of JSON.
+pub(super) fn json<T: DeserializeOwned>(
+    row: &SqliteRow,
+    column: &'static str,
+) -> Result<T, StoreError> {
+    serde_json::from_str(row.try_get(column)?).map_err(|_| corrupt(column))
+}
+
+/// The corners of a polygon as bytes.
+pub(super) fn polygon_bytes(polygon: &[Vector2<f64>]) -> Vec<u8> {
+    let numbers = polygon.iter().flat_map(|corner| [corner.x, corner.y]);
+    numbers.flat_map(f64::to_le_bytes).collect()
+}
+
+/// The corners of a polygon's column.
+pub(super) fn polygon(
+    row: &SqliteRow,
+    column: &'static str,
+) -> Result<Vec<Vector2<f64>>, StoreError> {
+    let bytes: &[u8] = row.try_get(column)?;
+    let (numbers, rest) = bytes.as_chunks::<8>();
+    let numbers: Vec<f64> = numbers.iter().map(|n| f64::from_le_bytes(*n)).collect();
+    let (corners, half) = numbers.as_chunks::<2>();
+    let whole = rest.is_empty() && half.is_empty();
+    let finite = numbers.iter().all(|number| number.is_finite());
+    if !(whole && finite) {
+        return Err(corrupt(column));
+    }
+    Ok(corners
+        .iter()
+        .map(|corner| Vector2::from(*corner))
+        .collect())
 }
 
 /// Three columns that make a pose.

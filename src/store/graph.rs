@@ -3,6 +3,8 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 
+use super::acceptances;
+use super::alerts;
 use super::body::checksum;
 use super::columns::{information, name, pose, text};
 use super::error::{Corruption, StoreError};
@@ -86,8 +88,8 @@ async fn load_snapshot(
 ) -> Result<Option<RouteGraph>, StoreError> {
     let mut snapshot = reader.begin().await?;
     let row = sqlx::query(
-        "SELECT revision, stage, detector, false_alarm_rate, hold_s, next_node_id, next_edge_id \
-         FROM routes WHERE id = ?",
+        "SELECT revision, stage, detector, false_alarm_rate, hold_s, next_node_id, next_edge_id, \
+         map_version FROM routes WHERE id = ?",
     )
     .bind(route.as_str())
     .fetch_optional(&mut *snapshot)
@@ -101,6 +103,8 @@ async fn load_snapshot(
         .bind(route.as_str())
         .fetch_all(&mut *snapshot)
         .await?;
+    let alerts = alerts::route_alerts(&mut snapshot, route).await?;
+    let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     snapshot.commit().await?;
     let with_scan = |row: &SqliteRow| node_with_scan_of(row, route);
     Ok(Some(RouteGraph {
@@ -111,6 +115,9 @@ async fn load_snapshot(
         next_edge_id: EdgeId(row.try_get("next_edge_id")?),
         nodes: nodes.iter().map(with_scan).collect::<Result<_, _>>()?,
         edges: edges.iter().map(edge_of).collect::<Result<_, _>>()?,
+        map_version: row.try_get("map_version")?,
+        alerts,
+        accepted,
     }))
 }
 

@@ -5,10 +5,15 @@
 //! and answers after the commit has reached the disk; a caller that goes away meanwhile changes
 //! nothing. Reads run on a few connections of their own, short and side by side.
 
+mod acceptances;
+mod alert_records;
+mod alert_rows;
+mod alerts;
 mod body;
 mod claims;
 mod columns;
 mod connection;
+mod decisions;
 mod error;
 mod failures;
 mod gaps;
@@ -18,6 +23,7 @@ mod inbox;
 mod jobs;
 mod journal;
 mod lock;
+mod map_versions;
 mod records;
 mod request;
 mod results;
@@ -25,9 +31,11 @@ mod routes;
 mod trips;
 mod writer;
 
+pub use alert_records::*;
 pub use error::{Corruption, StoreError};
 pub use records::*;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +46,7 @@ use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
+use crate::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, TripId};
 use connection::Database;
 use inbox::Outbox;
 use lock::DirectoryLock;
@@ -455,6 +463,128 @@ impl Store {
         id: EdgeId,
     ) -> Result<Option<EdgeRecord>, StoreError> {
         named(graph::edge(&self.shared.readers, route, id).await)
+    }
+
+    /// One alert.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert(&self, id: AlertId) -> Result<Option<AlertRecord>, StoreError> {
+        named(alerts::alert(&self.shared.readers, id).await)
+    }
+
+    /// The newest first, raised before `before`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert_page(
+        &self,
+        filter: &AlertFilter,
+        before: Option<AlertId>,
+        limit: u32,
+    ) -> Result<Vec<AlertRecord>, StoreError> {
+        named(alerts::alert_page(&self.shared.readers, filter, before, limit).await)
+    }
+
+    /// The alerts with a node or an edge that came with a batch, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn batch_alerts(
+        &self,
+        route: &RouteId,
+        batch: &BatchId,
+    ) -> Result<Vec<AlertId>, StoreError> {
+        named(alerts::batch_alerts(&self.shared.readers, route, batch).await)
+    }
+
+    /// The alerts of each of a route's batches, by id; batches without any are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alerts_by_batch(
+        &self,
+        route: &RouteId,
+    ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+        named(alerts::alerts_by_batch(&self.shared.readers, route).await)
+    }
+
+    /// What happened to alerts after the event `after` (0 for the first), in order, at most
+    /// `limit`; of one route, or of all.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert_events(
+        &self,
+        route: Option<&RouteId>,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<AlertEvent>, StoreError> {
+        named(alerts::alert_events(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// The sequence of the last event; 0 before the first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn last_alert_event(&self) -> Result<i64, StoreError> {
+        named(alerts::last_alert_event(&self.shared.readers).await)
+    }
+
+    /// The changes that a route's map has taken in, in the order of acceptance.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn accepted_changes(
+        &self,
+        route: &RouteId,
+    ) -> Result<Vec<AcceptedChange>, StoreError> {
+        let mut reader = self.shared.readers.acquire().await?;
+        named(acceptances::accepted_changes(&mut reader, route).await)
+    }
+
+    /// An accepted change with what takes it back; `None` if the alert's is not in the map.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] if what takes it back has lost its checksum.
+    pub async fn acceptance(&self, alert: AlertId) -> Result<Option<Acceptance>, StoreError> {
+        named(acceptances::acceptance(&self.shared.readers, alert).await)
+    }
+
+    /// Writes a decision, all or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError::InvalidResult`] if the decision contradicts itself or the store.
+    pub async fn apply_decision(&self, decision: Decision) -> Result<Decided, StoreError> {
+        let sealed = tokio::task::spawn_blocking(|| decisions::ApplyDecision::seal(decision));
+        let request = sealed.await.map_err(|_| StoreError::Unavailable)??;
+        self.work(request).await
+    }
+
+    /// The versions of a route's map after `after`, the oldest first, at most `limit`; the
+    /// present one is the last.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn map_versions(
+        &self,
+        route: &RouteId,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<MapVersionRecord>, StoreError> {
+        named(map_versions::map_versions(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// The picture of a version that another one has followed.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] if it has lost its checksum.
+    pub async fn map_version_picture(
+        &self,
+        route: &RouteId,
+        version: i64,
+    ) -> Result<Option<MapPicture>, StoreError> {
+        named(map_versions::picture(&self.shared.readers, route, version).await)
     }
 
     async fn work<R: request::Request>(&self, request: R) -> Result<R::Outcome, StoreError> {

@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::alert_records::{AcceptedChange, AlertRecord};
 pub use crate::change::Detector;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{EdgeKind, EdgeStatus};
@@ -352,13 +353,15 @@ pub struct JobResult {
     pub changed_nodes: Vec<NodeChange>,
     /// Edges whose residual, status or block changed.
     pub changed_edges: Vec<EdgeChange>,
+    /// Alerts as they are to be, new ones and the next revisions of others.
+    pub alerts: Vec<AlertRecord>,
     /// How far the reference has come.
     pub stage: Stage,
     /// When it was computed.
     pub processed_at: Timestamp,
 }
 
-/// The part of a node that a solve changes.
+/// The part of a node that a solve or a decision changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeChange {
     /// The node.
@@ -367,6 +370,8 @@ pub struct NodeChange {
     pub pose: Pose2,
     /// The block of the graph it lies in.
     pub subgraph_id: Option<i64>,
+    /// Whether later laps are tied to it.
+    pub reference: bool,
     /// Whether it takes part in the optimisation.
     pub active: bool,
 }
@@ -410,4 +415,10 @@ pub struct RouteGraph {
     pub nodes: Vec<NodeWithScan>,
     /// Every edge by id.
     pub edges: Vec<EdgeRecord>,
+    /// The version of the map.
+    pub map_version: i64,
+    /// Every alert, the oldest first.
+    pub alerts: Vec<AlertRecord>,
+    /// Every change that the map has taken in, in the order of acceptance.
+    pub accepted: Vec<AcceptedChange>,
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use sqlx::{Row, SqliteConnection};
 
+use super::alert_rows::write_alerts;
 use super::columns::{Text, flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
@@ -46,6 +47,7 @@ impl Request for ApplyResult {
         insert_edges(transaction, place.route_key, &members, &result.edges).await?;
         update_nodes(transaction, place.route_key, &result.changed_nodes).await?;
         update_edges(transaction, place.route_key, &result.changed_edges).await?;
+        write_alerts(transaction, place.route_key, &result.alerts).await?;
         let nodes = raise_route(transaction, &place, result).await?;
         for outcome in &result.outcomes {
             end_batch(transaction, &members, outcome, nodes, result).await?;
@@ -168,19 +170,10 @@ async fn raise_route(
     let closures = closures.filter(|edge| edge.kind == EdgeKind::LoopClosure);
     let last_node = result.nodes.iter().map(|with_scan| with_scan.node.id.0);
     let last_edge = result.edges.iter().map(|edge| edge.id.0);
-    // The recursion steps from one block to the next along the index, so that the count costs
-    // as much as there are blocks, not edges.
     let nodes = sqlx::query_scalar(
         "UPDATE routes SET revision = revision + 1, stage = ?2, updated_at_us = ?3, \
          nodes = nodes + ?4, edges = edges + ?5, loop_closures = loop_closures + ?6, \
-         next_node_id = max(next_node_id, ?7), next_edge_id = max(next_edge_id, ?8), \
-         subgraphs = (WITH RECURSIVE block(id) AS ( \
-             SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 AND status = 'active' \
-             UNION ALL \
-             SELECT (SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 \
-                 AND status = 'active' AND subgraph_id > block.id) \
-             FROM block WHERE block.id IS NOT NULL) \
-             SELECT count(id) FROM block) \
+         next_node_id = max(next_node_id, ?7), next_edge_id = max(next_edge_id, ?8) \
          WHERE route_key = ?1 RETURNING nodes",
     )
     .bind(place.route_key)
@@ -191,9 +184,33 @@ async fn raise_route(
     .bind(length(closures.count()))
     .bind(last_node.max().map_or(0, |id| id.saturating_add(1)))
     .bind(last_edge.max().map_or(0, |id| id.saturating_add(1)))
-    .fetch_one(transaction)
+    .fetch_one(&mut *transaction)
     .await?;
+    count_blocks(transaction, place.route_key).await?;
     Ok(nodes)
+}
+
+/// Counts a route's sub-graphs anew, after its edges are written.
+pub(super) async fn count_blocks(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+) -> Result<(), StoreError> {
+    // The recursion steps from one block to the next along the index, so that the count costs
+    // as much as there are blocks, not edges.
+    sqlx::query(
+        "UPDATE routes SET subgraphs = (WITH RECURSIVE block(id) AS ( \
+             SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 AND status = 'active' \
+             UNION ALL \
+             SELECT (SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 \
+                 AND status = 'active' AND subgraph_id > block.id) \
+             FROM block WHERE block.id IS NOT NULL) \
+             SELECT count(id) FROM block) \
+         WHERE route_key = ?1",
+    )
+    .bind(route_key)
+    .execute(transaction)
+    .await?;
+    Ok(())
 }
 
 fn length(length: usize) -> i64 {

@@ -16,7 +16,7 @@ macro_rules! select_routes {
         concat!(
             "SELECT id, display_name, geo_latitude, geo_longitude, geo_heading, detector, \
              false_alarm_rate, hold_s, stage, map_version, epoch, revision, batches, scans, \
-             vehicles, nodes, edges, loop_closures, subgraphs, created_at_us, updated_at_us, \
+             vehicles, nodes, edges, loop_closures, subgraphs, open_alerts, created_at_us, updated_at_us, \
              (SELECT count(*) FROM jobs WHERE jobs.route_key = routes.route_key) AS pending \
              FROM routes ",
             $rest
@@ -174,7 +174,7 @@ fn route_of(row: &SqliteRow) -> Result<RouteRecord, StoreError> {
             loop_closures: row.try_get("loop_closures")?,
             subgraphs: row.try_get("subgraphs")?,
             vehicles: row.try_get("vehicles")?,
-            open_alerts: 0,
+            open_alerts: row.try_get("open_alerts")?,
         },
         pending_batches: row.try_get("pending")?,
         created_at: time(row, "created_at_us")?,

@@ -8,7 +8,7 @@ use crate::service::Service;
 
 const BATCH: &str = "/v1/routes/line-4/batches/b-1";
 
-struct Case {
+pub struct Case {
     name: &'static str,
     request: Request,
     status: u16,
@@ -17,7 +17,7 @@ struct Case {
     pointer: &'static str,
 }
 
-fn case(
+pub fn case(
     name: &'static str,
     request: Request,
     status: u16,
@@ -80,6 +80,20 @@ fn paths_and_parameters() -> Vec<Case> {
         case(
             "unknown node",
             get("/v1/routes/line-4/nodes/7"),
+            404,
+            "not-found",
+            "",
+        ),
+        case(
+            "unknown version",
+            get("/v1/routes/line-4/versions/7/map.png"),
+            404,
+            "not-found",
+            "",
+        ),
+        case(
+            "picture of the present version as if it were fixed",
+            get("/v1/routes/line-4/versions/1/map.pgm"),
             404,
             "not-found",
             "",
@@ -179,6 +193,13 @@ fn paths_and_parameters() -> Vec<Case> {
         case(
             "name of 65 characters",
             get(&format!("/v1/routes/{}", "x".repeat(65))),
+            400,
+            "invalid-field",
+            "",
+        ),
+        case(
+            "version that is no number",
+            get("/v1/routes/line-4/versions/latest/map.yaml"),
             400,
             "invalid-field",
             "",
@@ -708,9 +729,16 @@ async fn bad_input_gets_the_answers_of_the_contract() {
         documents(),
         scans(),
     ];
+    check(&service, groups.into_iter().flatten()).await;
+    assert_eq!(service.get("/readyz").await.status, 200);
+    service.stop().await;
+}
+
+/// Sends every request, prints the answers as a table, and fails with all that are wrong.
+pub async fn check(service: &Service, cases: impl IntoIterator<Item = Case>) {
     let mut failures = Vec::new();
     println!("| input | answer | type | place |\n|---|---|---|---|");
-    for case in groups.into_iter().flatten() {
+    for case in cases {
         let answer = service.send(case.request).await;
         let problem = answer.problem();
         let body = answer.json();
@@ -734,8 +762,6 @@ async fn bad_input_gets_the_answers_of_the_contract() {
         });
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    assert_eq!(service.get("/readyz").await.status, 200);
-    service.stop().await;
 }
 
 fn check_headers<'a>(

@@ -100,6 +100,21 @@ impl Connection {
         assert_eq!(&asked, b"HTTP/1.1 100 Continue\r\n\r\n");
     }
 
+    /// Reads until a text has come, and returns what came.
+    pub async fn wait_for(&mut self, text: &str) -> String {
+        let (mut bytes, mut part) = (Vec::new(), [0; 4096]);
+        loop {
+            let read = tokio::time::timeout(PATIENCE, self.0.read(&mut part)).await;
+            let count = read.expect("the service goes on").unwrap();
+            bytes.extend_from_slice(&part[..count]);
+            let so_far = String::from_utf8_lossy(&bytes).into_owned();
+            if so_far.contains(text) {
+                return so_far;
+            }
+            assert!(count > 0, "{text} does not come in {so_far}");
+        }
+    }
+
     /// Everything that comes until the service closes the connection.
     pub async fn rest(&mut self) -> Vec<u8> {
         let mut bytes = Vec::new();

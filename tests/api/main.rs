@@ -8,8 +8,12 @@
     clippy::print_stdout
 )]
 
+mod alert_stream;
+mod alerts;
+mod bad_alert_requests;
 mod bad_requests;
 mod body;
+mod changed_hall;
 mod client;
 mod lifecycle;
 mod limits;

@@ -43,7 +43,7 @@ impl Service {
         Self::start_in(directory, Limits::default()).await
     }
 
-    async fn start_in(directory: TempDir, limits: Limits) -> Self {
+    pub async fn start_in(directory: TempDir, limits: Limits) -> Self {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
@@ -129,6 +129,7 @@ async fn seed(directory: &TempDir) {
         ],
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
+        alerts: Vec::new(),
         stage: Stage::Mapping,
         processed_at: now,
         route_id,

@@ -81,11 +81,13 @@ async fn changes_touch_what_they_name() {
     for node in nodes.iter_mut().filter(|node| node.id.0 != 100) {
         node.pose = Pose2::new(node.pose.y, 1.0 / 7.0, 0.2);
         node.active = node.id.0 % 5 != 0;
+        node.reference = node.id.0 % 3 == 0;
         node.subgraph_id = Some(node.id.0 % 4);
         second.changed_nodes.push(NodeChange {
             id: node.id,
             pose: node.pose,
             subgraph_id: node.subgraph_id,
+            reference: node.reference,
             active: node.active,
         });
     }

@@ -78,6 +78,7 @@ impl Fixture {
             edges: vec![],
             changed_nodes: vec![],
             changed_edges: vec![],
+            alerts: vec![],
             stage: Stage::Mapping,
             processed_at: at(50),
         }

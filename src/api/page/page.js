@@ -1,10 +1,10 @@
-"use strict";
+import { showAlerts, showRegions } from "/alerts.js";
 
 const REFRESH_MS = 2000;
 const SVG = "http://www.w3.org/2000/svg";
 const byId = (id) => document.getElementById(id);
 let chosen = decodeURIComponent(location.hash.slice(1)) || null;
-let shownMap = { tag: null, url: null, route: null };
+let shownMap = { tag: null, url: null, route: null, place: null };
 
 async function read(path) {
   const response = await fetch(path, { headers: { Accept: "application/json" } });
@@ -46,7 +46,7 @@ function showRoutes(routes) {
     cell(row, button);
     const counts = route.counts;
     for (const value of [route.stage, "version " + route.map_version, counts.batches, route.pending_batches,
-      counts.scans, counts.nodes, counts.loop_closures, counts.vehicles]) cell(row, value);
+      counts.scans, counts.nodes, counts.loop_closures, counts.vehicles, counts.open_alerts]) cell(row, value);
     return row;
   });
   byId("routes").replaceChildren(...rows);
@@ -74,15 +74,27 @@ async function showMap(route) {
   if (response.status === 304 || route !== chosen) return;
   const image = byId("map");
   if (shownMap.url) URL.revokeObjectURL(shownMap.url);
-  shownMap = { tag: null, url: null, route };
+  shownMap = { tag: null, url: null, route, place: null };
   image.hidden = !response.ok;
   byId("map-note").textContent = response.ok
     ? "Free white, occupied black, unknown grey; 5 cm a pixel." : "No map yet: nothing has been merged.";
   if (response.ok) {
     const tag = response.headers.get("ETag");
-    shownMap = { tag, url: URL.createObjectURL(await response.blob()), route };
+    shownMap = { tag, url: URL.createObjectURL(await response.blob()), route, place: await mapPlace(route) };
     image.src = shownMap.url;
+    await image.decode();
   }
+}
+
+// Where the picture lies in the map frame: metres a pixel, and its lower left corner.
+async function mapPlace(route) {
+  const response = await fetch(routePath(route) + "/map.yaml");
+  if (!response.ok) return null;
+  const text = await response.text();
+  const resolution = /^resolution:\s*(\S+)/m.exec(text);
+  const origin = /^origin:\s*\[\s*([^,\s]+)\s*,\s*([^,\s]+)/m.exec(text);
+  if (!resolution || !origin) return null;
+  return { resolution: Number(resolution[1]), x: Number(origin[1]), y: Number(origin[2]) };
 }
 
 function draw(parent, name, attributes, text) {
@@ -139,14 +151,18 @@ async function refresh() {
       byId("route-title").textContent = "Route " + chosen;
       const route = chosen;
       const measurement = byId("measurement").value;
-      const [batches, series] = await Promise.all([
+      const status = byId("alert-status").value;
+      const [batches, series, alerts] = await Promise.all([
         read(routePath(route) + "/batches?limit=1000"),
         read(routePath(route) + "/residuals?measurement=" + measurement),
+        read("/v1/alerts?limit=100&route_id=" + encodeURIComponent(route) + (status ? "&status=" + status : "")),
         showMap(route),
       ]);
       if (route !== chosen || turn !== latest) return;
       showBatches(batches);
       showCurve(series);
+      showAlerts(alerts, refresh);
+      showRegions(alerts.items, byId("map"), shownMap.place);
     }
     byId("state").textContent = "Read at " + new Date().toLocaleTimeString();
   } catch (error) {
@@ -160,6 +176,7 @@ async function keepFresh() {
 }
 
 byId("measurement").addEventListener("change", refresh);
+byId("alert-status").addEventListener("change", refresh);
 window.addEventListener("hashchange", () => {
   const route = decodeURIComponent(location.hash.slice(1));
   if (route && route !== chosen) choose(route);

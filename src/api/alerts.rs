@@ -1,0 +1,108 @@
+//! Alerts: places where the world contradicts a route's map.
+
+mod body;
+mod decisions;
+mod evidence;
+mod evidence_body;
+mod evidence_picture;
+mod geojson;
+mod names;
+mod query;
+mod stream;
+mod tangent_plane;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::problem::{Problem, ProblemKind};
+use crate::ids::AlertId;
+use crate::store::AlertRecord;
+
+use body::{AlertBody, etag};
+pub(super) use decisions::*;
+pub(super) use evidence_body::*;
+pub(super) use evidence_picture::*;
+pub(super) use geojson::*;
+use query::AlertQuery;
+pub(super) use stream::*;
+
+/// A part of the list of alerts.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct AlertPage {
+    /// The newest first.
+    items: Vec<AlertBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+/// List alerts.
+///
+/// Of all routes or of one, the newest first, in parts.
+#[utoipa::path(
+    get, path = "/v1/alerts", tag = "alerts", params(AlertQuery),
+    responses((status = 200, description = "A part of the list", body = AlertPage))
+)]
+pub(super) async fn list_alerts(
+    State(state): State<ApiState>,
+    ApiQuery(query): ApiQuery<AlertQuery>,
+) -> Result<Json<AlertPage>, Problem> {
+    let (alerts, next_cursor) = page(&state, &query).await?;
+    Ok(Json(AlertPage {
+        items: alerts.into_iter().map(AlertBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+/// Read an alert.
+///
+/// What changed, where, how sure it is, and what became of it. The ETag guards decisions.
+#[utoipa::path(
+    get, path = "/v1/alerts/{alert}", tag = "alerts",
+    params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),
+    responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's revision in quotes; decisions need it"))))
+)]
+pub(super) async fn get_alert(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<AlertId>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
+    Ok(with_etag(known_alert(&state, id).await?))
+}
+
+/// A page of the list and where the next one begins.
+async fn page(
+    state: &ApiState,
+    query: &AlertQuery,
+) -> Result<(Vec<AlertRecord>, Option<String>), Problem> {
+    let limit = checked_limit(query.limit)?;
+    let before: Option<AlertId> = key_of_cursor(query.cursor.as_deref())?;
+    let filter = query.filter()?;
+    if let Some(route) = &filter.route_id {
+        state.known_route(route).await?;
+    }
+    let mut alerts = state.store.alert_page(&filter, before, limit + 1).await?;
+    let next_cursor = cut_page(&mut alerts, limit, |alert| alert.id.to_string());
+    Ok((alerts, next_cursor))
+}
+
+async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
+    state.store.alert(id).await?.ok_or_else(unknown_alert)
+}
+
+fn unknown_alert() -> Problem {
+    let detail = "there is no such alert: GET /v1/alerts lists them";
+    Problem::new(ProblemKind::NotFound, detail)
+}
+
+fn with_etag(alert: AlertRecord) -> Response {
+    let headers = [(header::ETAG, etag(&alert))];
+    (headers, Json(AlertBody::from(alert))).into_response()
+}

@@ -1,0 +1,222 @@
+//! An alert as clients see it.
+
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::names::{AlertActionName, AlertKindName, AlertStatusName};
+use crate::api::types::timestamp;
+use crate::change::AlertAction;
+use crate::geometry::Vector2;
+use crate::pipeline::is_allowed;
+use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
+
+/// A place where the world contradicts a route's map.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Alert, example = json!({
+    "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
+    "kind": "appeared", "status": "open", "actions": ["acknowledge", "accept", "dismiss"],
+    "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
+    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]],
+    "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
+    "views": 9, "laps": 2,
+    "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
+    "first_seen": "2026-11-20T06:00:00Z", "since": "2026-11-20T06:00:00Z", "last_seen": "2026-11-20T07:30:00Z", "until": null,
+    "raised_at": "2026-11-20T06:00:09Z", "updated_at": "2026-11-20T07:30:08Z", "map_version": 1, "related": [],
+    "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null}]
+}))]
+pub(super) struct AlertBody {
+    /// UUID of version 7: sorts by when the alert was raised.
+    #[schema(format = "uuid")]
+    pub id: String,
+    /// The route.
+    pub route_id: String,
+    /// Raised by every change of the alert; in quotes it is the ETag.
+    revision: i64,
+    /// What changed.
+    kind: AlertKindName,
+    /// What became of it.
+    status: AlertStatusName,
+    /// What can be done with it now.
+    actions: Vec<AlertActionName>,
+    /// Probability that it is true.
+    #[schema(minimum = 0, maximum = 1)]
+    confidence: f64,
+    /// Where it is.
+    location: LocationBody,
+    /// A simple polygon round what changed, map frame, metres, counter-clockwise, not closed.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    region: Vec<[f64; 2]>,
+    /// The loop closures whose scans disagree there.
+    edge_ids: Vec<i64>,
+    /// The nodes whose scans show the old or the new state.
+    node_ids: Vec<i64>,
+    /// The vehicles that saw the new state.
+    vehicle_ids: Vec<String>,
+    /// The drives that saw the new state.
+    trip_ids: Vec<String>,
+    /// Scans that show the new state.
+    views: u64,
+    /// Passes by the place that saw the new state.
+    laps: u64,
+    /// What the residual of its strongest closure says; null without a closure.
+    #[schema(required)]
+    residual: Option<AlertResidualBody>,
+    /// The first look that ever showed it.
+    #[schema(value_type = String, format = DateTime)]
+    first_seen: Timestamp,
+    /// The first look of its present episode: later than `first_seen` if it came back.
+    #[schema(value_type = String, format = DateTime)]
+    since: Timestamp,
+    /// The last look that shows it.
+    #[schema(value_type = String, format = DateTime)]
+    last_seen: Timestamp,
+    /// The first look that shows the old state again; null while the new state stands.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    until: Option<Timestamp>,
+    /// When the service raised it.
+    #[schema(value_type = String, format = DateTime)]
+    raised_at: Timestamp,
+    /// When it last changed.
+    #[schema(value_type = String, format = DateTime)]
+    updated_at: Timestamp,
+    /// The version of the map that it contradicts.
+    map_version: i64,
+    /// Alerts that tell of the same place.
+    related: Vec<String>,
+    /// Every status that it had, the first one first.
+    history: Vec<HistoryBody>,
+}
+
+/// A place in the map frame.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertLocation)]
+pub(super) struct LocationBody {
+    /// Metres.
+    x: f64,
+    /// Metres.
+    y: f64,
+    /// Standard deviation of x and of y, metres.
+    sigma: f64,
+}
+
+/// A closure's place in the residual series of its sub-graph.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertResidual)]
+struct AlertResidualBody {
+    /// The closure.
+    edge_id: i64,
+    /// What it added to the optimum F.
+    delta_f: f64,
+    /// The paper's threshold; null while the series warms up.
+    #[schema(required)]
+    threshold: Option<f64>,
+    /// `delta_f` over the threshold; null while the series warms up.
+    #[schema(required)]
+    ratio: Option<f64>,
+    /// Probability of a `delta_f` this large without a change.
+    p_value: f64,
+    /// Whether the paper's rule calls it a contradiction.
+    seed_rule: bool,
+}
+
+/// A status that an alert took.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertHistoryEntry)]
+struct HistoryBody {
+    /// From then on.
+    status: AlertStatusName,
+    /// When.
+    #[schema(value_type = String, format = DateTime)]
+    at: Timestamp,
+    /// Who: a name, or `system`.
+    by: String,
+    /// Why, for people.
+    #[schema(required)]
+    note: Option<String>,
+}
+
+/// The ETag of an alert.
+pub(super) fn etag(alert: &AlertRecord) -> String {
+    format!("\"{}\"", alert.revision)
+}
+
+/// What can be done with an alert now.
+pub(super) fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
+    let all = AlertAction::ALL.into_iter();
+    all.filter(|action| is_allowed(alert, *action)).collect()
+}
+
+/// Corners as arrays.
+pub(super) fn corners(polygon: &[Vector2<f64>]) -> Vec<[f64; 2]> {
+    polygon.iter().map(|corner| [corner.x, corner.y]).collect()
+}
+
+impl LocationBody {
+    pub(super) fn of(alert: &AlertRecord) -> Self {
+        Self {
+            x: alert.evidence.location.x,
+            y: alert.evidence.location.y,
+            sigma: alert.evidence.sigma_m,
+        }
+    }
+}
+
+impl From<AlertRecord> for AlertBody {
+    fn from(alert: AlertRecord) -> Self {
+        let actions = allowed_actions(&alert);
+        let location = LocationBody::of(&alert);
+        let evidence = alert.evidence;
+        Self {
+            id: alert.id.to_string(),
+            route_id: alert.route_id.to_string(),
+            revision: alert.revision,
+            kind: evidence.kind.into(),
+            status: alert.status.into(),
+            actions: actions.into_iter().map(AlertActionName::from).collect(),
+            confidence: evidence.confidence,
+            location,
+            region: corners(&evidence.region),
+            edge_ids: evidence.edges.iter().map(|id| id.0).collect(),
+            node_ids: evidence.nodes.iter().map(|id| id.0).collect(),
+            vehicle_ids: alert.vehicles.iter().map(ToString::to_string).collect(),
+            trip_ids: evidence.trips.iter().map(ToString::to_string).collect(),
+            views: evidence.views as u64,
+            laps: evidence.laps as u64,
+            residual: alert.residual.map(AlertResidualBody::from),
+            first_seen: timestamp(alert.first_seen),
+            since: timestamp(evidence.since),
+            last_seen: timestamp(evidence.last_seen),
+            until: evidence.until.map(timestamp),
+            raised_at: alert.raised_at,
+            updated_at: alert.updated_at,
+            map_version: alert.map_version,
+            related: alert.related.iter().map(ToString::to_string).collect(),
+            history: alert.history.into_iter().map(HistoryBody::from).collect(),
+        }
+    }
+}
+
+impl From<AlertResidual> for AlertResidualBody {
+    fn from(residual: AlertResidual) -> Self {
+        Self {
+            edge_id: residual.edge_id.0,
+            delta_f: residual.delta_f,
+            threshold: residual.threshold,
+            ratio: residual.ratio,
+            p_value: residual.p_value,
+            seed_rule: residual.seed_rule,
+        }
+    }
+}
+
+impl From<HistoryEntry> for HistoryBody {
+    fn from(entry: HistoryEntry) -> Self {
+        Self {
+            status: entry.status.into(),
+            at: entry.at,
+            by: entry.by,
+            note: entry.note,
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! The evidence behind an alert: the two scans that disagree most at its place, and the residuals
+//! around the closure that tells it.
+
+use std::collections::BTreeMap;
+
+use crate::api::ApiState;
+use crate::api::problem::Problem;
+use crate::api::residuals::{SeriesAround, series_around};
+use crate::change::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
+use crate::geometry::{Pose2, Vector2, distance_to_polygon};
+use crate::graph::EdgeKind;
+use crate::ids::{EdgeId, NodeId};
+use crate::scan::{LaserScan, decode_scan};
+use crate::store::{AlertRecord, EdgeRecord, NodeRecord, RouteRecord};
+
+/// Pairs of scans that are compared before one is chosen.
+const PAIRS_MAX: usize = 16;
+/// Contradictions this far from the region still belong to it, metres.
+const REGION_MARGIN_M: f64 = 0.1;
+/// Closures of the series to each side of the alert's.
+pub(super) const SERIES_REACH: usize = 40;
+/// How far depths may differ.
+pub(super) const TOLERANCE: DepthTolerance = DepthTolerance::MATCHED;
+
+/// What an alert rests on.
+#[derive(Debug)]
+pub(super) struct Evidence {
+    pub alert: AlertRecord,
+    /// The closure between the two looks; `None` if they are not matched with each other.
+    pub edge_id: Option<EdgeId>,
+    /// The closure that tells it most clearly; `None` if nothing but nodes does.
+    pub told_by: Option<EdgeId>,
+    /// The old and the new look; `None` where no two scans are known.
+    pub looks: Option<[LookBack; 2]>,
+    /// The residuals around the closure that tells it.
+    pub series: Option<SeriesAround>,
+}
+
+/// A scan with what the other one says of it.
+#[derive(Debug)]
+pub(super) struct LookBack {
+    pub node: NodeRecord,
+    pub map_from_lidar: Pose2,
+    pub beams: Vec<JudgedBeam>,
+}
+
+/// Two nodes that may show the old and the new state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Pair {
+    edge: Option<EdgeId>,
+    old: NodeId,
+    new: NodeId,
+}
+
+type Scans = BTreeMap<NodeId, (NodeRecord, LaserScan)>;
+
+/// Gathers the evidence of an alert as the map stands now.
+///
+/// # Errors
+/// [`Problem`] if the store does not answer.
+pub(super) async fn gather(
+    state: &ApiState,
+    alert: AlertRecord,
+    route: &RouteRecord,
+) -> Result<Evidence, Problem> {
+    let edges = state.store.edges(&alert.route_id).await?;
+    let nodes = named_nodes(state, &alert, &edges).await?;
+    let pairs = pairs(&alert, &edges, &nodes);
+    let scans = scans_of(state, &alert, &pairs, nodes).await?;
+    let mut accepted = state.store.accepted_changes(&alert.route_id).await?;
+    // The series as it stood against the map that the alert contradicts: an acceptance, the
+    // alert's own too, takes closures out of it.
+    accepted.retain(|change| change.map_version <= alert.map_version);
+    let detector = route.settings.detector;
+    let work = move || {
+        let chosen = choose(&pairs, &scans, &alert.evidence.region);
+        let (pair, looks) = chosen.unzip();
+        let edge_id = pair.and_then(|pair| pair.edge);
+        let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
+        let series = |edge| series_around(&edges, edge, detector, &accepted, SERIES_REACH);
+        Evidence {
+            series: told_by.and_then(series),
+            edge_id,
+            told_by,
+            looks,
+            alert,
+        }
+    };
+    state.rendering.run(work).await
+}
+
+/// The nodes that the alert names, itself or as ends of its edges.
+async fn named_nodes(
+    state: &ApiState,
+    alert: &AlertRecord,
+    edges: &[EdgeRecord],
+) -> Result<BTreeMap<NodeId, NodeRecord>, Problem> {
+    let ends = closures(alert, edges).flat_map(|edge| [edge.from, edge.to]);
+    let mut ids: Vec<NodeId> = alert.evidence.nodes.iter().copied().chain(ends).collect();
+    ids.sort();
+    ids.dedup();
+    let all = state.store.nodes(&alert.route_id).await?.into_iter();
+    let named = all.filter(|node| ids.binary_search(&node.id).is_ok());
+    Ok(named.map(|node| (node.id, node)).collect())
+}
+
+/// The closures that the alert names, the one of its residual first.
+fn closures<'a>(
+    alert: &'a AlertRecord,
+    edges: &'a [EdgeRecord],
+) -> impl Iterator<Item = &'a EdgeRecord> {
+    let strongest = alert.residual.map(|residual| residual.edge_id);
+    let named = alert.evidence.edges.iter().copied();
+    let ids = strongest
+        .into_iter()
+        .chain(named.filter(move |id| Some(*id) != strongest));
+    let find = |id: EdgeId| edges.binary_search_by_key(&id, |edge| edge.id).ok();
+    let found = ids.filter_map(find).map(|k| &edges[k]);
+    found.filter(|edge| edge.kind == EdgeKind::LoopClosure)
+}
+
+/// Pairs worth comparing: the alert's closures, or else each new look with the nearest old one.
+fn pairs(
+    alert: &AlertRecord,
+    edges: &[EdgeRecord],
+    nodes: &BTreeMap<NodeId, NodeRecord>,
+) -> Vec<Pair> {
+    let tied = closures(alert, edges).filter_map(|edge| {
+        let (from, to) = (nodes.get(&edge.from)?, nodes.get(&edge.to)?);
+        let (old, new) = if from.stamp <= to.stamp {
+            (from, to)
+        } else {
+            (to, from)
+        };
+        Some(Pair {
+            edge: Some(edge.id),
+            old: old.id,
+            new: new.id,
+        })
+    });
+    let tied: Vec<Pair> = tied.take(PAIRS_MAX).collect();
+    if !tied.is_empty() {
+        return tied;
+    }
+    let since = alert.evidence.since;
+    let (new, old): (Vec<&NodeRecord>, Vec<&NodeRecord>) =
+        nodes.values().partition(|node| node.stamp >= since);
+    let distance =
+        |a: &NodeRecord, b: &NodeRecord| (a.pose.translation() - b.pose.translation()).norm();
+    let nearest = |new: &&NodeRecord| {
+        let by_distance =
+            |a: &&&NodeRecord, b: &&&NodeRecord| distance(a, new).total_cmp(&distance(b, new));
+        let old = old.iter().min_by(by_distance)?;
+        Some(Pair {
+            edge: None,
+            old: old.id,
+            new: new.id,
+        })
+    };
+    new.iter().filter_map(nearest).take(PAIRS_MAX).collect()
+}
+
+async fn scans_of(
+    state: &ApiState,
+    alert: &AlertRecord,
+    pairs: &[Pair],
+    mut nodes: BTreeMap<NodeId, NodeRecord>,
+) -> Result<Scans, Problem> {
+    let mut scans = Scans::new();
+    for id in pairs.iter().flat_map(|pair| [pair.old, pair.new]) {
+        let Some(node) = nodes.remove(&id) else {
+            continue;
+        };
+        if let Some(bytes) = state.store.node_scan(&alert.route_id, id).await? {
+            let scan = decode_scan(&bytes).map_err(Problem::internal)?;
+            scans.insert(id, (node, scan));
+        }
+    }
+    Ok(scans)
+}
+
+/// Chooses the pair whose scans contradict each other most within the region; the earlier one of
+/// equals, so that the residual's own closure wins where nothing contradicts.
+fn choose(pairs: &[Pair], scans: &Scans, region: &[Vector2<f64>]) -> Option<(Pair, [LookBack; 2])> {
+    let mut best: Option<(usize, Pair, [LookBack; 2])> = None;
+    for pair in pairs {
+        let Some(looks) = judged(pair, scans) else {
+            continue;
+        };
+        let count = contradictions(&looks, region);
+        if best.as_ref().is_none_or(|(most, ..)| count > *most) {
+            best = Some((count, *pair, looks));
+        }
+    }
+    best.map(|(_, pair, looks)| (pair, looks))
+}
+
+fn judged(pair: &Pair, scans: &Scans) -> Option<[LookBack; 2]> {
+    let (old, new) = (scans.get(&pair.old)?, scans.get(&pair.new)?);
+    let look = |judged: &(NodeRecord, LaserScan), by: &(NodeRecord, LaserScan)| LookBack {
+        node: judged.0.clone(),
+        map_from_lidar: judged.0.pose.compose(&judged.1.lidar().mount),
+        beams: judge_beams(&placed(judged), &placed(by), &TOLERANCE),
+    };
+    Some([look(old, new), look(new, old)])
+}
+
+fn placed((node, scan): &(NodeRecord, LaserScan)) -> PlacedScan<'_> {
+    PlacedScan {
+        map_from_base: node.pose,
+        scan,
+    }
+}
+
+fn contradictions(looks: &[LookBack; 2], region: &[Vector2<f64>]) -> usize {
+    let beams = looks.iter().flat_map(|look| &look.beams);
+    let contradicting = beams.filter(|beam| beam.verdict == BeamVerdict::Contradicts);
+    let ends = contradicting.filter_map(|beam| beam.end);
+    ends.filter(|end| distance_to_polygon(end, region) <= REGION_MARGIN_M)
+        .count()
+}

@@ -1,0 +1,99 @@
+//! An alert's evidence as a picture.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::evidence::{Evidence, LookBack, gather};
+use super::known_alert;
+use crate::api::ApiState;
+use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::problem::Problem;
+use crate::api::types::timestamp;
+use crate::formats::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
+use crate::ids::AlertId;
+
+/// A picture is opened on its own, too: nothing in it may run or load.
+const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
+
+/// Read the evidence behind an alert as an SVG picture.
+///
+/// Both scans in the map frame, what contradicts, the region, and the residuals around the
+/// closure against the paper's threshold. The ETag changes with the alert and with the map.
+#[utoipa::path(
+    get, path = "/v1/alerts/{alert}/evidence.svg", tag = "alerts",
+    params(
+        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
+        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the evidence still has this ETag"),
+    ),
+    responses(
+        (status = 200, description = "The picture", body = String, content_type = "image/svg+xml", headers(("ETag" = String, description = "Changes with the evidence"))),
+        (status = 304, description = "The evidence is as it was"),
+    )
+)]
+pub(in crate::api) async fn get_evidence_svg(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<AlertId>,
+    _: NoQuery,
+    request: HeaderMap,
+) -> Result<Response, Problem> {
+    let alert = known_alert(&state, id).await?;
+    let route = state.known_route(&alert.route_id).await?;
+    let tag = format!("\"{}-{}\"", alert.revision, route.revision);
+    let headers = [
+        (header::ETAG, tag.clone()),
+        (header::CACHE_CONTROL, "no-cache".to_owned()),
+        (header::CONTENT_SECURITY_POLICY, PICTURE_POLICY.to_owned()),
+    ];
+    let known = request.get(header::IF_NONE_MATCH);
+    let known = known.and_then(|v| v.to_str().ok()).unwrap_or_default();
+    if known.split(',').any(|other| other.trim() == tag) {
+        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
+    }
+    let evidence = gather(&state, alert, &route).await?;
+    let picture = state.rendering.run(move || draw(&evidence)).await?;
+    let media_type = [(header::CONTENT_TYPE, "image/svg+xml")];
+    Ok((headers, media_type, picture).into_response())
+}
+
+fn draw(evidence: &Evidence) -> String {
+    let alert = &evidence.alert;
+    let finding = &alert.evidence;
+    let captions = evidence
+        .looks
+        .as_ref()
+        .map(|looks| looks.each_ref().map(caption));
+    let looks = evidence.looks.as_ref().zip(captions.as_ref());
+    let looks = looks.map(|([old, new], [of_old, of_new])| {
+        [(old, of_old), (new, of_new)].map(|(look, caption)| Look {
+            caption,
+            map_from_base: look.node.pose,
+            beams: &look.beams,
+        })
+    });
+    let curve = evidence.series.as_ref().zip(evidence.told_by);
+    to_svg(&EvidencePicture {
+        kind: finding.kind,
+        route: alert.route_id.as_str(),
+        status: alert.status.name(),
+        location: finding.location,
+        sigma_m: finding.sigma_m,
+        region: &finding.region,
+        laps: finding.laps,
+        views: finding.views,
+        confidence: finding.confidence,
+        looks,
+        curve: curve.map(|(around, edge)| Curve {
+            entries: &around.series.entries,
+            threshold: around.series.threshold,
+            edge,
+        }),
+    })
+}
+
+/// Who took a scan, on which drive, and when, to the second.
+fn caption(look: &LookBack) -> String {
+    let node = &look.node;
+    let time = timestamp(node.stamp).strftime("%F %T UTC");
+    format!("{}, {}, {time}", node.vehicle_id, node.trip_id)
+}

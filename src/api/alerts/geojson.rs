@@ -1,0 +1,173 @@
+//! Alerts on the Earth, for geographic programs.
+
+use std::collections::BTreeMap;
+
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::names::{AlertKindName, AlertStatusName};
+use super::page;
+use super::query::AlertQuery;
+use super::tangent_plane::TangentPlane;
+use crate::api::ApiState;
+use crate::api::extract::ApiQuery;
+use crate::api::problem::{Problem, ProblemKind};
+use crate::api::types::timestamp;
+use crate::ids::RouteId;
+use crate::store::{AlertRecord, RouteRecord};
+
+/// Alerts as GeoJSON (RFC 7946).
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertFeatureCollection)]
+struct FeatureCollection {
+    /// `FeatureCollection`.
+    #[serde(rename = "type")]
+    kind: &'static str,
+    /// The newest first.
+    features: Vec<Feature>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+/// An alert on the Earth.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertFeature)]
+struct Feature {
+    /// `Feature`.
+    #[serde(rename = "type")]
+    kind: &'static str,
+    /// Id of the alert.
+    #[schema(format = "uuid")]
+    id: String,
+    /// Its region.
+    geometry: Polygon,
+    /// What it says.
+    properties: Properties,
+}
+
+/// A polygon in WGS 84.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertPolygon)]
+struct Polygon {
+    /// `Polygon`.
+    #[serde(rename = "type")]
+    kind: &'static str,
+    /// One ring, counter-clockwise and closed, of longitude and latitude, degrees.
+    #[schema(value_type = Vec<Vec<Vec<f64>>>)]
+    coordinates: [Vec<[f64; 2]>; 1],
+}
+
+/// What an alert says; `GET /v1/alerts/{alert}` says all.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertProperties)]
+struct Properties {
+    /// The route.
+    route_id: String,
+    /// What changed.
+    kind: AlertKindName,
+    /// What became of it.
+    status: AlertStatusName,
+    /// Probability that it is true.
+    confidence: f64,
+    /// Standard deviation of the place, metres.
+    sigma: f64,
+    /// The first look that ever showed it.
+    #[schema(value_type = String, format = DateTime)]
+    first_seen: Timestamp,
+    /// The last look that shows it.
+    #[schema(value_type = String, format = DateTime)]
+    last_seen: Timestamp,
+}
+
+/// List alerts as GeoJSON.
+///
+/// The regions in WGS 84, by the plane that touches the Earth at the route's `geo_anchor`. Routes
+/// without a usable anchor are left out; asked for by `route_id` they are refused. `bbox` is in
+/// the map frame, metres.
+#[utoipa::path(
+    get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery),
+    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"))
+)]
+pub(in crate::api) async fn list_alerts_geojson(
+    State(state): State<ApiState>,
+    ApiQuery(query): ApiQuery<AlertQuery>,
+) -> Result<Response, Problem> {
+    if let Some(route) = query.filter()?.route_id {
+        required_plane(&state.known_route(&route).await?)?;
+    }
+    let (alerts, next_cursor) = page(&state, &query).await?;
+    let mut planes: BTreeMap<RouteId, Option<TangentPlane>> = BTreeMap::new();
+    let mut features = Vec::with_capacity(alerts.len());
+    for alert in &alerts {
+        let plane = match planes.get(&alert.route_id) {
+            Some(plane) => *plane,
+            None => {
+                let route = state.store.route(&alert.route_id).await?;
+                let plane = route.and_then(|route| plane_of(&route));
+                planes.insert(alert.route_id.clone(), plane);
+                plane
+            }
+        };
+        features.extend(plane.map(|plane| Feature::new(alert, &plane)));
+    }
+    let collection = FeatureCollection {
+        kind: "FeatureCollection",
+        features,
+        next_cursor,
+    };
+    let document = serde_json::to_vec(&collection).map_err(Problem::internal)?;
+    let media_type = [(header::CONTENT_TYPE, "application/geo+json")];
+    Ok((media_type, document).into_response())
+}
+
+fn plane_of(route: &RouteRecord) -> Option<TangentPlane> {
+    route.geo_anchor.as_ref().and_then(TangentPlane::at)
+}
+
+fn required_plane(route: &RouteRecord) -> Result<TangentPlane, Problem> {
+    let detail = if route.geo_anchor.is_none() {
+        "the map's place on the Earth is not known: PUT the route with \
+         {\"geo_anchor\": {\"latitude\", \"longitude\", \"heading\"}}, in degrees, heading that of \
+         the map's x axis clockwise from north"
+    } else {
+        "the route's geo_anchor lies within one degree of a pole, where no plane fits the Earth: \
+         PUT the route with another"
+    };
+    let refuse = || Problem::new(ProblemKind::NoGeoAnchor, detail).at("route_id");
+    plane_of(route).ok_or_else(refuse)
+}
+
+impl Feature {
+    fn new(alert: &AlertRecord, plane: &TangentPlane) -> Self {
+        let evidence = &alert.evidence;
+        let corners = evidence.region.iter().chain(evidence.region.first());
+        let ring = corners.map(|corner| plane.longitude_latitude(corner).map(rounded));
+        Self {
+            kind: "Feature",
+            id: alert.id.to_string(),
+            geometry: Polygon {
+                kind: "Polygon",
+                coordinates: [ring.collect()],
+            },
+            properties: Properties {
+                route_id: alert.route_id.to_string(),
+                kind: evidence.kind.into(),
+                status: alert.status.into(),
+                confidence: evidence.confidence,
+                sigma: evidence.sigma_m,
+                first_seen: timestamp(alert.first_seen),
+                last_seen: timestamp(evidence.last_seen),
+            },
+        }
+    }
+}
+
+/// Nine decimals of a degree are a tenth of a millimetre.
+fn rounded(degrees: f64) -> f64 {
+    (degrees * 1e9).round() / 1e9
+}

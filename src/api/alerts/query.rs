@@ -1,0 +1,81 @@
+//! Which alerts to list.
+
+use jiff::Timestamp;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::names::{AlertKindName, AlertStatusName};
+use crate::api::graph::BoundingBox;
+use crate::api::problem::Problem;
+use crate::ids::RouteId;
+use crate::store::AlertFilter;
+
+/// Which alerts to list; every condition that is given holds.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::api) struct AlertQuery {
+    /// Only of this route.
+    #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    route_id: Option<String>,
+    /// Only in this state.
+    #[param(nullable = false, inline)]
+    status: Option<AlertStatusName>,
+    /// Only of this kind.
+    #[param(nullable = false, inline)]
+    kind: Option<AlertKindName>,
+    /// Only changed at this time or later, RFC 3339.
+    #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
+    since: Option<String>,
+    /// `x0,y0,x1,y1` in the map frame, metres: only located within.
+    #[param(nullable = false, example = "-5,-5,20,15")]
+    bbox: Option<String>,
+    /// Only at least this confident.
+    #[param(minimum = 0, maximum = 1, nullable = false)]
+    min_confidence: Option<f64>,
+    /// How many items at most, 1 to 1,000; 100 if left out.
+    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    pub limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(nullable = false)]
+    pub cursor: Option<String>,
+}
+
+impl AlertQuery {
+    /// The conditions, checked.
+    ///
+    /// # Errors
+    /// 400 for what is no name, time, box or probability.
+    pub(super) fn filter(&self) -> Result<AlertFilter, Problem> {
+        let bbox: Option<BoundingBox> = self.bbox.as_deref().map(str::parse).transpose()?;
+        if self
+            .min_confidence
+            .is_some_and(|c| !(0.0..=1.0).contains(&c))
+        {
+            let detail = "min_confidence is a probability, 0 to 1";
+            return Err(Problem::parameter("min_confidence", detail));
+        }
+        Ok(AlertFilter {
+            route_id: checked_route(self.route_id.as_deref())?,
+            status: self.status.map(Into::into),
+            kind: self.kind.map(Into::into),
+            since: self.since.as_deref().map(checked_time).transpose()?,
+            bbox: bbox.map(|bbox| bbox.bounds()),
+            min_confidence: self.min_confidence,
+        })
+    }
+}
+
+/// The `route_id` parameter, checked.
+pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Problem> {
+    let route = name.map(RouteId::new).transpose();
+    route.map_err(|error| Problem::parameter("route_id", error.to_string()))
+}
+
+fn checked_time(text: &str) -> Result<Timestamp, Problem> {
+    let refuse = |_| {
+        let detail = "since is a time as in 2026-11-20T06:00:00Z (RFC 3339; a + is sent as %2B)";
+        Problem::parameter("since", detail)
+    };
+    text.parse().map_err(refuse)
+}

@@ -1,0 +1,163 @@
+//! What happens to alerts, as it happens: server-sent events.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures::stream::{self, Stream};
+use serde::Deserialize;
+use tokio::sync::OwnedSemaphorePermit;
+use utoipa::IntoParams;
+
+use super::body::AlertBody;
+use super::query::checked_route;
+use crate::api::ApiState;
+use crate::api::extract::ApiQuery;
+use crate::api::problem::{Problem, ProblemKind};
+use crate::ids::RouteId;
+use crate::store::{AlertEvent, StoreError};
+
+/// Streams open at once; they hold their connections.
+pub(in crate::api) const STREAMS_MAX: usize = 128;
+/// How often the store is asked for what is new.
+const POLL: Duration = Duration::from_millis(500);
+/// Events read at once.
+const EVENTS_AT_ONCE: u32 = 100;
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// Which events to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::api) struct StreamQuery {
+    /// Only of alerts of this route.
+    #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    route_id: Option<String>,
+}
+
+/// Follow what happens to alerts.
+///
+/// Server-sent events `alert.raised` and `alert.updated`. `data` is the alert as it is when the
+/// event is sent, in the form of `GET /v1/alerts/{alert}`; `id` grows with every event. Without
+/// `Last-Event-ID` the stream begins with what happens next; with it, after that event, so that a
+/// client that was away misses nothing. Events of an alert that follow each other quickly may
+/// carry the same state: compare `revision`.
+#[utoipa::path(
+    get, path = "/v1/alerts/stream", tag = "alerts",
+    params(
+        StreamQuery,
+        ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event that was seen; 0 for all that is known"),
+    ),
+    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"))
+)]
+pub(in crate::api) async fn stream_alerts(
+    State(state): State<ApiState>,
+    ApiQuery(query): ApiQuery<StreamQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let route = checked_route(query.route_id.as_deref())?;
+    if let Some(route) = &route {
+        state.known_route(route).await?;
+    }
+    let after = match last_event_id(&headers)? {
+        Some(after) => after,
+        None => state.store.last_alert_event().await?,
+    };
+    let place = Arc::clone(&state.streams).try_acquire_owned();
+    let place = place.map_err(|_| {
+        let detail = "too many streams are open; try again later";
+        Problem::new(ProblemKind::Overloaded, detail)
+    })?;
+    let reader = Reader {
+        state,
+        route,
+        after,
+        pending: VecDeque::new(),
+        _place: place,
+    };
+    let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
+    let events = Sse::new(events(reader)).keep_alive(keep_alive);
+    // A proxy that collects an answer before it passes it on would hold every event back.
+    let unbuffered = [
+        (header::CACHE_CONTROL.as_str(), "no-store"),
+        ("x-accel-buffering", "no"),
+    ];
+    Ok((unbuffered, events).into_response())
+}
+
+fn last_event_id(headers: &HeaderMap) -> Result<Option<i64>, Problem> {
+    let Some(value) = headers.get("last-event-id") else {
+        return Ok(None);
+    };
+    let number = value.to_str().ok().and_then(|text| text.parse().ok());
+    match number {
+        Some(number) if number >= 0 => Ok(Some(number)),
+        _ => {
+            let detail = "Last-Event-ID is the id of an event of this stream, or 0";
+            Err(Problem::parameter("Last-Event-ID", detail))
+        }
+    }
+}
+
+/// Where a stream stands.
+struct Reader {
+    state: ApiState,
+    route: Option<RouteId>,
+    after: i64,
+    pending: VecDeque<AlertEvent>,
+    _place: OwnedSemaphorePermit,
+}
+
+fn events(reader: Reader) -> impl Stream<Item = Result<Event, Infallible>> {
+    stream::unfold(reader, |mut reader| async move {
+        match reader.next().await {
+            Ok(event) => event.map(|event| (Ok(event), reader)),
+            Err(error) => {
+                // The client comes back with the id of the last event it saw.
+                tracing::warn!(%error, "a stream of alerts ended early");
+                None
+            }
+        }
+    })
+}
+
+impl Reader {
+    /// Waits for the next event; `None` once the service shuts down.
+    async fn next(&mut self) -> Result<Option<Event>, StoreError> {
+        loop {
+            while let Some(event) = self.pending.pop_front() {
+                self.after = event.sequence;
+                // Gone only if its route was deleted a moment ago.
+                if let Some(alert) = self.state.store.alert(event.alert_id).await? {
+                    return Ok(sent(&event, &AlertBody::from(alert)));
+                }
+            }
+            let route = self.route.as_ref();
+            let news = self
+                .state
+                .store
+                .alert_events(route, self.after, EVENTS_AT_ONCE);
+            self.pending = news.await?.into();
+            if self.pending.is_empty() {
+                tokio::select! {
+                    () = self.state.draining.cancelled() => return Ok(None),
+                    () = tokio::time::sleep(POLL) => {}
+                }
+            }
+        }
+    }
+}
+
+fn sent(event: &AlertEvent, alert: &AlertBody) -> Option<Event> {
+    let name = match event.revision {
+        1 => "alert.raised",
+        _ => "alert.updated",
+    };
+    let sent = Event::default().id(event.sequence.to_string()).event(name);
+    sent.json_data(alert).ok()
+}

@@ -1,0 +1,142 @@
+//! The life of an alert: what people may do with it, and what later looks make of it.
+
+use serde::{Deserialize, Serialize};
+
+/// Where an alert is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlertStatus {
+    /// Raised; nobody has looked at it.
+    Open,
+    /// Somebody has taken it up.
+    Acknowledged,
+    /// The map shows the new state.
+    Accepted,
+    /// The map is right as it is; the same thing is never raised again.
+    Dismissed,
+    /// Later looks show the old state, or refute it.
+    Resolved,
+}
+
+impl AlertStatus {
+    /// Every status, in the order of a life.
+    pub const ALL: [Self; 5] = [
+        Self::Open,
+        Self::Acknowledged,
+        Self::Accepted,
+        Self::Dismissed,
+        Self::Resolved,
+    ];
+
+    /// Its name in files and in the API.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Acknowledged => "acknowledged",
+            Self::Accepted => "accepted",
+            Self::Dismissed => "dismissed",
+            Self::Resolved => "resolved",
+        }
+    }
+
+    /// Whether it waits for a decision: open or acknowledged.
+    pub fn is_pending(self) -> bool {
+        matches!(self, Self::Open | Self::Acknowledged)
+    }
+
+    /// Whether somebody may do this now. What follows is [`AlertAction::leads_to`], but that an
+    /// undo leads back to the status before the acceptance.
+    ///
+    /// A resolved alert can be reopened by hand; it is resolved again by the next batch that
+    /// does not see it.
+    pub fn allows(self, action: AlertAction) -> bool {
+        match action {
+            AlertAction::Acknowledge => self == Self::Open,
+            AlertAction::Accept | AlertAction::Dismiss => self.is_pending(),
+            AlertAction::Reopen => {
+                matches!(self, Self::Acknowledged | Self::Dismissed | Self::Resolved)
+            }
+            AlertAction::Undo => self == Self::Accepted,
+        }
+    }
+}
+
+/// What somebody may do with an alert.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlertAction {
+    /// Take it up.
+    Acknowledge,
+    /// Take the change into the map.
+    Accept,
+    /// Keep the map, and do not raise the same thing again.
+    Dismiss,
+    /// Put it back among the open ones.
+    Reopen,
+    /// Take an acceptance back.
+    Undo,
+}
+
+impl AlertAction {
+    /// Every action.
+    pub const ALL: [Self; 5] = [
+        Self::Acknowledge,
+        Self::Accept,
+        Self::Dismiss,
+        Self::Reopen,
+        Self::Undo,
+    ];
+
+    /// Its name in the API.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Acknowledge => "acknowledge",
+            Self::Accept => "accept",
+            Self::Dismiss => "dismiss",
+            Self::Reopen => "reopen",
+            Self::Undo => "undo",
+        }
+    }
+
+    /// The status that follows; `None` for an undo, which leads back to where the alert was.
+    pub fn leads_to(self) -> Option<AlertStatus> {
+        match self {
+            Self::Acknowledge => Some(AlertStatus::Acknowledged),
+            Self::Accept => Some(AlertStatus::Accepted),
+            Self::Dismiss => Some(AlertStatus::Dismissed),
+            Self::Reopen => Some(AlertStatus::Open),
+            Self::Undo => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_of_what_is_allowed() {
+        use AlertAction::{Accept, Acknowledge, Dismiss, Reopen, Undo};
+        use AlertStatus::{Accepted, Acknowledged, Dismissed, Open, Resolved};
+        let table: [(AlertStatus, &[AlertAction]); 5] = [
+            (Open, &[Acknowledge, Accept, Dismiss]),
+            (Acknowledged, &[Accept, Dismiss, Reopen]),
+            (Accepted, &[Undo]),
+            (Dismissed, &[Reopen]),
+            (Resolved, &[Reopen]),
+        ];
+        for (status, allowed) in table {
+            let found = AlertAction::ALL.into_iter().filter(|a| status.allows(*a));
+            assert_eq!(found.collect::<Vec<_>>(), allowed, "{status:?}");
+        }
+    }
+
+    #[test]
+    fn no_action_leads_to_where_the_alert_is() {
+        for status in AlertStatus::ALL {
+            for action in AlertAction::ALL {
+                assert!(!status.allows(action) || action.leads_to() != Some(status));
+            }
+        }
+    }
+}

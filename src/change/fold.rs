@@ -1,0 +1,294 @@
+//! What a new set of findings makes of the alerts that are there.
+//!
+//! Findings are a function of the set of scans, so the alerts that wait for a decision are one
+//! too, whatever the order in which the scans came: exactly the findings that stand and that
+//! nobody has decided about. History alone tells the order.
+
+use super::{AlertStatus, ChangeKind, Finding};
+use crate::geometry::{Vector2, polygon_gap};
+use crate::ids::{StampNs, TripId};
+
+/// Regions this close tell of one place, metres.
+pub const SAME_PLACE_M: f64 = 0.5;
+/// A location or a corner that moves by less than this is no news, metres.
+const MOVED_MIN_M: f64 = 0.005;
+/// Nor is a confidence that changes by less than this.
+const CONFIDENCE_STEP_MIN: f64 = 1e-3;
+
+/// An alert as far as findings bear on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlertState {
+    /// Where it is in its life.
+    pub status: AlertStatus,
+    /// The finding that it rests on; of an accepted or dismissed alert, as it was then.
+    pub evidence: Finding,
+    /// The first look that ever showed it.
+    pub first_seen: StampNs,
+}
+
+/// A status that the findings lead to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// From now on.
+    pub status: AlertStatus,
+    /// Why, for people.
+    pub note: Option<&'static str>,
+}
+
+/// What becomes of one alert.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlertUpdate {
+    /// The alert's place among the existing ones; `None` for one that is raised.
+    pub existing: Option<usize>,
+    /// The alert as it is to be.
+    pub state: AlertState,
+    /// The statuses that it takes on the way, in order; the last one is the state's.
+    pub steps: Vec<Step>,
+}
+
+const NO_LONGER_SEEN: &str = "later looks show the former state again";
+const REFUTED: &str = "all looks together no longer show it";
+const TOLD_ELSEWHERE: &str = "another alert tells of the place now";
+const SEEN_AGAIN: &str = "looks show it again";
+
+/// Folds all findings known now into the alerts of a route; returns the alerts that are new or
+/// change. Folding the same findings again changes nothing.
+///
+/// A finding joins the alert of its kind at its place (regions within [`SAME_PLACE_M`]; for a
+/// suspected vehicle: a common trip), and of several episodes at one place the last one counts. An
+/// alert whose finding has ended, or is gone, is resolved; one that was resolved is opened again by
+/// a finding that stands. Dismissed alerts swallow every finding of their kind at their place,
+/// accepted ones those of the episode that was accepted.
+pub fn fold(existing: &[AlertState], findings: &[Finding]) -> Vec<AlertUpdate> {
+    let sites = sites_of(findings);
+    let owners = owners_of(&sites, existing);
+    let mut updates = Vec::new();
+    for (k, alert) in existing.iter().enumerate() {
+        let owned: Vec<&Site<'_>> = (sites.iter().zip(&owners))
+            .filter(|(_, owner)| **owner == Some(k))
+            .map(|(site, _)| site)
+            .collect();
+        let told_elsewhere = || sites.iter().any(|site| same_subject(alert, site.last()));
+        let advanced = match owned.first() {
+            Some(site) if alert.status != AlertStatus::Dismissed => advance(alert, site),
+            Some(_) => remember(alert, &owned),
+            None if !alert.status.is_pending() => None,
+            None if told_elsewhere() => Some(resolve(alert, TOLD_ELSEWHERE)),
+            None => Some(resolve(alert, REFUTED)),
+        };
+        updates.extend(advanced.map(|(state, steps)| AlertUpdate {
+            existing: Some(k),
+            state,
+            steps,
+        }));
+    }
+    let unowned = sites.iter().zip(&owners).filter(|(_, o)| o.is_none());
+    updates.extend(unowned.map(|(site, _)| raise(site)));
+    updates
+}
+
+/// Findings of one kind at one place, one after the other.
+struct Site<'a> {
+    episodes: Vec<&'a Finding>,
+}
+
+impl<'a> Site<'a> {
+    fn last(&self) -> &'a Finding {
+        self.episodes[self.episodes.len() - 1]
+    }
+
+    fn first_seen(&self) -> StampNs {
+        self.episodes[0].since
+    }
+
+    /// How far a later finding is from the site, if it may be its next episode.
+    fn gap_to_next(&self, finding: &Finding) -> Option<f64> {
+        let last = self.last();
+        let is_over = last.until.is_some_and(|until| until <= finding.since);
+        gap(last, finding).filter(|_| is_over)
+    }
+}
+
+/// Groups findings into sites, by the findings alone.
+fn sites_of(findings: &[Finding]) -> Vec<Site<'_>> {
+    let mut in_order: Vec<&Finding> = findings.iter().collect();
+    in_order.sort_by(|a, b| {
+        (a.since, a.kind, a.until, a.last_seen)
+            .cmp(&(b.since, b.kind, b.until, b.last_seen))
+            .then(a.location.x.total_cmp(&b.location.x))
+            .then(a.location.y.total_cmp(&b.location.y))
+    });
+    let mut sites: Vec<Site<'_>> = Vec::new();
+    for finding in in_order {
+        let near = sites.iter_mut().filter_map(|site| {
+            let gap_m = site.gap_to_next(finding)?;
+            Some((gap_m, distance(site.last(), finding), site))
+        });
+        let nearest = near.min_by(|(a, b, _), (c, d, _)| a.total_cmp(c).then(b.total_cmp(d)));
+        match nearest {
+            Some((_, _, site)) => site.episodes.push(finding),
+            None => sites.push(Site {
+                episodes: vec![finding],
+            }),
+        }
+    }
+    sites
+}
+
+/// The alert that each site belongs to: the nearest first, one site to an alert, but that decided
+/// alerts take in as many as there are.
+fn owners_of(sites: &[Site<'_>], existing: &[AlertState]) -> Vec<Option<usize>> {
+    let mut pairs = Vec::new();
+    for (s, site) in sites.iter().enumerate() {
+        for (k, alert) in existing.iter().enumerate() {
+            let last = site.last();
+            let later_episode =
+                alert.status == AlertStatus::Accepted && last.since > alert.evidence.last_seen;
+            if let Some(gap_m) = gap(&alert.evidence, last).filter(|_| !later_episode) {
+                pairs.push((gap_m, distance(&alert.evidence, last), k, s));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| {
+        (a.0.total_cmp(&b.0))
+            .then(a.1.total_cmp(&b.1))
+            .then((a.2, a.3).cmp(&(b.2, b.3)))
+    });
+    let mut owners = vec![None; sites.len()];
+    let mut taken = vec![false; existing.len()];
+    for (_, _, k, s) in pairs {
+        let takes_many = matches!(
+            existing[k].status,
+            AlertStatus::Dismissed | AlertStatus::Accepted
+        );
+        if owners[s].is_none() && (takes_many || !taken[k]) {
+            owners[s] = Some(k);
+            taken[k] = true;
+        }
+    }
+    owners
+}
+
+fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
+    gap(&alert.evidence, finding).is_some()
+}
+
+/// How far apart two findings are, metres; `None` if they cannot tell of the same.
+fn gap(a: &Finding, b: &Finding) -> Option<f64> {
+    if a.kind != b.kind {
+        return None;
+    }
+    if a.kind == ChangeKind::VehicleSuspect {
+        return share_a_trip(&a.trips, &b.trips).then_some(0.0);
+    }
+    let gap_m = polygon_gap(outline(a), outline(b));
+    (gap_m <= SAME_PLACE_M).then_some(gap_m)
+}
+
+fn share_a_trip(a: &[TripId], b: &[TripId]) -> bool {
+    a.iter().any(|trip| b.contains(trip))
+}
+
+fn outline(finding: &Finding) -> &[Vector2<f64>] {
+    if finding.region.is_empty() {
+        return std::slice::from_ref(&finding.location);
+    }
+    &finding.region
+}
+
+fn distance(a: &Finding, b: &Finding) -> f64 {
+    (a.location - b.location).norm()
+}
+
+type Advanced = (AlertState, Vec<Step>);
+
+/// A new alert; one whose finding has ended already is resolved at once.
+fn raise(site: &Site<'_>) -> AlertUpdate {
+    let open = AlertState {
+        status: AlertStatus::Open,
+        evidence: site.last().clone(),
+        first_seen: site.first_seen(),
+    };
+    let raised = Step {
+        status: AlertStatus::Open,
+        note: None,
+    };
+    let (state, mut steps) = match site.last().until {
+        None => (open, Vec::new()),
+        Some(_) => resolve(&open, NO_LONGER_SEEN),
+    };
+    steps.insert(0, raised);
+    AlertUpdate {
+        existing: None,
+        state,
+        steps,
+    }
+}
+
+/// What the site of an alert makes of it; `None` if that is no news.
+fn advance(alert: &AlertState, site: &Site<'_>) -> Option<Advanced> {
+    if alert.status == AlertStatus::Accepted {
+        return None;
+    }
+    let finding = site.last();
+    let mut state = alert.clone();
+    state.first_seen = alert.first_seen.min(site.first_seen());
+    if is_news(&alert.evidence, finding) {
+        state.evidence = finding.clone();
+    }
+    let stands = finding.until.is_none();
+    if stands && alert.status == AlertStatus::Resolved {
+        state.status = AlertStatus::Open;
+        let step = Step {
+            status: AlertStatus::Open,
+            note: Some(SEEN_AGAIN),
+        };
+        return Some((state, vec![step]));
+    }
+    if !stands && alert.status.is_pending() {
+        return Some(resolve(&state, NO_LONGER_SEEN));
+    }
+    (state != *alert).then_some((state, Vec::new()))
+}
+
+fn resolve(alert: &AlertState, note: &'static str) -> Advanced {
+    let state = AlertState {
+        status: AlertStatus::Resolved,
+        ..alert.clone()
+    };
+    let step = Step {
+        status: AlertStatus::Resolved,
+        note: Some(note),
+    };
+    (state, vec![step])
+}
+
+/// A dismissed alert notes when it was last seen.
+fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
+    let last_seen = swallowed.iter().map(|site| site.last().last_seen).max()?;
+    if last_seen <= alert.evidence.last_seen {
+        return None;
+    }
+    let mut state = alert.clone();
+    state.evidence.last_seen = last_seen;
+    Some((state, Vec::new()))
+}
+
+/// Whether a finding says more than that poses were improved by a hair.
+fn is_news(before: &Finding, now: &Finding) -> bool {
+    let told = |f: &Finding| (f.views, f.laps, f.since, f.last_seen, f.until);
+    let moved = |a: &Vector2<f64>, b: &Vector2<f64>| (a - b).norm() >= MOVED_MIN_M;
+    let corners = || before.region.iter().zip(&now.region);
+    told(before) != told(now)
+        || before.edges != now.edges
+        || before.nodes != now.nodes
+        || before.trips != now.trips
+        || before.region.len() != now.region.len()
+        || moved(&before.location, &now.location)
+        || corners().any(|(a, b)| moved(a, b))
+        || (before.sigma_m - now.sigma_m).abs() >= MOVED_MIN_M
+        || (before.confidence - now.confidence).abs() >= CONFIDENCE_STEP_MIN
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,200 @@
+//! An alert's evidence as one picture: the two scans that disagree, and the residual of their
+//! closure among those around it. A self-contained SVG without scripts, fonts or links.
+
+mod curve;
+mod place;
+mod text;
+
+#[cfg(test)]
+mod tests;
+
+use crate::change::series::SeriesEntry;
+use crate::change::{BeamVerdict, ChangeKind, JudgedBeam};
+use crate::geometry::{Pose2, Vector2};
+use crate::ids::EdgeId;
+
+use place::{Panel, scale_bar};
+use text::{Ink, label, px};
+
+/// Size of the picture, pixels.
+const WIDTH_PX: f64 = 1080.0;
+const HEIGHT_PX: f64 = 850.0;
+/// Space left free at both sides, pixels.
+const MARGIN_PX: f64 = 24.0;
+
+/// What the picture shows.
+#[derive(Debug, Clone)]
+pub struct EvidencePicture<'a> {
+    /// What changed.
+    pub kind: ChangeKind,
+    /// The route's name.
+    pub route: &'a str,
+    /// What became of the alert.
+    pub status: &'a str,
+    /// Centre of the change, map frame, metres.
+    pub location: Vector2<f64>,
+    /// Standard deviation of the location, metres.
+    pub sigma_m: f64,
+    /// A simple polygon round it, map frame, metres.
+    pub region: &'a [Vector2<f64>],
+    /// Passes by the place that saw the new state.
+    pub laps: usize,
+    /// Scans that show the new state.
+    pub views: usize,
+    /// Probability that the alert is true, in [0, 1].
+    pub confidence: f64,
+    /// The old and the new scan; `None` where the upload had no scans.
+    pub looks: Option<[Look<'a>; 2]>,
+    /// The residuals; `None` where no closure carries the alert.
+    pub curve: Option<Curve<'a>>,
+}
+
+/// A scan in the map frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Look<'a> {
+    /// Who took it and when, for people.
+    pub caption: &'a str,
+    /// `map_from_base`.
+    pub map_from_base: Pose2,
+    /// Its beams, ends in the map frame.
+    pub beams: &'a [JudgedBeam],
+}
+
+/// A stretch of the residual series.
+#[derive(Debug, Clone, Copy)]
+pub struct Curve<'a> {
+    /// The closures, in order.
+    pub entries: &'a [SeriesEntry],
+    /// The paper's threshold on ΔF; `None` while f has not settled.
+    pub threshold: Option<f64>,
+    /// The alert's closure.
+    pub edge: EdgeId,
+}
+
+/// Draws the picture: 1080 × 850 pixels, light background, y upwards. The same evidence makes
+/// the same bytes.
+pub fn to_svg(picture: &EvidencePicture<'_>) -> String {
+    let mut svg = String::with_capacity(64 << 10);
+    svg.push_str(&format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" font-family=\"system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif\">\n",
+        WIDTH_PX, HEIGHT_PX
+    ));
+    let (title, subtitle) = headings(picture);
+    svg.push_str(&format!("<title>{}</title>\n", text::escaped(&title)));
+    svg.push_str(&format!(
+        "<rect width=\"{WIDTH_PX}\" height=\"{HEIGHT_PX}\" fill=\"#ffffff\"/>\n"
+    ));
+    label(&mut svg, MARGIN_PX, 42.0, &title, Ink::TITLE);
+    label(&mut svg, MARGIN_PX, 65.0, &subtitle, Ink::QUIET);
+    draw_place(&mut svg, picture);
+    draw_legend(&mut svg, picture);
+    curve::draw(&mut svg, picture.curve.as_ref());
+    svg.push_str("</svg>\n");
+    svg
+}
+
+fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
+    let what = match picture.kind {
+        ChangeKind::Appeared => "Appeared",
+        ChangeKind::Disappeared => "Disappeared",
+        ChangeKind::Residual => "Residual",
+        ChangeKind::MapMismatch => "Map mismatch",
+        ChangeKind::VehicleSuspect => "Vehicle suspect",
+    };
+    let at = picture.location;
+    let title = format!("{what} at x {:.2} m, y {:.2} m", at.x, at.y);
+    let times = |count: usize, one: &str| match count {
+        1 => format!("1 {one}"),
+        _ => format!("{count} {one}s"),
+    };
+    let subtitle = format!(
+        "Route {} · {} · {} · confidence {:.3} · {}",
+        picture.route,
+        times(picture.laps, "lap"),
+        times(picture.views, "view"),
+        picture.confidence,
+        picture.status,
+    );
+    (title, subtitle)
+}
+
+fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
+    let around = Panel::around(picture);
+    let close = Panel::close_up(picture);
+    for (panel, id, caption) in [
+        (&around, "around", "Where it is"),
+        (&close, "close", "Close up"),
+    ] {
+        panel.open(svg, id);
+        panel.draw_region(svg, picture.region);
+        match &picture.looks {
+            None => {}
+            Some([old, new]) => {
+                panel.draw_points(svg, old, place::OLD);
+                panel.draw_points(svg, new, place::NEW);
+                panel.draw_vehicle(svg, &old.map_from_base, place::OLD);
+                panel.draw_vehicle(svg, &new.map_from_base, place::NEW);
+            }
+        }
+        panel.draw_location(svg, &picture.location, picture.sigma_m);
+        panel.close(svg);
+        panel.frame(svg);
+        label(
+            svg,
+            panel.left_px + 12.0,
+            panel.top_px + 22.0,
+            caption,
+            Ink::ON_MAP,
+        );
+        scale_bar(svg, panel);
+    }
+    if picture.looks.is_none() {
+        let (x, y) = (around.left_px + 12.0, around.top_px + 42.0);
+        label(svg, x, y, "There are no scans to compare.", Ink::ON_MAP);
+    }
+}
+
+/// Which colours and signs mean what, under the panels.
+fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
+    const OLD_PX: f64 = 567.0;
+    const NEW_PX: f64 = 588.0;
+    const SIGNS_PX: f64 = 611.0;
+    if let Some([old, new]) = &picture.looks {
+        for (look, colours, when, y) in [
+            (old, place::OLD, "Old", OLD_PX),
+            (new, place::NEW, "New", NEW_PX),
+        ] {
+            place::dots(svg, [(MARGIN_PX + 6.0, y - 4.0)], colours.plain, 7.0);
+            let contradicting = look.beams.iter();
+            let contradicting = contradicting.filter(|b| b.verdict == BeamVerdict::Contradicts);
+            let caption = format!(
+                "{when}: {}; {} of {} points contradicted",
+                look.caption,
+                contradicting.count(),
+                look.beams.iter().filter(|b| b.end.is_some()).count(),
+            );
+            label(svg, MARGIN_PX + 20.0, y, &caption, Ink::PLAIN);
+        }
+        let y = SIGNS_PX - 4.0;
+        let x = MARGIN_PX;
+        place::dots(svg, [(x + 6.0, y)], place::NEW.strong, 9.0);
+        place::dots(svg, [(x + 18.0, y)], place::OLD.strong, 9.0);
+        let caption = "lies where the other scan saw through";
+        label(svg, x + 30.0, SIGNS_PX, caption, Ink::PLAIN);
+        place::dots(svg, [(x + 306.0, y)], place::NEW.pale, 5.0);
+        place::dots(svg, [(x + 316.0, y)], place::OLD.pale, 5.0);
+        let caption = "not seen by the other scan";
+        label(svg, x + 328.0, SIGNS_PX, caption, Ink::PLAIN);
+    }
+    let (x, y) = (0.5 * WIDTH_PX + 28.0, SIGNS_PX);
+    let (left, top, colour) = (px(x), px(y - 10.0), place::REGION);
+    svg.push_str(&format!(
+        "<rect x=\"{left}\" y=\"{top}\" width=\"14\" height=\"12\" fill=\"{colour}\" fill-opacity=\"0.12\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n"
+    ));
+    label(svg, x + 20.0, y, "region", Ink::PLAIN);
+    place::cross(svg, (x + 92.0, y - 4.0));
+    let caption = format!("location, its σ of {:.2} m as a circle", picture.sigma_m);
+    label(svg, x + 104.0, y, &caption, Ink::PLAIN);
+    place::arrow(svg, (x + 354.0, y - 4.0), 0.0, place::OLD.strong);
+    label(svg, x + 370.0, y, "vehicle", Ink::PLAIN);
+}

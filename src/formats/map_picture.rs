@@ -1,0 +1,39 @@
+//! A map's picture in every format that it is offered in.
+
+use super::{Look, MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
+use crate::change::AcceptedChange;
+
+/// Edge of a cell of a map's picture, metres.
+pub const MAP_RESOLUTION_M: f64 = 0.05;
+/// The name of the PGM in the YAML file that goes with it.
+const PGM_NAME: &str = "map.pgm";
+
+/// A map's picture in the three formats.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapPicture {
+    /// For people.
+    pub png: Vec<u8>,
+    /// For ROS's `map_server`.
+    pub pgm: Vec<u8>,
+    /// The description that goes with the PGM.
+    pub yaml: String,
+}
+
+impl MapPicture {
+    /// Draws looks as [`OccupancyGrid::from_looks`] counts them: the same looks and changes make
+    /// the same bytes.
+    ///
+    /// # Errors
+    /// [`MapImageError`].
+    pub fn draw<'a>(
+        looks: impl IntoIterator<Item = Look<'a>>,
+        accepted: &[AcceptedChange],
+    ) -> Result<Self, MapImageError> {
+        let grid = OccupancyGrid::from_looks(looks, accepted, MAP_RESOLUTION_M);
+        Ok(Self {
+            png: to_png(&grid)?,
+            pgm: to_pgm(&grid),
+            yaml: to_yaml(&grid, PGM_NAME),
+        })
+    }
+}

@@ -1,0 +1,191 @@
+//! Taking an alert's change into a map, and taking it back: the computation, without any waiting.
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::result::changes_of;
+use super::workspace::Workspace;
+use crate::change::{AcceptedChange, AlertStatus, Finding};
+use crate::formats::{Look, MapPicture};
+use crate::geometry::Pose2;
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{AlertId, EdgeId, NodeId};
+use crate::mapping::RouteMap;
+use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
+
+/// What an undo restores.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Undo {
+    /// The alert's status before it was accepted.
+    pub status: AlertStatus,
+    /// Edges that were retired; they had been active.
+    retired: Vec<EdgeId>,
+    /// What the flags had been of nodes that became references, or stopped being ones.
+    references: Vec<(NodeId, bool)>,
+    /// Where the nodes had been that moved: `map_from_base` as x, y, θ.
+    poses: Vec<(NodeId, [f64; 3])>,
+    /// Of the map as the acceptance left it.
+    after: [u8; 32],
+}
+
+/// Takes the change that an alert tells of into the map, as its next version.
+///
+/// Its closures are retired; of its nodes those that show the new state become references in the
+/// place of those that show the old one; what is touched is solved again.
+///
+/// # Errors
+/// If the picture of the present version cannot be drawn.
+pub(super) fn accept(
+    workspace: &mut Workspace,
+    alert: &AlertRecord,
+) -> anyhow::Result<MapDecision> {
+    let superseded = picture_of(workspace)?;
+    let evidence = &alert.evidence;
+    let retired = contradicting(&workspace.map, evidence);
+    let (old, new) = nodes_by_state(&workspace.map, evidence);
+    let before: Vec<Pose2> = poses_of(&workspace.map).collect();
+    let statuses: Vec<_> = retired.iter().map(|e| (*e, EdgeStatus::Retired)).collect();
+    workspace.map.restate_edges(&statuses);
+    let references = workspace.map.hand_over_reference(&old, &new);
+    let undo = Undo {
+        status: alert.status,
+        retired,
+        references,
+        poses: moved_from(&workspace.map, &before),
+        after: fingerprint(&workspace.map),
+    };
+    let change = AcceptedChange {
+        alert_id: alert.id,
+        region: evidence.region.clone(),
+        since: evidence.since,
+        map_version: workspace.map_version + 1,
+        nodes: evidence.nodes.clone(),
+        first_edge_id: workspace.map.next_edge_id(),
+    };
+    workspace.accepted.push(change.clone());
+    workspace.map_version += 1;
+    let (changed_nodes, changed_edges) = changes_of(workspace);
+    let undo = postcard::to_stdvec(&undo).context("what an undo restores cannot be written")?;
+    Ok(MapDecision {
+        accepted: AcceptanceChange::Added(Acceptance { change, undo }),
+        changed_nodes,
+        changed_edges,
+        superseded,
+    })
+}
+
+/// What an accepted change left behind for its undo.
+///
+/// # Errors
+/// If it cannot be read.
+pub(super) fn read_undo(bytes: &[u8]) -> anyhow::Result<Undo> {
+    postcard::from_bytes(bytes).context("what an undo restores cannot be read")
+}
+
+/// Takes an accepted change out of the map again, as its next version.
+///
+/// If nothing has touched the map since, every pose is restored to the bit; else the edges and
+/// references are restored, and what they touch is solved again.
+///
+/// # Errors
+/// If the picture of the present version cannot be drawn.
+pub(super) fn undo(
+    workspace: &mut Workspace,
+    alert: AlertId,
+    undo: &Undo,
+) -> anyhow::Result<MapDecision> {
+    let superseded = picture_of(workspace)?;
+    let map = &mut workspace.map;
+    let untouched = fingerprint(map) == undo.after;
+    for (node, reference) in &undo.references {
+        map.set_reference(*node, *reference);
+    }
+    if untouched {
+        for edge in &undo.retired {
+            map.set_edge_status(*edge, EdgeStatus::Active);
+        }
+        for (node, [x, y, theta]) in &undo.poses {
+            let (x, y, theta) = (*x, *y, *theta);
+            map.set_pose(*node, Pose2 { x, y, theta });
+        }
+    } else {
+        let retired = undo.retired.iter();
+        let statuses: Vec<_> = retired.map(|e| (*e, EdgeStatus::Active)).collect();
+        map.restate_edges(&statuses);
+    }
+    workspace.accepted.retain(|change| change.alert_id != alert);
+    workspace.map_version += 1;
+    let (changed_nodes, changed_edges) = changes_of(workspace);
+    Ok(MapDecision {
+        accepted: AcceptanceChange::Removed,
+        changed_nodes,
+        changed_edges,
+        superseded,
+    })
+}
+
+/// The map's picture as it stands.
+fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
+    let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
+    let looks = poses.zip(workspace.map.keyframes());
+    let looks =
+        looks
+            .filter(|((_, saved), _)| saved.active)
+            .map(|((map_from_base, _), keyframe)| Look {
+                stamp: keyframe.stamp,
+                map_from_base,
+                scan: &keyframe.scan,
+            });
+    MapPicture::draw(looks, &workspace.accepted).context("the map's picture cannot be drawn")
+}
+
+fn poses_of(map: &RouteMap) -> impl Iterator<Item = Pose2> + '_ {
+    map.graph().nodes().iter().map(|node| node.pose)
+}
+
+/// The active closures among the alert's edges.
+fn contradicting(map: &RouteMap, evidence: &Finding) -> Vec<EdgeId> {
+    let edges = evidence.edges.iter().filter_map(|id| map.graph().edge(*id));
+    let closures = edges
+        .filter(|edge| edge.kind == EdgeKind::LoopClosure && edge.status == EdgeStatus::Active);
+    closures.map(|edge| edge.id).collect()
+}
+
+/// The alert's nodes, those that show the old state and those that show the new one.
+fn nodes_by_state(map: &RouteMap, evidence: &Finding) -> (Vec<NodeId>, Vec<NodeId>) {
+    let known = evidence.nodes.iter().filter_map(|node| {
+        let position = map.graph().node_position(*node)?;
+        Some((*node, map.keyframes()[position].stamp))
+    });
+    let (old, new): (Vec<_>, Vec<_>) = known.partition(|(_, stamp)| *stamp < evidence.since);
+    let ids = |nodes: Vec<(NodeId, _)>| nodes.into_iter().map(|(node, _)| node).collect();
+    (ids(old), ids(new))
+}
+
+fn moved_from(map: &RouteMap, before: &[Pose2]) -> Vec<(NodeId, [f64; 3])> {
+    let nodes = map.graph().nodes().iter().zip(before);
+    nodes
+        .filter(|(node, before)| node.pose != **before)
+        .map(|(node, before)| (node.id, [before.x, before.y, before.theta]))
+        .collect()
+}
+
+/// Tells two states of a map apart: poses to the bit, references, edges and whether they are
+/// optimised.
+fn fingerprint(map: &RouteMap) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    for (node, keyframe) in map.graph().nodes().iter().zip(map.keyframes()) {
+        hash.update(node.id.0.to_le_bytes());
+        for value in [node.pose.x, node.pose.y, node.pose.theta] {
+            // The database forgets the sign of a zero.
+            hash.update((value + 0.0).to_le_bytes());
+        }
+        hash.update([u8::from(keyframe.reference)]);
+    }
+    for edge in map.graph().edges() {
+        hash.update(edge.id.0.to_le_bytes());
+        hash.update([edge.status as u8]);
+    }
+    hash.finalize().into()
+}

@@ -1,0 +1,167 @@
+//! From findings to the alerts of a route.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use jiff::Timestamp;
+use uuid::Uuid;
+
+use super::engine::now;
+use super::workspace::Workspace;
+use crate::change::series::{ResidualSeries, Verdict, residual_series};
+use crate::change::{AlertState, AlertUpdate, Finding, fold};
+use crate::geometry::polygon_gap;
+use crate::ids::{AlertId, EdgeId, VehicleId};
+use crate::store::{AlertRecord, AlertResidual, ClaimedJob, HistoryEntry, SYSTEM};
+
+/// Alerts whose regions are this close tell of the same place, metres.
+const RELATED_M: f64 = 1.0;
+
+/// Folds all findings known now into the route's alerts: the new alerts and the next revisions of
+/// those that change. The workspace's alerts are brought up to date.
+///
+/// To be called when the job's closures are among the workspace's, since every alert says what
+/// the residual series has of its strongest one.
+pub(super) fn fold_into(
+    workspace: &mut Workspace,
+    job: &ClaimedJob,
+    findings: &[Finding],
+) -> Vec<AlertRecord> {
+    let states: Vec<AlertState> = workspace.alerts.iter().map(state_of).collect();
+    let updates = fold(&states, findings);
+    let mut residuals = Residuals::of(workspace);
+    let now = now();
+    let changed: Vec<AlertRecord> = updates
+        .into_iter()
+        .map(|update| {
+            let before = update.existing.map(|k| workspace.alerts[k].clone());
+            let residual = residuals.strongest(workspace, &update.state.evidence);
+            let mut alert = before.unwrap_or_else(|| raised(workspace, job, &update.state, now));
+            bring_up_to_date(&mut alert, update, now);
+            alert.vehicles = vehicles_of(workspace, &alert.evidence);
+            alert.residual = residual;
+            alert
+        })
+        .collect();
+    for alert in &changed {
+        if alert.revision == 1 {
+            workspace.alerts.push(alert.clone());
+        } else {
+            workspace.replace_alert(alert);
+        }
+    }
+    changed
+}
+
+fn state_of(alert: &AlertRecord) -> AlertState {
+    AlertState {
+        status: alert.status,
+        evidence: alert.evidence.clone(),
+        first_seen: alert.first_seen,
+    }
+}
+
+/// A new alert, before its first revision.
+fn raised(
+    workspace: &Workspace,
+    job: &ClaimedJob,
+    state: &AlertState,
+    now: Timestamp,
+) -> AlertRecord {
+    AlertRecord {
+        id: AlertId(Uuid::now_v7()),
+        route_id: job.route_id.clone(),
+        revision: 0,
+        status: state.status,
+        evidence: state.evidence.clone(),
+        first_seen: state.first_seen,
+        vehicles: Vec::new(),
+        residual: None,
+        map_version: workspace.map_version,
+        related: related_to(workspace, &state.evidence),
+        raised_at: now,
+        updated_at: now,
+        history: Vec::new(),
+    }
+}
+
+fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, now: Timestamp) {
+    alert.revision += 1;
+    alert.status = update.state.status;
+    alert.evidence = update.state.evidence;
+    alert.first_seen = update.state.first_seen;
+    alert.updated_at = now.max(alert.updated_at);
+    let at = alert.updated_at;
+    alert
+        .history
+        .extend(update.steps.iter().map(|step| HistoryEntry {
+            status: step.status,
+            at,
+            by: SYSTEM.to_owned(),
+            note: step.note.map(str::to_owned),
+        }));
+}
+
+/// The alerts at the same place that wait for a decision.
+fn related_to(workspace: &Workspace, evidence: &Finding) -> Vec<AlertId> {
+    let near = workspace.alerts.iter().filter(|other| {
+        other.status.is_pending()
+            && polygon_gap(&other.evidence.region, &evidence.region) <= RELATED_M
+    });
+    near.map(|other| other.id).collect()
+}
+
+fn vehicles_of(workspace: &Workspace, evidence: &Finding) -> Vec<VehicleId> {
+    let known = evidence.trips.iter();
+    let vehicles = known.filter_map(|trip| workspace.vehicles.get(trip).cloned());
+    vehicles.collect::<BTreeSet<_>>().into_iter().collect()
+}
+
+/// The residual series of a route's sub-graphs, read when they are first asked for.
+struct Residuals {
+    subgraph_of: BTreeMap<EdgeId, i64>,
+    series: BTreeMap<i64, ResidualSeries>,
+}
+
+impl Residuals {
+    fn of(workspace: &Workspace) -> Self {
+        let edges = workspace.saved_edges.iter();
+        Self {
+            subgraph_of: edges
+                .filter_map(|edge| Some((edge.id, edge.subgraph_id?)))
+                .collect(),
+            series: BTreeMap::new(),
+        }
+    }
+
+    /// The closure that is least likely without a change, as its series has it.
+    fn strongest(&mut self, workspace: &Workspace, evidence: &Finding) -> Option<AlertResidual> {
+        let mut strongest: Option<AlertResidual> = None;
+        for edge in &evidence.edges {
+            let Some(&subgraph_id) = self.subgraph_of.get(edge) else {
+                continue;
+            };
+            let series = self.series.entry(subgraph_id).or_insert_with(|| {
+                let samples = workspace.closures_of(subgraph_id);
+                residual_series(&samples, &workspace.detector.series_params())
+            });
+            let Some(entry) = series.entries.iter().find(|entry| entry.edge_id == *edge) else {
+                continue;
+            };
+            let residual = AlertResidual {
+                edge_id: entry.edge_id,
+                delta_f: entry.delta_f,
+                threshold: entry.threshold,
+                ratio: entry.ratio,
+                p_value: entry.p_value,
+                seed_rule: entry.verdict == Verdict::Contradiction,
+            };
+            let weaker = |other: AlertResidual| {
+                (other.p_value, -other.delta_f) > (residual.p_value, -residual.delta_f)
+            };
+            if strongest.is_none_or(weaker) {
+                strongest = Some(residual);
+            }
+        }
+        strongest
+    }
+}

@@ -1,0 +1,96 @@
+//! What workers and decisions share: the store, the maps in memory, the threads, the turns.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Context, anyhow};
+use jiff::Timestamp;
+use tokio::sync::{OwnedMutexGuard, oneshot};
+
+use super::workspace::Workspaces;
+use crate::ids::RouteId;
+use crate::store::Store;
+
+/// Cheap to clone.
+#[derive(Clone)]
+pub(super) struct Engine {
+    pub store: Store,
+    pub workspaces: Arc<Workspaces>,
+    pool: Arc<rayon::ThreadPool>,
+    turns: Arc<Turns>,
+}
+
+impl Engine {
+    /// An engine with as many threads as there are cores.
+    ///
+    /// # Errors
+    /// If the threads cannot be had.
+    pub fn new(store: &Store) -> anyhow::Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(Self::threads())
+            .thread_name(|k| format!("map-{k}"))
+            .build()
+            .context("cannot start the worker threads")?;
+        Ok(Self {
+            store: store.clone(),
+            workspaces: Arc::new(Workspaces::default()),
+            pool: Arc::new(pool),
+            turns: Arc::new(Turns::default()),
+        })
+    }
+
+    /// How many computations run side by side.
+    pub fn threads() -> usize {
+        std::thread::available_parallelism().map_or(1, usize::from)
+    }
+
+    /// Runs a computation on the threads for it. A panic in it becomes an error.
+    pub async fn compute<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> anyhow::Result<T> {
+        let (sender, receiver) = oneshot::channel();
+        self.pool.spawn(move || {
+            let outcome = catch_unwind(AssertUnwindSafe(work));
+            // A receiver that is gone was cut off at shutdown: a job is claimed again.
+            let _ = sender.send(outcome);
+        });
+        match receiver.await.context("the worker thread is gone")? {
+            Ok(value) => Ok(value),
+            Err(panic) => Err(anyhow!("the computation panicked: {}", message_of(&*panic))),
+        }
+    }
+
+    /// Waits for one's turn with a route's map, first come, first served. The store's fence keeps
+    /// results apart all the same; this keeps them from being computed for nothing.
+    pub async fn turn(&self, route: &RouteId) -> OwnedMutexGuard<()> {
+        self.turns.of(route).lock_owned().await
+    }
+}
+
+/// The time, as exactly as the store keeps it.
+pub(super) fn now() -> Timestamp {
+    let now = Timestamp::now();
+    Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
+}
+
+/// Who may change which route's map.
+#[derive(Default)]
+struct Turns {
+    by_route: Mutex<BTreeMap<RouteId, Arc<tokio::sync::Mutex<()>>>>,
+}
+
+impl Turns {
+    fn of(&self, route: &RouteId) -> Arc<tokio::sync::Mutex<()>> {
+        let mut turns = self.by_route.lock().unwrap_or_else(PoisonError::into_inner);
+        turns.retain(|_, turn| Arc::strong_count(turn) > 1);
+        Arc::clone(turns.entry(route.clone()).or_default())
+    }
+}
+
+fn message_of(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "without a message".to_owned())
+}

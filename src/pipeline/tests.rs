@@ -1,0 +1,6 @@
+//! Alerts and decisions through the store, with findings made by hand.
+
+mod accepting;
+mod bench;
+mod deciding;
+mod folding;

@@ -1,0 +1,301 @@
+//! A route through a small workshop in which a box is put down.
+
+use jiff::{SignedDuration, Timestamp};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
+
+use super::super::alerts::fold_into;
+use super::super::engine::Engine;
+use super::super::process::process;
+use super::super::workspace::Workspace;
+use super::super::{Decisions, Order};
+use crate::change::{AlertAction, ChangeKind, Finding};
+use crate::formats::g2o::write_g2o;
+use crate::formats::{Look, MapPicture};
+use crate::geometry::{Pose2, Vector2};
+use crate::graph::EdgeKind;
+use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::scan::decode_scan;
+use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
+use crate::store::{
+    AlertFilter, AlertRecord, Applied, EdgeRecord, Journaled, NewBatch, NodeRecord, RouteUpdate,
+    Store, StoreOptions,
+};
+
+/// Where the box is put down.
+pub const BOX_AT: Vector2<f64> = Vector2::new(6.0, 0.6);
+
+pub struct Bench {
+    pub engine: Engine,
+    pub decisions: Decisions,
+    directory: TempDir,
+}
+
+/// What a route's map is, to the bit.
+#[derive(Debug, PartialEq)]
+pub struct MapState {
+    pub nodes: Vec<NodeRecord>,
+    pub edges: Vec<EdgeRecord>,
+    pub g2o: String,
+    pub pgm: Vec<u8>,
+}
+
+impl Bench {
+    pub async fn new() -> Self {
+        let directory = TempDir::new().unwrap();
+        let bench = Self::open(directory).await;
+        let update = RouteUpdate::default();
+        let store = &bench.engine.store;
+        store.put_route(&route(), update, at(0)).await.unwrap();
+        bench
+    }
+
+    async fn open(directory: TempDir) -> Self {
+        let data_dir = directory.path().to_path_buf();
+        let store = Store::open(StoreOptions { data_dir }).await.unwrap();
+        let engine = Engine::new(&store).unwrap();
+        Self {
+            decisions: Decisions::new(engine.clone()),
+            engine,
+            directory,
+        }
+    }
+
+    pub async fn restarted(self) -> Self {
+        let Self {
+            engine,
+            decisions,
+            directory,
+        } = self;
+        let store = engine.store.clone();
+        drop((engine, decisions));
+        store.close().await.unwrap();
+        Self::open(directory).await
+    }
+
+    /// A map of two laps, and one alert that a third lap raises.
+    pub async fn with_alert() -> (Self, AlertRecord) {
+        let bench = Self::new().await;
+        bench.lap("before", 0, 2, |_| Vec::new()).await;
+        bench.lap("after", 1, 1, |map| vec![box_finding(map)]).await;
+        let alert = bench.alerts().await.remove(0);
+        (bench, alert)
+    }
+
+    /// Drives laps and merges them; from hour 1 on the box is there.
+    pub async fn lap(
+        &self,
+        trip: &str,
+        hour: i64,
+        laps: usize,
+        findings: impl Fn(&Workspace) -> Vec<Finding>,
+    ) {
+        let store = &self.engine.store;
+        let journaled = store.journal_batch(upload(trip, hour, laps)).await;
+        assert_eq!(journaled.unwrap(), Journaled::Stored);
+        let lease = std::time::Duration::from_secs(60);
+        let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
+        let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
+        let (mut workspace, mut result) = process(workspace, &job).unwrap();
+        let findings = findings(&workspace);
+        result.alerts = fold_into(&mut workspace, &job, &findings);
+        assert_eq!(
+            store.apply_result(result).await.unwrap(),
+            Applied::Committed
+        );
+        self.engine.workspaces.put_back(route(), workspace.saved());
+    }
+
+    pub async fn alerts(&self) -> Vec<AlertRecord> {
+        let filter = AlertFilter::default();
+        self.engine
+            .store
+            .alert_page(&filter, None, 100)
+            .await
+            .unwrap()
+    }
+
+    pub fn order(alert: &AlertRecord, action: AlertAction) -> Order {
+        Order {
+            alert_id: alert.id,
+            revision: alert.revision,
+            action,
+            by: "keeper".to_owned(),
+            note: Some("seen with my own eyes".to_owned()),
+        }
+    }
+
+    pub async fn decide(&self, alert: &AlertRecord, action: AlertAction) -> AlertRecord {
+        self.decisions
+            .decide(Self::order(alert, action))
+            .await
+            .unwrap()
+    }
+
+    pub async fn state(&self) -> MapState {
+        let store = &self.engine.store;
+        let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
+        let g2o = write_g2o(workspace.map.graph());
+        self.engine.workspaces.put_back(route(), workspace);
+        MapState {
+            nodes: store.nodes(&route()).await.unwrap(),
+            edges: store.edges(&route()).await.unwrap(),
+            g2o,
+            pgm: self.picture().await.pgm,
+        }
+    }
+
+    /// The map's picture as it is drawn from what is stored.
+    pub async fn picture(&self) -> MapPicture {
+        let store = &self.engine.store;
+        let nodes = store.nodes_with_scans(&route()).await.unwrap();
+        let accepted = store.accepted_changes(&route()).await.unwrap();
+        let scans: Vec<_> = nodes
+            .iter()
+            .map(|n| decode_scan(&n.scan).unwrap())
+            .collect();
+        let looks = nodes.iter().zip(&scans).map(|(n, scan)| Look {
+            stamp: n.node.stamp,
+            map_from_base: n.node.pose,
+            scan,
+        });
+        MapPicture::draw(looks, &accepted).unwrap()
+    }
+}
+
+pub fn route() -> RouteId {
+    RouteId::new("workshop").unwrap()
+}
+
+pub fn at(hour: i64) -> Timestamp {
+    let start: Timestamp = "2026-11-20T06:00:00Z".parse().unwrap();
+    start + SignedDuration::from_hours(hour)
+}
+
+pub fn stamp_of_hour(hour: i64) -> StampNs {
+    StampNs(i64::try_from(at(hour).as_nanosecond()).unwrap())
+}
+
+pub fn sha256(bytes: &[u8]) -> [u8; 32] {
+    Sha256::digest(bytes).into()
+}
+
+fn rectangle(x: f64, y: f64, length: f64, width: f64) -> Shape {
+    Shape::rectangle(&Pose2::new(x, y, 0.0), length, width)
+}
+
+fn world(with_box: bool) -> World {
+    let shapes = [
+        rectangle(6.0, 5.0, 13.0, 11.0),
+        rectangle(4.5, 4.6, 2.0, 1.5),
+        rectangle(6.5, 9.9, 5.0, 1.0),
+        rectangle(12.0, 6.5, 0.8, 3.0),
+        rectangle(8.2, 5.8, 0.6, 2.2),
+    ];
+    let added = with_box.then(|| rectangle(BOX_AT.x, BOX_AT.y, 0.6, 0.4));
+    World::new(shapes.into_iter().chain(added))
+}
+
+fn vehicle() -> Vehicle {
+    Vehicle {
+        lidar: SimLidar::all_round(180, 20.0, 0.01, Pose2::new(0.2, 0.0, 0.0)),
+        odometry: OdometryError {
+            scale: 0.01,
+            yaw_drift_rad_per_m: 5e-4,
+            sigma_xy_m: 0.005,
+            sigma_theta_rad: 0.003,
+        },
+        path_noise_m: 0.2,
+        scan_spacing_m: 0.5,
+        speed_mps: 1.2,
+    }
+}
+
+/// A drive of its own as one upload; its id is the trip's.
+fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
+    let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
+    let corners = corners.map(|(x, y)| Vector2::new(x, y));
+    let path = Route::new(&corners, 1.0).unwrap();
+    let vehicle = vehicle();
+    let scans = drive(
+        &world(hour > 0),
+        &path,
+        &vehicle,
+        laps,
+        7 + hour.unsigned_abs(),
+    );
+    let pose = |p: &Pose2| json!({"x": p.x, "y": p.y, "theta": p.theta});
+    let mut start = pose(&scans[0].map_from_base);
+    start["sigma_xy"] = json!(0.1);
+    start["sigma_theta"] = json!(0.03);
+    let geometry = &vehicle.lidar.geometry;
+    let count = i64::try_from(scans.len()).unwrap();
+    let scans = scans.iter().map(|scan| {
+        let after = SignedDuration::from_millis((scan.time_s * 1e3) as i64);
+        json!({
+            "stamp": at(hour) + after,
+            "odometry": pose(&scan.odom_from_base),
+            "ranges": scan.ranges_m,
+        })
+    });
+    let body = json!({
+        "vehicle_id": format!("agv-{hour}"), "trip_id": trip, "sequence": 0,
+        "initial_pose": start,
+        "lidar": {
+            "angle_min": geometry.angle_min_rad, "angle_increment": geometry.angle_increment_rad,
+            "range_min": geometry.range_min_m, "range_max": geometry.range_max_m,
+            "mount": pose(&geometry.mount), "range_sigma": geometry.range_sigma_m,
+        },
+        "scans": scans.collect::<Vec<Value>>(),
+    });
+    NewBatch {
+        route_id: route(),
+        id: BatchId::new(trip).unwrap(),
+        vehicle_id: VehicleId::new(format!("agv-{hour}")).unwrap(),
+        trip_id: TripId::new(trip).unwrap(),
+        sequence: 0,
+        scans: count,
+        flags: Vec::new(),
+        body: serde_json::to_vec(&body).unwrap(),
+        received_at: at(hour),
+    }
+}
+
+/// What a detector would say of the box: nodes within 3 m, the closures between those before and
+/// those after.
+pub fn box_finding(workspace: &Workspace) -> Finding {
+    let graph = workspace.map.graph();
+    let is_near = |node: NodeId| {
+        let pose = graph.node(node).unwrap().pose;
+        (pose.translation() - BOX_AT).norm() < 3.0
+    };
+    let near = workspace.map.keyframes().iter().filter(|k| is_near(k.node));
+    let near: Vec<_> = near.collect();
+    let since = stamp_of_hour(1);
+    let later = |node: NodeId| near.iter().any(|k| k.node == node && k.stamp >= since);
+    let earlier = |node: NodeId| near.iter().any(|k| k.node == node && k.stamp < since);
+    let edges = graph
+        .edges()
+        .iter()
+        .filter(|edge| edge.kind == EdgeKind::LoopClosure && earlier(edge.from) && later(edge.to));
+    let views: Vec<_> = near.iter().filter(|k| k.stamp >= since).collect();
+    let mut trips: Vec<TripId> = views.iter().map(|k| k.trip.clone()).collect();
+    trips.dedup();
+    let corners = [[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]];
+    Finding {
+        kind: ChangeKind::Appeared,
+        location: BOX_AT,
+        sigma_m: 0.03,
+        region: corners.map(|c| BOX_AT + Vector2::from(c)).to_vec(),
+        edges: edges.map(|edge| edge.id).collect(),
+        nodes: near.iter().map(|k| k.node).collect(),
+        laps: trips.len(),
+        trips,
+        views: views.len(),
+        confidence: 0.99,
+        since: views.iter().map(|k| k.stamp).min().unwrap(),
+        last_seen: views.iter().map(|k| k.stamp).max().unwrap(),
+        until: None,
+    }
+}

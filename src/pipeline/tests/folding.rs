@@ -1,0 +1,149 @@
+use super::bench::{Bench, box_finding, route, stamp_of_hour};
+use crate::change::{AlertStatus, Finding};
+use crate::geometry::Vector2;
+use crate::ids::{BatchId, VehicleId};
+use crate::store::{AlertFilter, SYSTEM};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_alert_says_what_is_known() {
+    let (bench, alert) = Bench::with_alert().await;
+    assert_eq!((alert.revision, alert.status), (1, AlertStatus::Open));
+    assert_eq!(alert.vehicles, [VehicleId::new("agv-1").unwrap()]);
+    assert_eq!(
+        (alert.map_version, alert.first_seen),
+        (1, alert.evidence.since)
+    );
+    assert_eq!(alert.history.len(), 1);
+    assert_eq!(alert.history[0].by, SYSTEM);
+    assert_eq!(alert.id.0.get_version_num(), 7);
+
+    let residual = alert.residual.unwrap();
+    assert!(alert.evidence.edges.contains(&residual.edge_id));
+    let store = &bench.engine.store;
+    let edge = store
+        .edge(&route(), residual.edge_id)
+        .await
+        .unwrap()
+        .unwrap();
+    assert_eq!(edge.closure.unwrap().delta_f, residual.delta_f);
+    for id in &alert.evidence.edges {
+        let edge = store.edge(&route(), *id).await.unwrap().unwrap();
+        let delta_f = edge.closure.unwrap().delta_f;
+        assert!(
+            delta_f <= residual.delta_f || edge.subgraph_id.is_none() || {
+                // The scale that p-values rest on grows with the series.
+                residual.p_value < 0.5
+            }
+        );
+    }
+    let record = store.route(&route()).await.unwrap().unwrap();
+    assert_eq!(record.counts.open_alerts, 1);
+    for batch in ["before", "after"] {
+        let batch = BatchId::new(batch).unwrap();
+        let alerts = store.batch_alerts(&route(), &batch).await.unwrap();
+        assert_eq!(alerts, [alert.id]);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn alerts_outlive_a_restart_and_go_on() {
+    let (bench, alert) = Bench::with_alert().await;
+    let bench = bench.restarted().await;
+    assert_eq!(bench.alerts().await, [alert.clone()]);
+    // The same findings again are no news, whatever was read back from the disk.
+    let evidence = alert.evidence.clone();
+    bench.lap("later", 2, 1, |_| vec![evidence.clone()]).await;
+    assert_eq!(bench.alerts().await, [alert.clone()]);
+    let gone = Finding {
+        until: Some(stamp_of_hour(3)),
+        ..alert.evidence.clone()
+    };
+    bench.lap("gone", 3, 1, |_| vec![gone.clone()]).await;
+    let resolved = bench.alerts().await.remove(0);
+    assert_eq!(resolved.status, AlertStatus::Resolved);
+    assert_eq!(resolved.history.len(), 2);
+    let bench = bench.restarted().await;
+    bench.lap("back", 4, 1, |_| vec![evidence.clone()]).await;
+    let back = bench.alerts().await;
+    assert_eq!(back.len(), 1);
+    assert_eq!((back[0].id, back[0].status), (alert.id, AlertStatus::Open));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn alerts_are_listed_newest_first_and_told_of_in_order() {
+    let bench = Bench::new().await;
+    bench.lap("before", 0, 1, |_| Vec::new()).await;
+    let at = |map: &_, x_m: f64| {
+        let mut finding = box_finding(map);
+        let shift = Vector2::new(x_m, 0.0);
+        finding.location += shift;
+        finding
+            .region
+            .iter_mut()
+            .for_each(|corner| *corner += shift);
+        finding.confidence = 0.9 + x_m / 100.0;
+        finding
+    };
+    bench
+        .lap("after", 1, 1, |map| {
+            vec![at(map, 0.0), at(map, 1.5), at(map, 5.0)]
+        })
+        .await;
+    let all = bench.alerts().await;
+    let places: Vec<f64> = all.iter().map(|a| a.evidence.location.x).collect();
+    assert_eq!(places, [11.0, 7.5, 6.0]);
+    assert_eq!(all[2].related, []);
+    let store = &bench.engine.store;
+    let page = |filter: AlertFilter, before, limit| async move {
+        let page = store.alert_page(&filter, before, limit).await.unwrap();
+        page.into_iter()
+            .map(|a| a.evidence.location.x)
+            .collect::<Vec<_>>()
+    };
+    let any = AlertFilter::default;
+    assert_eq!(page(any(), None, 2).await, [11.0, 7.5]);
+    assert_eq!(page(any(), Some(all[1].id), 2).await, [6.0]);
+    let bbox = Some([7.0, 0.0, 11.0, 1.0]);
+    assert_eq!(
+        page(AlertFilter { bbox, ..any() }, None, 9).await,
+        [11.0, 7.5]
+    );
+    let min_confidence = Some(0.93);
+    assert_eq!(
+        page(
+            AlertFilter {
+                min_confidence,
+                ..any()
+            },
+            None,
+            9
+        )
+        .await,
+        [11.0]
+    );
+    let status = Some(AlertStatus::Resolved);
+    assert!(
+        page(AlertFilter { status, ..any() }, None, 9)
+            .await
+            .is_empty()
+    );
+    let since = Some(all[0].updated_at);
+    assert_eq!(page(AlertFilter { since, ..any() }, None, 9).await.len(), 3);
+
+    let events = store.alert_events(None, 0, 10).await.unwrap();
+    let told: Vec<_> = events.iter().map(|event| event.alert_id).collect();
+    assert_eq!(told, [all[2].id, all[1].id, all[0].id]);
+    bench
+        .decide(&all[0], crate::change::AlertAction::Dismiss)
+        .await;
+    let last = store.last_alert_event().await.unwrap();
+    let next = store
+        .alert_events(Some(&route()), events[2].sequence, 10)
+        .await
+        .unwrap();
+    assert_eq!(next.len(), 1);
+    assert_eq!(
+        (next[0].sequence, next[0].alert_id, next[0].revision),
+        (last, all[0].id, 2)
+    );
+}

@@ -1,0 +1,181 @@
+//! What the store keeps of alerts and of the versions of a map, as values.
+
+use jiff::Timestamp;
+
+pub use crate::change::{AcceptedChange, AlertAction, AlertStatus, ChangeKind, Finding};
+pub use crate::formats::MapPicture;
+use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
+
+use super::records::{EdgeChange, NodeChange};
+
+/// Who writes the history entries that nobody asked for.
+pub const SYSTEM: &str = "system";
+
+/// An alert.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlertRecord {
+    /// Sorts by when it was raised.
+    pub id: AlertId,
+    /// The route.
+    pub route_id: RouteId,
+    /// 1 when it is raised, and one more with every change: what an ETag is made of.
+    pub revision: i64,
+    /// Where it is in its life.
+    pub status: AlertStatus,
+    /// What all looks at the place say together.
+    pub evidence: Finding,
+    /// The first look that ever showed it; `evidence.since` is the first of its present episode.
+    pub first_seen: StampNs,
+    /// Whose looks show the new state, ascending.
+    pub vehicles: Vec<VehicleId>,
+    /// What the residual of its strongest closure says; `None` without a closure.
+    pub residual: Option<AlertResidual>,
+    /// The version of the map that it contradicts.
+    pub map_version: i64,
+    /// Other alerts that tell of the same place.
+    pub related: Vec<AlertId>,
+    /// When it was raised.
+    pub raised_at: Timestamp,
+    /// When it last changed.
+    pub updated_at: Timestamp,
+    /// Every status that it had, the first one first.
+    pub history: Vec<HistoryEntry>,
+}
+
+/// A closure's place in the residual series of its sub-graph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AlertResidual {
+    /// The closure.
+    pub edge_id: EdgeId,
+    /// What it added to the optimum F (paper: ΔF).
+    pub delta_f: f64,
+    /// The paper's threshold on ΔF; `None` while its series warms up.
+    pub threshold: Option<f64>,
+    /// ΔF over the threshold; `None` while its series warms up.
+    pub ratio: Option<f64>,
+    /// The probability of a ΔF this large without a change.
+    pub p_value: f64,
+    /// Whether the paper's rule calls it a contradiction.
+    pub seed_rule: bool,
+}
+
+/// A status that an alert took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HistoryEntry {
+    /// From then on.
+    pub status: AlertStatus,
+    /// When.
+    pub at: Timestamp,
+    /// Who: a name, or [`SYSTEM`].
+    pub by: String,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+/// Which alerts to list; every condition that is given holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct AlertFilter {
+    /// Of this route.
+    pub route_id: Option<RouteId>,
+    /// In this state.
+    pub status: Option<AlertStatus>,
+    /// Of this kind.
+    pub kind: Option<ChangeKind>,
+    /// Changed at this time or later.
+    pub since: Option<Timestamp>,
+    /// Located in this rectangle of the map frame: lowest x, lowest y, highest x, highest y,
+    /// metres, borders included.
+    pub bbox: Option<[f64; 4]>,
+    /// At least this confident.
+    pub min_confidence: Option<f64>,
+}
+
+/// Something that happened to an alert.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AlertEvent {
+    /// 1, 2, … over all routes, in the order of commits; gaps are possible.
+    pub sequence: i64,
+    /// The alert.
+    pub alert_id: AlertId,
+    /// The alert's revision after it; 1 is the raising.
+    pub revision: i64,
+    /// When.
+    pub at: Timestamp,
+}
+
+/// Everything that one decision about an alert changes, applied in one transaction.
+#[derive(Debug, Clone)]
+pub struct Decision {
+    /// The route's revision that it was computed from.
+    pub base_revision: i64,
+    /// The alert as it is to be: its revision one more than before, its history one longer.
+    pub alert: AlertRecord,
+    /// What happens to the map.
+    pub map: Option<MapDecision>,
+}
+
+/// What accepting an alert, or taking that back, does to a route's map.
+#[derive(Debug, Clone)]
+pub struct MapDecision {
+    /// Whether a change is taken in or taken back.
+    pub accepted: AcceptanceChange,
+    /// Nodes that moved, or changed their block or part.
+    pub changed_nodes: Vec<NodeChange>,
+    /// Edges whose residual, status or block changed.
+    pub changed_edges: Vec<EdgeChange>,
+    /// The map as it was before.
+    pub superseded: MapPicture,
+}
+
+/// How the set of accepted changes changes.
+#[derive(Debug, Clone)]
+pub enum AcceptanceChange {
+    /// The alert's change is taken into the map.
+    Added(Acceptance),
+    /// The alert's change is taken out of it again.
+    Removed,
+}
+
+/// An accepted change with what takes it back.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Acceptance {
+    /// The change.
+    pub change: AcceptedChange,
+    /// What an undo restores; opaque to the store.
+    pub undo: Vec<u8>,
+}
+
+/// Whether a decision was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Decided {
+    /// Committed.
+    Committed,
+    /// The route or the alert has moved on; nothing was written.
+    Stale,
+}
+
+/// A version of a route's map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapVersionRecord {
+    /// 1 for the first map; raised by every acceptance and every undo.
+    pub version: i64,
+    /// The epoch that it belongs to.
+    pub epoch: i64,
+    /// When it began.
+    pub created_at: Timestamp,
+    /// When another one followed; `None` for the present one.
+    pub superseded_at: Option<Timestamp>,
+    /// What began it; `None` for the first.
+    pub cause: Option<VersionCause>,
+    /// SHA-256 of its PGM; `None` for the present one, which still grows.
+    pub sha256: Option<[u8; 32]>,
+}
+
+/// The decision that began a version.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VersionCause {
+    /// About this alert.
+    pub alert_id: AlertId,
+    /// Accept or undo.
+    pub action: AlertAction,
+}

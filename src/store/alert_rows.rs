@@ -1,0 +1,186 @@
+//! Writing alerts.
+
+use sqlx::SqliteConnection;
+
+use super::alert_records::{AlertRecord, HistoryEntry};
+use super::columns::{Text, json_text, micros, polygon_bytes};
+use super::error::StoreError;
+
+/// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
+/// the route's anew.
+///
+/// # Errors
+/// [`StoreError::InvalidResult`] if an alert is not the successor of what is stored.
+pub(super) async fn write_alerts(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    alerts: &[AlertRecord],
+) -> Result<(), StoreError> {
+    if alerts.is_empty() {
+        return Ok(());
+    }
+    for alert in alerts {
+        check(alert)?;
+        let alert_key = upsert(transaction, route_key, alert).await?;
+        let alert_key = alert_key
+            .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
+        add_history(transaction, alert_key, &alert.history).await?;
+        link_batches(transaction, route_key, alert_key, alert).await?;
+        sqlx::query("INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?)")
+            .bind(alert_key)
+            .bind(alert.revision)
+            .bind(micros(alert.updated_at))
+            .execute(&mut *transaction)
+            .await?;
+    }
+    sqlx::query(
+        "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
+         WHERE route_key = ?1 AND status IN ('open', 'acknowledged')) WHERE route_key = ?1",
+    )
+    .bind(route_key)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
+    StoreError::InvalidResult(format!("alert {} {what}", alert.id))
+}
+
+fn check(alert: &AlertRecord) -> Result<(), StoreError> {
+    let corners = alert.evidence.region.iter();
+    if !corners
+        .flat_map(|corner| corner.iter())
+        .all(|v| v.is_finite())
+    {
+        return Err(invalid(alert, "has a region that is not finite"));
+    }
+    if alert.history.last().map(|last| last.status) != Some(alert.status) {
+        return Err(invalid(alert, "has a history that ends otherwise"));
+    }
+    Ok(())
+}
+
+/// Inserts a first revision, or puts a later one in the place of the one before; `None` if that is
+/// not what is stored.
+async fn upsert(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    alert: &AlertRecord,
+) -> Result<Option<i64>, StoreError> {
+    let evidence = &alert.evidence;
+    let residual = alert.residual.as_ref();
+    let key = sqlx::query_scalar(UPSERT)
+        .bind(route_key)
+        .bind(alert.id.to_string())
+        .bind(alert.revision)
+        .bind(evidence.kind.text())
+        .bind(alert.status.text())
+        .bind(evidence.confidence)
+        .bind(evidence.location.x)
+        .bind(evidence.location.y)
+        .bind(evidence.sigma_m)
+        .bind(polygon_bytes(&evidence.region))
+        .bind(json_text(&evidence.edges)?)
+        .bind(json_text(&evidence.nodes)?)
+        .bind(json_text(&evidence.trips)?)
+        .bind(json_text(&alert.vehicles)?)
+        .bind(length(evidence.views))
+        .bind(length(evidence.laps))
+        .bind(alert.first_seen.0)
+        .bind(evidence.since.0)
+        .bind(evidence.last_seen.0)
+        .bind(evidence.until.map(|stamp| stamp.0))
+        .bind(residual.map(|residual| residual.edge_id.0))
+        .bind(residual.map(|residual| residual.delta_f))
+        .bind(residual.and_then(|residual| residual.threshold))
+        .bind(residual.and_then(|residual| residual.ratio))
+        .bind(residual.map(|residual| residual.p_value))
+        .bind(residual.map(|residual| residual.seed_rule))
+        .bind(alert.map_version)
+        .bind(json_text(&alert.related)?)
+        .bind(micros(alert.raised_at))
+        .bind(micros(alert.updated_at))
+        .fetch_optional(transaction)
+        .await?;
+    Ok(key)
+}
+
+/// Kind and time of raising stay as they were.
+const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status, confidence, \
+     x, y, sigma_m, region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns, \
+     last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
+     residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
+     updated_at_us) \
+     SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
+     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30 \
+     WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
+     ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
+     confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
+     sigma_m = excluded.sigma_m, region = excluded.region, edges = excluded.edges, \
+     nodes = excluded.nodes, trips = excluded.trips, vehicles = excluded.vehicles, \
+     views = excluded.views, laps = excluded.laps, first_seen_ns = excluded.first_seen_ns, \
+     since_ns = excluded.since_ns, last_seen_ns = excluded.last_seen_ns, \
+     until_ns = excluded.until_ns, residual_edge = excluded.residual_edge, \
+     residual_delta_f = excluded.residual_delta_f, \
+     residual_threshold = excluded.residual_threshold, \
+     residual_ratio = excluded.residual_ratio, residual_p_value = excluded.residual_p_value, \
+     residual_seed_rule = excluded.residual_seed_rule, map_version = excluded.map_version, \
+     related = excluded.related, updated_at_us = excluded.updated_at_us \
+     WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
+     AND kind = excluded.kind \
+     RETURNING alert_key";
+
+fn length(count: usize) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// Adds the entries that are not there yet.
+async fn add_history(
+    transaction: &mut SqliteConnection,
+    alert_key: i64,
+    history: &[HistoryEntry],
+) -> Result<(), StoreError> {
+    for (position, entry) in history.iter().enumerate() {
+        sqlx::query(
+            "INSERT INTO alert_history (alert_key, position, status, at_us, by_whom, note) \
+             VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+        )
+        .bind(alert_key)
+        .bind(length(position))
+        .bind(entry.status.text())
+        .bind(micros(entry.at))
+        .bind(&entry.by)
+        .bind(entry.note.as_deref())
+        .execute(&mut *transaction)
+        .await?;
+    }
+    Ok(())
+}
+
+/// Notes the batches that the alert's nodes and edges came with.
+async fn link_batches(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    alert_key: i64,
+    alert: &AlertRecord,
+) -> Result<(), StoreError> {
+    sqlx::query("DELETE FROM alert_batches WHERE alert_key = ?")
+        .bind(alert_key)
+        .execute(&mut *transaction)
+        .await?;
+    sqlx::query(
+        "INSERT INTO alert_batches (batch_key, alert_key) \
+         SELECT batch_key, ?2 FROM json_each(?3) CROSS JOIN nodes \
+             ON nodes.route_key = ?1 AND nodes.node_id = value \
+         UNION SELECT batch_key, ?2 FROM json_each(?4) CROSS JOIN edges \
+             ON edges.route_key = ?1 AND edges.edge_id = value",
+    )
+    .bind(route_key)
+    .bind(alert_key)
+    .bind(json_text(&alert.evidence.nodes)?)
+    .bind(json_text(&alert.evidence.edges)?)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,242 @@
+//! Reading alerts.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+
+use super::alert_records::{
+    AlertEvent, AlertFilter, AlertRecord, AlertResidual, AlertStatus, HistoryEntry,
+};
+use super::columns::{Text, alert_id, corrupt, json, micros, name, polygon, text, time};
+use super::error::StoreError;
+use crate::change::Finding;
+use crate::geometry::Vector2;
+use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
+
+/// An alert's history comes along as JSON, so that one statement reads a whole alert.
+macro_rules! select_alerts {
+    ($rest:literal) => {
+        concat!(
+            "SELECT alerts.*, routes.id AS route_id, \
+             (SELECT json_group_array(json_array(position, status, at_us, by_whom, note)) \
+              FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history \
+             FROM alerts JOIN routes USING (route_key) ",
+            $rest
+        )
+    };
+}
+
+/// One alert.
+pub(super) async fn alert(
+    readers: &SqlitePool,
+    id: AlertId,
+) -> Result<Option<AlertRecord>, StoreError> {
+    let row = sqlx::query(select_alerts!("WHERE alerts.id = ?"))
+        .bind(id.to_string())
+        .fetch_optional(readers)
+        .await?;
+    row.as_ref().map(alert_of).transpose()
+}
+
+/// The newest first, raised before `before`.
+pub(super) async fn alert_page(
+    readers: &SqlitePool,
+    filter: &AlertFilter,
+    before: Option<AlertId>,
+    limit: u32,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let mut query = QueryBuilder::<Sqlite>::new(select_alerts!("WHERE TRUE"));
+    if let Some(before) = before {
+        query
+            .push(" AND alerts.id < ")
+            .push_bind(before.to_string());
+    }
+    if let Some(route) = &filter.route_id {
+        query.push(" AND routes.id = ").push_bind(route.as_str());
+    }
+    if let Some(status) = filter.status {
+        query.push(" AND status = ").push_bind(status.text());
+    }
+    if let Some(kind) = filter.kind {
+        query.push(" AND kind = ").push_bind(kind.text());
+    }
+    if let Some(since) = filter.since {
+        query
+            .push(" AND alerts.updated_at_us >= ")
+            .push_bind(micros(since));
+    }
+    if let Some([low_x, low_y, high_x, high_y]) = filter.bbox {
+        query.push(" AND x BETWEEN ").push_bind(low_x);
+        query.push(" AND ").push_bind(high_x);
+        query.push(" AND y BETWEEN ").push_bind(low_y);
+        query.push(" AND ").push_bind(high_y);
+    }
+    if let Some(confidence) = filter.min_confidence {
+        query.push(" AND confidence >= ").push_bind(confidence);
+    }
+    query
+        .push(" ORDER BY alerts.id DESC LIMIT ")
+        .push_bind(limit);
+    let rows = query.build().fetch_all(readers).await?;
+    rows.iter().map(alert_of).collect()
+}
+
+/// The alerts that rest on a batch, by id.
+pub(super) async fn batch_alerts(
+    readers: &SqlitePool,
+    route: &RouteId,
+    batch: &BatchId,
+) -> Result<Vec<AlertId>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT alerts.id FROM routes JOIN batches USING (route_key) \
+         JOIN alert_batches USING (batch_key) JOIN alerts USING (alert_key) \
+         WHERE routes.id = ? AND batches.id = ? ORDER BY alerts.id",
+    )
+    .bind(route.as_str())
+    .bind(batch.as_str())
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(|row| alert_id(row, "id")).collect()
+}
+
+/// The alerts that rest on each of a route's batches, by id; batches without any are left out.
+pub(super) async fn alerts_by_batch(
+    readers: &SqlitePool,
+    route: &RouteId,
+) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT batches.id AS batch_id, alerts.id FROM routes JOIN alerts USING (route_key) \
+         JOIN alert_batches USING (alert_key) JOIN batches USING (batch_key) \
+         WHERE routes.id = ? ORDER BY alerts.id",
+    )
+    .bind(route.as_str())
+    .fetch_all(readers)
+    .await?;
+    let mut by_batch: BTreeMap<BatchId, Vec<AlertId>> = BTreeMap::new();
+    for row in &rows {
+        let alerts = by_batch.entry(name(row, "batch_id")?).or_default();
+        alerts.push(alert_id(row, "id")?);
+    }
+    Ok(by_batch)
+}
+
+/// What happened to alerts after `after`, in order; of one route, or of all.
+pub(super) async fn alert_events(
+    readers: &SqlitePool,
+    route: Option<&RouteId>,
+    after: i64,
+    limit: u32,
+) -> Result<Vec<AlertEvent>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT sequence, alerts.id, alert_events.revision, at_us FROM alert_events \
+         JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
+         WHERE sequence > ?1 AND (?2 IS NULL OR routes.id = ?2) ORDER BY sequence LIMIT ?3",
+    )
+    .bind(after)
+    .bind(route.map(RouteId::as_str))
+    .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    let event = |row: &SqliteRow| {
+        Ok(AlertEvent {
+            sequence: row.try_get("sequence")?,
+            alert_id: alert_id(row, "id")?,
+            revision: row.try_get("revision")?,
+            at: time(row, "at_us")?,
+        })
+    };
+    rows.iter().map(event).collect()
+}
+
+/// The sequence of the last event; 0 before the first.
+pub(super) async fn last_alert_event(readers: &SqlitePool) -> Result<i64, StoreError> {
+    let last = sqlx::query_scalar("SELECT coalesce(max(sequence), 0) FROM alert_events")
+        .fetch_one(readers)
+        .await?;
+    Ok(last)
+}
+
+/// The alerts of a route, the oldest first.
+pub(super) async fn route_alerts(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let rows = sqlx::query(select_alerts!("WHERE routes.id = ? ORDER BY alerts.id"))
+        .bind(route.as_str())
+        .fetch_all(reader)
+        .await?;
+    rows.iter().map(alert_of).collect()
+}
+
+fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
+    Ok(AlertRecord {
+        id: alert_id(row, "id")?,
+        route_id: name(row, "route_id")?,
+        revision: row.try_get("revision")?,
+        status: text(row, "status")?,
+        evidence: evidence_of(row)?,
+        first_seen: StampNs(row.try_get("first_seen_ns")?),
+        vehicles: json(row, "vehicles")?,
+        residual: residual_of(row)?,
+        map_version: row.try_get("map_version")?,
+        related: json(row, "related")?,
+        raised_at: time(row, "raised_at_us")?,
+        updated_at: time(row, "updated_at_us")?,
+        history: history_of(row)?,
+    })
+}
+
+fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
+    let count = |column| -> Result<usize, StoreError> {
+        let count: i64 = row.try_get(column)?;
+        usize::try_from(count).map_err(|_| corrupt(column))
+    };
+    let until: Option<i64> = row.try_get("until_ns")?;
+    Ok(Finding {
+        kind: text(row, "kind")?,
+        location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
+        sigma_m: row.try_get("sigma_m")?,
+        region: polygon(row, "region")?,
+        edges: json(row, "edges")?,
+        nodes: json(row, "nodes")?,
+        trips: json(row, "trips")?,
+        views: count("views")?,
+        laps: count("laps")?,
+        confidence: row.try_get("confidence")?,
+        since: StampNs(row.try_get("since_ns")?),
+        last_seen: StampNs(row.try_get("last_seen_ns")?),
+        until: until.map(StampNs),
+    })
+}
+
+fn residual_of(row: &SqliteRow) -> Result<Option<AlertResidual>, StoreError> {
+    let edge_id: Option<i64> = row.try_get("residual_edge")?;
+    let Some(edge_id) = edge_id else {
+        return Ok(None);
+    };
+    Ok(Some(AlertResidual {
+        edge_id: EdgeId(edge_id),
+        delta_f: row.try_get("residual_delta_f")?,
+        threshold: row.try_get("residual_threshold")?,
+        ratio: row.try_get("residual_ratio")?,
+        p_value: row.try_get("residual_p_value")?,
+        seed_rule: row.try_get("residual_seed_rule")?,
+    }))
+}
+
+fn history_of(row: &SqliteRow) -> Result<Vec<HistoryEntry>, StoreError> {
+    type Row = (i64, String, i64, String, Option<String>);
+    let mut rows: Vec<Row> = json(row, "history")?;
+    rows.sort_by_key(|(position, ..)| *position);
+    let entry = |(_, status, at_us, by, note): Row| {
+        Ok(HistoryEntry {
+            status: AlertStatus::parse(&status).ok_or_else(|| corrupt("history"))?,
+            at: Timestamp::from_microsecond(at_us).map_err(|_| corrupt("history"))?,
+            by,
+            note,
+        })
+    };
+    rows.into_iter().map(entry).collect()
+}

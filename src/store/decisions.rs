@@ -1,0 +1,145 @@
+//! Decisions of people about alerts: all of one in one transaction, or nothing.
+
+use sqlx::SqliteConnection;
+
+use super::acceptances;
+use super::alert_records::{
+    AcceptanceChange, AcceptedChange, AlertAction, AlertRecord, Decided, Decision,
+};
+use super::alert_rows::write_alerts;
+use super::body::SealedBody;
+use super::columns::micros;
+use super::error::StoreError;
+use super::graph_rows::{update_edges, update_nodes};
+use super::map_versions::{Beginning, SealedPicture, begin_next};
+use super::records::{EdgeChange, NodeChange};
+use super::request::Request;
+use super::results::count_blocks;
+
+/// Applies a decision if neither the route nor the alert has moved on.
+pub(super) struct ApplyDecision {
+    base_revision: i64,
+    alert: AlertRecord,
+    map: Option<SealedMapDecision>,
+}
+
+struct SealedMapDecision {
+    accepted: Option<(AcceptedChange, SealedBody)>,
+    changed_nodes: Vec<NodeChange>,
+    changed_edges: Vec<EdgeChange>,
+    superseded: SealedPicture,
+}
+
+impl ApplyDecision {
+    /// Compresses what is large; milliseconds of work for a large map.
+    ///
+    /// # Errors
+    /// [`StoreError::Compression`].
+    pub(super) fn seal(decision: Decision) -> Result<Self, StoreError> {
+        let map = decision.map.map(|map| {
+            let accepted = match map.accepted {
+                AcceptanceChange::Removed => None,
+                AcceptanceChange::Added(acceptance) => {
+                    Some((acceptance.change, SealedBody::seal(&acceptance.undo)?))
+                }
+            };
+            Ok::<_, StoreError>(SealedMapDecision {
+                accepted,
+                changed_nodes: map.changed_nodes,
+                changed_edges: map.changed_edges,
+                superseded: SealedPicture {
+                    png: map.superseded.png,
+                    pgm: SealedBody::seal(&map.superseded.pgm)?,
+                    yaml: map.superseded.yaml,
+                },
+            })
+        });
+        Ok(Self {
+            base_revision: decision.base_revision,
+            alert: decision.alert,
+            map: map.transpose()?,
+        })
+    }
+}
+
+impl Request for ApplyDecision {
+    type Outcome = Decided;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Decided, StoreError> {
+        let Some(route_key) = self.route_key(transaction).await? else {
+            return Ok(Decided::Stale);
+        };
+        let alerts = std::slice::from_ref(&self.alert);
+        write_alerts(transaction, route_key, alerts).await?;
+        if let Some(map) = &self.map {
+            self.change_map(transaction, route_key, map).await?;
+        }
+        raise_revision(transaction, route_key, micros(self.alert.updated_at)).await?;
+        Ok(Decided::Committed)
+    }
+}
+
+impl ApplyDecision {
+    /// The route, if it and the alert are still what the decision was made on.
+    async fn route_key(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<i64>, StoreError> {
+        let route_key = sqlx::query_scalar(
+            "SELECT route_key FROM routes JOIN alerts USING (route_key) \
+             WHERE routes.id = ? AND routes.revision = ? AND alerts.id = ? \
+             AND alerts.revision = ?",
+        )
+        .bind(self.alert.route_id.as_str())
+        .bind(self.base_revision)
+        .bind(self.alert.id.to_string())
+        .bind(self.alert.revision - 1)
+        .fetch_optional(transaction)
+        .await?;
+        Ok(route_key)
+    }
+
+    async fn change_map(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+        map: &SealedMapDecision,
+    ) -> Result<(), StoreError> {
+        update_nodes(transaction, route_key, &map.changed_nodes).await?;
+        update_edges(transaction, route_key, &map.changed_edges).await?;
+        let action = match &map.accepted {
+            Some((change, undo)) => {
+                acceptances::insert(transaction, route_key, change, undo).await?;
+                AlertAction::Accept
+            }
+            None => {
+                if !acceptances::remove(transaction, self.alert.id).await? {
+                    let what = format!("alert {} has not been accepted", self.alert.id);
+                    return Err(StoreError::InvalidResult(what));
+                }
+                AlertAction::Undo
+            }
+        };
+        let next = Beginning {
+            at_us: micros(self.alert.updated_at),
+            alert_id: self.alert.id,
+            action,
+        };
+        begin_next(transaction, route_key, &map.superseded, &next).await
+    }
+}
+
+async fn raise_revision(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    at_us: i64,
+) -> Result<(), StoreError> {
+    count_blocks(transaction, route_key).await?;
+    sqlx::query("UPDATE routes SET revision = revision + 1, updated_at_us = ? WHERE route_key = ?")
+        .bind(at_us)
+        .bind(route_key)
+        .execute(transaction)
+        .await?;
+    Ok(())
+}

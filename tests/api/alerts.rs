@@ -1,0 +1,254 @@
+//! Alerts as clients see them, and what clients decide about them.
+
+use serde_json::{Value, json};
+
+use crate::changed_hall::{self, APPEARED, DISAPPEARED};
+use crate::client::{Answer, Request};
+use crate::resources::steady;
+use crate::service::Service;
+
+/// Sines and cosines may differ in their last bits from machine to machine.
+fn rounded(mut value: Value) -> Value {
+    fn visit(value: &mut Value) {
+        match value {
+            Value::Object(fields) => fields.values_mut().for_each(visit),
+            Value::Array(items) => items.iter_mut().for_each(visit),
+            Value::Number(number) if number.is_f64() => {
+                let rounded = (number.as_f64().unwrap() * 1e6).round() / 1e6;
+                *value = json!(rounded + 0.0);
+            }
+            _ => {}
+        }
+    }
+    visit(&mut value);
+    value
+}
+
+fn path(alert: &str) -> String {
+    format!("/v1/alerts/{alert}")
+}
+
+async fn decide(service: &Service, action: &str, tag: &str, body: Value) -> Answer {
+    let path = format!("{}/{action}", path(APPEARED));
+    let request = Request::new("POST", path).header("if-match", tag);
+    service.send(request.json(&body)).await
+}
+
+#[tokio::test]
+async fn alerts_have_their_documented_form() {
+    let service = changed_hall::start().await;
+    for (name, path) in [
+        ("alert", path(APPEARED)),
+        ("alerts", "/v1/alerts?limit=1".to_owned()),
+        ("alert_evidence", format!("{}/evidence", path(APPEARED))),
+        (
+            "batch_with_alerts",
+            "/v1/routes/hall/batches/b-0".to_owned(),
+        ),
+        (
+            "alerts_geojson",
+            "/v1/alerts.geojson?route_id=hall".to_owned(),
+        ),
+    ] {
+        let answer = service.get(&path).await;
+        assert_eq!(answer.status, 200, "{name}");
+        insta::assert_json_snapshot!(name, rounded(steady(answer.json())));
+    }
+    let batches = service.get("/v1/routes/hall/batches").await.json();
+    assert_eq!(
+        batches["items"][0]["alerts"],
+        json!([APPEARED, DISAPPEARED])
+    );
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(route["counts"]["open_alerts"], 1);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn the_evidence_shows_what_contradicts_where_it_is() {
+    let service = changed_hall::start().await;
+    let evidence = service
+        .get(&format!("{}/evidence", path(APPEARED)))
+        .await
+        .json();
+    assert_eq!(evidence["edge_id"], 3);
+    let [old, new] = &evidence["scans"].as_array().unwrap()[..] else {
+        panic!("{evidence}");
+    };
+    assert_eq!((&old["node_id"], &new["node_id"]), (&json!(1), &json!(3)));
+    let contradicted = |scan: &Value| {
+        let beams = scan["beams"].as_array().unwrap().clone();
+        let contradicted = beams
+            .into_iter()
+            .filter(|beam| beam["verdict"] == "contradicts");
+        contradicted.collect::<Vec<_>>()
+    };
+    assert_eq!(contradicted(old), Vec::<Value>::new());
+    assert!(contradicted(new).len() >= 3);
+    for beam in contradicted(new) {
+        let (x, y) = (beam["x"].as_f64().unwrap(), beam["y"].as_f64().unwrap());
+        assert!(
+            (1.49..2.11).contains(&x) && (0.69..1.31).contains(&y),
+            "{x} {y}"
+        );
+    }
+    // Without a closure the nodes are compared; nothing is said of residuals.
+    let other = service
+        .get(&format!("{}/evidence", path(DISAPPEARED)))
+        .await
+        .json();
+    assert_eq!(
+        (&other["edge_id"], &other["residuals"]),
+        (&Value::Null, &Value::Null)
+    );
+    assert_eq!(other["scans"][1]["node_id"], 3);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn the_picture_of_the_evidence_stands_alone() {
+    let service = changed_hall::start().await;
+    let path = format!("{}/evidence.svg", path(APPEARED));
+    let picture = service.get(&path).await;
+    assert_eq!(picture.header("content-type"), Some("image/svg+xml"));
+    assert!(
+        picture
+            .header("content-security-policy")
+            .unwrap()
+            .contains("sandbox")
+    );
+    insta::assert_snapshot!("alert_evidence_svg", picture.text());
+    let tag = picture.header("etag").unwrap();
+    let again = Request::new("GET", &*path).header("if-none-match", tag);
+    assert_eq!(service.send(again).await.status, 304);
+    let acknowledged = decide(&service, "acknowledge", "\"1\"", json!({})).await;
+    assert_eq!(acknowledged.status, 200);
+    let again = Request::new("GET", path).header("if-none-match", tag);
+    assert_eq!(service.send(again).await.status, 200);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn every_condition_of_a_list_holds() {
+    let service = changed_hall::start().await;
+    for (query, expected) in [
+        ("", vec![DISAPPEARED, APPEARED]),
+        ("?route_id=hall", vec![DISAPPEARED, APPEARED]),
+        ("?route_id=yard", vec![]),
+        ("?status=open", vec![APPEARED]),
+        ("?status=resolved&kind=disappeared", vec![DISAPPEARED]),
+        ("?status=open&kind=disappeared", vec![]),
+        ("?since=2026-11-20T06:00:10Z", vec![DISAPPEARED]),
+        ("?since=2026-11-20T07:00:10%2B01:00", vec![DISAPPEARED]),
+        ("?bbox=1,0.5,3,2", vec![APPEARED]),
+        ("?bbox=-10,-10,10,10", vec![DISAPPEARED, APPEARED]),
+        ("?min_confidence=0.95", vec![APPEARED]),
+        ("?min_confidence=1", vec![]),
+    ] {
+        let page = service.get(&format!("/v1/alerts{query}")).await.json();
+        let items = page["items"].as_array().unwrap().iter();
+        let ids: Vec<_> = items.map(|item| item["id"].as_str().unwrap()).collect();
+        assert_eq!(ids, expected, "{query}");
+        assert_eq!(page["next_cursor"], Value::Null);
+    }
+    let first = service.get("/v1/alerts?limit=1").await.json();
+    let cursor = first["next_cursor"].as_str().unwrap();
+    let second = service
+        .get(&format!("/v1/alerts?limit=1&cursor={cursor}"))
+        .await
+        .json();
+    assert_eq!(first["items"][0]["id"], DISAPPEARED);
+    assert_eq!(second["items"][0]["id"], APPEARED);
+    assert_eq!(second["next_cursor"], Value::Null);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn decisions_are_guarded_and_remembered() {
+    let service = changed_hall::start().await;
+    let read = service.get(&path(APPEARED)).await;
+    let tag = read.header("etag").unwrap().to_owned();
+    assert_eq!(tag, "\"1\"");
+    let said = json!({"note": "I go and look", "by": "J. Kovács"});
+    let taken_up = decide(&service, "acknowledge", &tag, said).await;
+    assert_eq!(taken_up.status, 200);
+    let alert = taken_up.json();
+    assert_eq!(
+        (&alert["status"], &alert["revision"]),
+        (&json!("acknowledged"), &json!(2))
+    );
+    assert_eq!(alert["actions"], json!(["accept", "dismiss", "reopen"]));
+    let entry = &alert["history"][1];
+    assert_eq!(
+        (&entry["by"], &entry["note"]),
+        (&json!("J. Kovács"), &json!("I go and look"))
+    );
+    assert_eq!(service.get(&path(APPEARED)).await.json(), alert);
+
+    let late = decide(&service, "dismiss", &tag, json!({})).await;
+    assert_eq!(
+        (late.status, late.problem().as_str()),
+        (412, "precondition-failed")
+    );
+    let twice = decide(&service, "acknowledge", "\"2\"", json!({})).await;
+    assert_eq!(
+        (twice.status, twice.problem().as_str()),
+        (409, "transition-not-allowed")
+    );
+    let detail = twice.json()["detail"].as_str().unwrap().to_owned();
+    assert!(
+        detail.ends_with("what is possible now: accept, dismiss, reopen"),
+        "{detail}"
+    );
+
+    let dismissed = Request::new("POST", format!("{}/dismiss", path(APPEARED)));
+    let dismissed = service.send(dismissed.header("if-match", "*")).await;
+    assert_eq!(dismissed.json()["status"], "dismissed");
+    assert_eq!(dismissed.json()["history"][2]["by"], "anonymous");
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(route["counts"]["open_alerts"], 0);
+    let reopened = decide(&service, "reopen", "W/\"2\", \"3\"", json!({"note": ""})).await;
+    assert_eq!(reopened.json()["status"], "open");
+    assert_eq!(reopened.json()["history"][3]["note"], Value::Null);
+    assert_eq!(reopened.header("etag"), Some("\"4\""));
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
+    let service = changed_hall::start().await;
+    let evidence_before = service
+        .get(&format!("{}/evidence", path(APPEARED)))
+        .await
+        .json();
+    let accepted = decide(&service, "accept", "\"1\"", json!({"note": "new rack"})).await;
+    assert_eq!(accepted.status, 200, "{}", accepted.text());
+    assert_eq!(accepted.json()["status"], "accepted");
+    assert_eq!(accepted.json()["actions"], json!(["undo"]));
+    let edge = service.get("/v1/routes/hall/edges/3").await.json();
+    assert_eq!(edge["status"], "retired");
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(
+        (&route["map_version"], &route["counts"]["open_alerts"]),
+        (&json!(2), &json!(0))
+    );
+    // What it was decided on can still be looked at.
+    let evidence = service
+        .get(&format!("{}/evidence", path(APPEARED)))
+        .await
+        .json();
+    assert_eq!(
+        evidence["residuals"]["entries"],
+        evidence_before["residuals"]["entries"]
+    );
+    assert_eq!(evidence["edge_id"], 3);
+
+    let undone = decide(&service, "undo", "\"2\"", json!({})).await;
+    assert_eq!(undone.status, 200, "{}", undone.text());
+    assert_eq!(undone.json()["status"], "open");
+    let edge = service.get("/v1/routes/hall/edges/3").await.json();
+    assert_eq!(edge["status"], "active");
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(route["map_version"], 3);
+    service.stop().await;
+}
