@@ -11,6 +11,7 @@ mod history;
 mod kind;
 mod look;
 mod mismatch;
+pub mod paper;
 mod region;
 pub mod series;
 pub mod threshold;

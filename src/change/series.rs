@@ -73,6 +73,13 @@ impl Default for SeriesParams {
     }
 }
 
+impl SeriesParams {
+    /// A raw ΔF belongs to a smoothed peak so many closures away, or fewer.
+    pub(super) fn peak_reach(&self) -> usize {
+        (PEAK_REACH_SIGMAS * self.smoothing_sigma.max(0.0)).round() as usize
+    }
+}
+
 /// What the paper's rule says about a closure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
@@ -95,6 +102,8 @@ pub struct SeriesEntry {
     pub total: f64,
     /// f(n) = F(n)/n.
     pub mean: f64,
+    /// d/dn \[G∗f\] at n; 0 for the first.
+    pub mean_change: f64,
     /// ΔF_n as it was given.
     pub delta_f: f64,
     /// d/dn \[G∗F\] at n.
@@ -142,12 +151,13 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
     // Smoothing and differencing commute; ΔF is smoothed, since at the borders, where the kernel
     // is cut off and renormalised, that keeps a constant slope and smoothing F would not.
     let smoothed = kernel.smooth(&growth);
-    let converged_at = converged_at(&means, &kernel, params);
+    let smoothed_means = kernel.smooth(&means);
+    let converged_at = converged_at(&smoothed_means, kernel.reach(), params);
     let sigma2 = converged_at.map(|n| means[n - 1]);
     let threshold_of = |sigma2| params.threshold_factor * paper_threshold(sigma2);
     // Where nothing ever differed, rounding must not count as a change.
     let threshold = sigma2.map(|sigma2| threshold_of(sigma2).max(SCALE_MIN));
-    let near_peak = NearPeak::of(&smoothed, &growth, params.smoothing_sigma);
+    let near_peak = NearPeak::of(&smoothed, &growth, params.peak_reach());
     let p_values = p_values(&growth);
 
     let entry = |(k, sample): (usize, &ClosureSample)| {
@@ -162,6 +172,9 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
             edge_id: sample.edge_id,
             total: totals[k],
             mean: means[k],
+            mean_change: k
+                .checked_sub(1)
+                .map_or(0.0, |before| smoothed_means[k] - smoothed_means[before]),
             delta_f: sample.delta_f,
             smoothed: smoothed[k],
             threshold: judged,
@@ -192,9 +205,8 @@ fn totals_and_means(growth: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 /// The first n from which on the rule has held for long enough. Only means that the kernel sees
 /// to both sides are looked at: they do not change any more.
-fn converged_at(means: &[f64], kernel: &Kernel, params: &SeriesParams) -> Option<usize> {
-    let smoothed = kernel.smooth(means);
-    let settled_until = means.len().saturating_sub(kernel.reach());
+fn converged_at(smoothed: &[f64], reach: usize, params: &SeriesParams) -> Option<usize> {
+    let settled_until = smoothed.len().saturating_sub(reach);
     let mut held = 0;
     for k in 1..settled_until {
         let change = (smoothed[k] - smoothed[k - 1]).abs();
@@ -265,8 +277,7 @@ struct NearPeak {
 }
 
 impl NearPeak {
-    fn of(smoothed: &[f64], growth: &[f64], sigma: f64) -> Self {
-        let reach = (PEAK_REACH_SIGMAS * sigma.max(0.0)).round() as usize;
+    fn of(smoothed: &[f64], growth: &[f64], reach: usize) -> Self {
         let mut near = Self {
             within: vec![false; growth.len()],
             largest: vec![false; growth.len()],

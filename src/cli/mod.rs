@@ -12,6 +12,7 @@ mod plan;
 mod pretend;
 mod progress;
 mod recording;
+mod reproduce;
 mod serve;
 mod simulate;
 mod upload;
@@ -41,6 +42,8 @@ enum Command {
     Upload(upload::Args),
     /// Optimise a pose graph in a g2o file.
     Optimise(optimise::Args),
+    /// Run the paper's experiments: its tables and figures, and ours beside them.
+    Reproduce(reproduce::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -53,6 +56,7 @@ pub fn run() -> ExitCode {
         Command::Simulate(args) => simulate::run(args),
         Command::Upload(args) => upload::run(args),
         Command::Optimise(args) => optimise::run(args),
+        Command::Reproduce(args) => reproduce::run(args),
         Command::Openapi(args) => openapi::run(args),
     };
     match outcome {

@@ -1,6 +1,6 @@
 //! The place of a trip that does not say where it is.
 
-use super::closure::{self, Slack};
+use super::closure::{self, ClosureRule, Slack};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::{self, Placed};
@@ -127,6 +127,7 @@ fn confirm(
         distance_m: 0.8,
         turn_rad: 0.3,
     };
+    let rule = ClosureRule::default();
     let (mut compared, mut agreeing) = (0, 0);
     for keyframe in own {
         let expected = Placed {
@@ -140,7 +141,7 @@ fn confirm(
         compared += 1;
         let agrees = chosen.iter().any(|old| {
             let old_from_new = old.pose.between(&expected.pose);
-            closure::measure(old, &expected, &old_from_new, &SLACK).is_some()
+            closure::measure(old, &expected, &old_from_new, &SLACK, &rule).is_some()
         });
         agreeing += usize::from(agrees);
     }

@@ -31,10 +31,25 @@ pub struct Closure {
     pub all_points_residual: f64,
 }
 
-/// Least share of points with a counterpart.
-const OVERLAP_MIN: f64 = 0.4;
-/// Least share of the counterparts that agree.
-const INLIER_SHARE_MIN: f64 = 0.6;
+/// What a match must reach to be taken for a closure: the paper's loop closure threshold
+/// (section 5.1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosureRule {
+    /// Least share of points with a counterpart.
+    pub overlap_min: f64,
+    /// Least share of the counterparts that agree.
+    pub inlier_share_min: f64,
+}
+
+impl Default for ClosureRule {
+    fn default() -> Self {
+        Self {
+            overlap_min: 0.4,
+            inlier_share_min: 0.6,
+        }
+    }
+}
+
 /// Largest share of one scan's points in the other's free space.
 const CONTRADICTION_SHARE_MAX: f64 = 0.2;
 /// Depth tolerance of that comparison, metres.
@@ -62,6 +77,7 @@ pub(super) fn measure(
     new: &Placed<'_>,
     old_from_new: &Pose2,
     slack: &Slack,
+    rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
     let sigma_m = old
@@ -82,8 +98,8 @@ pub(super) fn measure(
     let moved = old_from_new.between(&robust.pose);
     let plausible = robust.termination != Termination::TooFewPoints
         && robust.observable_directions >= OBSERVABLE_MIN
-        && robust.overlap >= OVERLAP_MIN
-        && robust.inlier_share >= INLIER_SHARE_MIN
+        && robust.overlap >= rule.overlap_min
+        && robust.inlier_share >= rule.inlier_share_min
         && moved.translation().norm() <= slack.distance_m
         && angle_difference_rad(moved.theta, 0.0) <= slack.turn_rad;
     if !plausible || contradiction_share(old, new, &robust.pose) > CONTRADICTION_SHARE_MAX {

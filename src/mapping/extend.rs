@@ -230,10 +230,14 @@ impl RouteMap {
             new.pose
         };
         let expected = Placed { pose, ..new };
-        let chosen = partners::choose(&expected, &nearby);
+        let chosen = match self.weighting {
+            Weighting::Robust => partners::choose(&expected, &nearby),
+            Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
+        };
         let measured = chosen.iter().filter_map(|old| {
             let old_from_new = old.pose.between(&pose);
-            let found = closure::measure(old, &new, &old_from_new, &SLACK_SMALL)?;
+            let found =
+                closure::measure(old, &new, &old_from_new, &SLACK_SMALL, &self.closure_rule)?;
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()

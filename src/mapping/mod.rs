@@ -17,7 +17,7 @@ mod restate;
 mod route_map;
 
 pub use anchor::AnchorError;
-pub use closure::Closure;
+pub use closure::{Closure, ClosureRule};
 pub use drive::{Drive, DriveScan, InitialPose};
 pub use evidence::Scope;
 pub use extend::{Extension, NotExtended};

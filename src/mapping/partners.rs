@@ -16,6 +16,8 @@ const COVERED_TURN_RAD: f64 = 0.4;
 const PARTNERS_MAX: usize = 3;
 /// Partners of one node are at least so far apart, metres.
 const PARTNER_SPACING_M: f64 = 0.8;
+/// The paper's one partner is no farther than this, metres.
+const NEAREST_MAX_M: f64 = 1.5;
 /// Least share of the new scan's points in the old scan's reach.
 const REACH_SHARE_MIN: f64 = 0.4;
 /// Every so many points are looked up to foresee the reach.
@@ -79,6 +81,18 @@ pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Pla
         }
     }
     chosen
+}
+
+/// The one reference node that a new node is tied to in the paper's graph: the nearest, if it is
+/// near and shows the view. Scans from one place differ by what changed; from farther apart an
+/// estimate from all points is disturbed as much by what hides what.
+pub(super) fn nearest<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Option<Placed<'a>> {
+    let way_m = |old: &Placed<'a>| (old.pose.translation() - new.pose.translation()).norm();
+    let near = candidates.iter().filter(|old| way_m(old) <= NEAREST_MAX_M);
+    let mut ranked: Vec<Placed<'a>> = near.copied().collect();
+    ranked.sort_by(|a, b| way_m(a).total_cmp(&way_m(b)));
+    let shows_it = |old: &Placed<'a>| reach_share(new, old) >= REACH_SHARE_MIN;
+    ranked.into_iter().find(shows_it)
 }
 
 #[cfg(test)]

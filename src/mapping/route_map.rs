@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::closure::ClosureRule;
 use super::evidence::Contradictions;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
@@ -27,6 +28,7 @@ pub struct RouteMap {
     pub(super) keyframes: Vec<Keyframe>,
     pub(super) solver: Solver,
     pub(super) weighting: Weighting,
+    pub(super) closure_rule: ClosureRule,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
     /// What the scans of each closure say about each other.
@@ -43,6 +45,7 @@ impl RouteMap {
             keyframes: Vec::new(),
             solver: Solver::default(),
             weighting,
+            closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
             contradictions: BTreeMap::new(),
             next_node: 1,
@@ -72,6 +75,14 @@ impl RouteMap {
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
         Ok(map)
+    }
+
+    /// The same map with another rule for the closures to come.
+    pub fn with_closure_rule(self, closure_rule: ClosureRule) -> Self {
+        Self {
+            closure_rule,
+            ..self
+        }
     }
 
     /// The pose graph.

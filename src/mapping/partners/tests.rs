@@ -35,6 +35,13 @@ fn keyframe(node: i64, pose: &Pose2, range_max_m: f64) -> Keyframe {
 
 /// The ids of the partners of a view from the origin among views (node, x, y, range).
 fn chosen(candidates: &[(i64, f64, f64, f64)]) -> Vec<i64> {
+    partners_by(candidates, choose)
+}
+
+fn partners_by(
+    candidates: &[(i64, f64, f64, f64)],
+    policy: for<'a> fn(&Placed<'a>, &[Placed<'a>]) -> Vec<Placed<'a>>,
+) -> Vec<i64> {
     let keyframes: Vec<(Pose2, Keyframe)> = candidates
         .iter()
         .map(|&(node, x, y, range_max_m)| {
@@ -54,7 +61,7 @@ fn chosen(candidates: &[(i64, f64, f64, f64)]) -> Vec<i64> {
         pose: Pose2::IDENTITY,
         keyframe: &new,
     };
-    let partners = choose(&new, &placed);
+    let partners = policy(&new, &placed);
     partners.iter().map(|p| p.keyframe.node.0).collect()
 }
 
@@ -134,4 +141,21 @@ fn a_place_is_covered_by_a_near_reference_with_about_its_heading() {
     assert!(covered(Pose2::new(1.0, 2.0, -PI + 0.1)), "across the seam");
     assert!(!covered(Pose2::new(1.0, 2.0, -PI + 0.31)));
     assert!(!is_covered(&reference, std::iter::empty()));
+}
+
+#[test]
+fn the_paper_s_partner_is_the_nearest_that_shows_the_view() {
+    let nearest_of = |candidates: &[(i64, f64, f64, f64)]| {
+        partners_by(candidates, |new, all| Vec::from_iter(nearest(new, all)))
+    };
+    let views = [
+        (1, 1.0, 0.0, 20.0),
+        (2, 0.4, 0.1, 20.0),
+        (3, 0.6, 0.0, 20.0),
+    ];
+    assert_eq!(nearest_of(&views), [2]);
+    // A short-sighted one is nearer and shows too little.
+    assert_eq!(nearest_of(&[(1, 0.1, 0.0, 1.0), (2, 0.5, 0.0, 20.0)]), [2]);
+    assert!(nearest_of(&[(1, 1.6, 0.0, 20.0)]).is_empty());
+    assert!(nearest_of(&[]).is_empty());
 }

@@ -1,0 +1,97 @@
+//! What the service tells, from the same map.
+
+use super::mapped::{MadeClosure, Mapped};
+use super::method::{Judged, LAPS_LEARNT, Raised, Told};
+use crate::change::series::{ClosureSample, residual_series};
+use crate::change::{ChangeKind, Detector, Finding};
+
+/// A closure is told if a residual this large has a smaller probability without a change.
+const FALSE_ALARM_RATE: f64 = 1e-3;
+/// A finding this near to an earlier one of its kind is that one again, metres.
+const SAME_FINDING_M: f64 = 0.5;
+
+/// Closures by their all-points residuals at the optimum of robust estimates; alerts by the
+/// service's findings.
+pub(super) fn judge(mapped: &Mapped) -> Judged {
+    let sample = |made: &MadeClosure| ClosureSample {
+        edge_id: made.closure.edge,
+        delta_f: made.closure.all_points_residual,
+    };
+    let samples: Vec<ClosureSample> = mapped.closures.iter().map(sample).collect();
+    let series = residual_series(&samples, &Detector::Fused.series_params());
+    let scores = samples.iter().map(|sample| sample.delta_f).collect();
+    let told = series.entries.iter().map(|e| e.p_value < FALSE_ALARM_RATE);
+    let judged = Judged::by_closure(mapped, Some(scores), told.collect());
+    Judged {
+        raised: alerts(&mapped.findings),
+        ..judged
+    }
+}
+
+/// Every finding of an object in the lap that raises it, those too that later laps take back.
+fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
+    let mut known: Vec<&Finding> = Vec::new();
+    let mut raised = Vec::new();
+    for (lap, findings) in findings.iter().enumerate().skip(LAPS_LEARNT) {
+        let of_objects = |finding: &&Finding| {
+            matches!(finding.kind, ChangeKind::Appeared | ChangeKind::Disappeared)
+        };
+        for finding in findings.iter().filter(of_objects) {
+            let same = |known: &&Finding| {
+                known.kind == finding.kind
+                    && (known.location - finding.location).norm() <= SAME_FINDING_M
+            };
+            if !known.iter().any(same) {
+                known.push(finding);
+                raised.push(Raised {
+                    lap,
+                    what: Told::Region {
+                        kind: finding.kind,
+                        location: finding.location,
+                        region: finding.region.clone(),
+                    },
+                });
+            }
+        }
+    }
+    raised
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vector2;
+    use crate::ids::StampNs;
+
+    fn finding(kind: ChangeKind, x: f64) -> Finding {
+        Finding {
+            kind,
+            location: Vector2::new(x, 0.0),
+            sigma_m: 0.02,
+            region: Vec::new(),
+            edges: Vec::new(),
+            nodes: Vec::new(),
+            trips: Vec::new(),
+            views: 4,
+            laps: 1,
+            confidence: 0.99,
+            since: StampNs(0),
+            last_seen: StampNs(0),
+            until: None,
+        }
+    }
+
+    #[test]
+    fn a_finding_is_raised_once_and_counts_though_it_is_taken_back() {
+        let appeared = |x| finding(ChangeKind::Appeared, x);
+        let by_lap = [
+            vec![appeared(40.0)],
+            vec![],
+            vec![appeared(0.0)],
+            vec![appeared(0.3), finding(ChangeKind::Disappeared, 0.0)],
+            vec![appeared(9.0)],
+        ];
+        let laps: Vec<usize> = alerts(&by_lap).iter().map(|raised| raised.lap).collect();
+        assert_eq!(laps, [2, 3, 4]);
+    }
+}

@@ -1,0 +1,222 @@
+//! A route's map made from recorded laps.
+
+use std::collections::BTreeMap;
+
+use anyhow::Context;
+
+use super::case::Acceptance;
+use super::laps::{Laps, RecordedScan};
+use crate::change::Finding;
+use crate::change::paper::ClosurePlace;
+use crate::geometry::angle_difference_rad;
+use crate::ids::{EdgeId, StampNs, TripId};
+use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Weighting};
+
+/// A node farther than this from the truth, metres, makes a map incorrect …
+const SHIFT_MAX_M: f64 = 1.0;
+/// … and so does one turned by more than this, radians.
+const TURN_MAX_RAD: f64 = 0.1;
+/// Fewer closures a lap after the change than this share of those before are a significant drop.
+const CLOSURES_KEPT_MIN: f64 = 0.5;
+
+/// Why a case is left out of the scoring, as the paper leaves cases out (section 5.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Exclusion {
+    /// The map is far from the truth.
+    IncorrectMap,
+    /// Closures became much fewer after the change.
+    DroppedClosures,
+    /// More area appeared than all original objects have.
+    TooMuchChange,
+}
+
+impl Exclusion {
+    /// In tables.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::IncorrectMap => "incorrect map",
+            Self::DroppedClosures => "dropped closures",
+            Self::TooMuchChange => "too much change",
+        }
+    }
+}
+
+/// A closure with what is known of its scans.
+#[derive(Debug, Clone)]
+pub(super) struct MadeClosure {
+    /// As the map has it.
+    pub closure: Closure,
+    /// The old node's scan, by its place in [`Laps::scans`].
+    pub old: usize,
+    /// The new node's scan.
+    pub new: usize,
+    /// When and where.
+    pub place: ClosurePlace,
+}
+
+/// A map with its closures in the order of insertion.
+pub(super) struct Mapped {
+    /// The map after the last lap.
+    pub map: RouteMap,
+    /// All closures.
+    pub closures: Vec<MadeClosure>,
+    /// After each lap what the service would find; only of robust maps.
+    pub findings: Vec<Vec<Finding>>,
+    /// Why it is not scored.
+    pub exclusion: Option<Exclusion>,
+}
+
+impl Mapped {
+    /// Maps the laps, one upload a lap.
+    ///
+    /// # Errors
+    /// If the map refuses a lap.
+    pub(super) fn of(
+        laps: &Laps,
+        weighting: Weighting,
+        acceptance: Acceptance,
+    ) -> anyhow::Result<Self> {
+        let mut map = RouteMap::new(weighting).with_closure_rule(acceptance.rule());
+        let trip = TripId::new("laps")?;
+        let scan_of: BTreeMap<StampNs, usize> = (laps.scans.iter().enumerate())
+            .map(|(k, scan)| (scan.scan.stamp, k))
+            .collect();
+        let (mut made, mut findings) = (Vec::new(), Vec::new());
+        for lap in laps.scans.chunk_by(|a, b| a.lap == b.lap) {
+            let added = map.extend(&Drive {
+                trip: trip.clone(),
+                initial_pose: lap.first().map(start),
+                scans: lap.iter().map(|s| s.scan.clone()).collect(),
+            })?;
+            for closure in added.closures {
+                let both = ends(&map, &closure, &scan_of);
+                let (old, new) = both.context("a closure without its scans")?;
+                made.push((closure, old, new));
+            }
+            if weighting == Weighting::Robust {
+                let found = map.findings(&Scope {
+                    fresh_from: EdgeId(0),
+                    watched: &[],
+                    accepted: &[],
+                    vehicles: &BTreeMap::new(),
+                });
+                findings.push(found);
+            }
+        }
+        let place = |old: usize, new: usize| {
+            let (old, new) = (&laps.scans[old], &laps.scans[new]);
+            ClosurePlace {
+                position: 0.5 * (old.truth.translation() + new.truth.translation()),
+                lap: new.lap,
+            }
+        };
+        let closure = |(closure, old, new)| MadeClosure {
+            place: place(old, new),
+            closure,
+            old,
+            new,
+        };
+        let closures: Vec<MadeClosure> = made.into_iter().map(closure).collect();
+        let exclusion = exclusion(laps, &map, &closures, &scan_of);
+        Ok(Self {
+            map,
+            closures,
+            findings,
+            exclusion,
+        })
+    }
+
+    /// When and where the closures were made.
+    pub(super) fn places(&self) -> Vec<ClosurePlace> {
+        self.closures.iter().map(|c| c.place).collect()
+    }
+}
+
+/// Where the first lap starts is known; a trip that goes on does not ask.
+fn start(scan: &RecordedScan) -> InitialPose {
+    InitialPose {
+        pose: scan.truth,
+        sigma_xy_m: 0.01,
+        sigma_theta_rad: 0.002,
+    }
+}
+
+fn ends(
+    map: &RouteMap,
+    closure: &Closure,
+    scan_of: &BTreeMap<StampNs, usize>,
+) -> Option<(usize, usize)> {
+    let graph = map.graph();
+    let edge = graph.edge(closure.edge)?;
+    let scan = |node| {
+        let keyframe = &map.keyframes()[graph.node_position(node)?];
+        scan_of.get(&keyframe.stamp).copied()
+    };
+    Some((scan(edge.from)?, scan(edge.to)?))
+}
+
+fn exclusion(
+    laps: &Laps,
+    map: &RouteMap,
+    closures: &[MadeClosure],
+    scan_of: &BTreeMap<StampNs, usize>,
+) -> Option<Exclusion> {
+    if laps.appeared_area_share > 1.0 {
+        return Some(Exclusion::TooMuchChange);
+    }
+    let mut nodes = map.graph().nodes().iter().zip(map.keyframes());
+    let astray = nodes.any(|(node, keyframe)| {
+        scan_of.get(&keyframe.stamp).is_none_or(|&k| {
+            let truth = &laps.scans[k].truth;
+            (truth.translation() - node.pose.translation()).norm() > SHIFT_MAX_M
+                || angle_difference_rad(truth.theta, node.pose.theta) > TURN_MAX_RAD
+        })
+    });
+    if astray {
+        return Some(Exclusion::IncorrectMap);
+    }
+    // The first lap has next to no closures.
+    let in_laps = |from: usize, until: usize| {
+        let there = closures
+            .iter()
+            .filter(|c| (from..until).contains(&c.place.lap));
+        there.count() as f64 / (until - from).max(1) as f64
+    };
+    let (before, after) = (in_laps(1, laps.before), in_laps(laps.before, laps.count));
+    (after < CLOSURES_KEPT_MIN * before).then_some(Exclusion::DroppedClosures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::case::Seeds;
+    use super::super::protocol;
+    use super::*;
+
+    #[test]
+    fn closures_know_their_scans_and_cases_their_reasons() {
+        let case = protocol::cases(true, Seeds::Tuning).remove(1);
+        let mut laps = Laps::drive(&case).unwrap();
+        let paper = |laps: &Laps, acceptance| {
+            Mapped::of(laps, Weighting::AllPointsIdentity, acceptance).unwrap()
+        };
+        let mapped = paper(&laps, Acceptance::Medium);
+        assert_eq!(mapped.exclusion, None);
+        assert!(mapped.closures.len() > 100 && mapped.findings.is_empty());
+        for made in &mapped.closures {
+            assert!(made.old < made.new && laps.scans[made.new].lap == made.place.lap);
+            let way = laps.scans[made.old]
+                .truth
+                .between(&laps.scans[made.new].truth);
+            assert!(
+                way.translation().norm() < 2.0,
+                "the paper's partners are near"
+            );
+        }
+        let strict = paper(&laps, Acceptance::High);
+        assert!(strict.closures.len() <= mapped.closures.len());
+        laps.appeared_area_share = 1.1;
+        let too_much = paper(&laps, Acceptance::Medium).exclusion;
+        assert_eq!(too_much, Some(Exclusion::TooMuchChange));
+    }
+}

@@ -1,0 +1,170 @@
+//! The ways of telling changes that are compared.
+
+use serde::Serialize;
+
+use super::mapped::{MadeClosure, Mapped};
+use crate::change::ChangeKind;
+use crate::change::paper::ClosurePlace;
+use crate::geometry::Vector2;
+
+/// Places of one change are this near to each other where only closures are told, metres.
+const SAME_PLACE_M: f64 = 5.0;
+/// Laps that no method judges: they make the map.
+pub(super) const LAPS_LEARNT: usize = 2;
+
+/// Which measurement of a closure a baseline is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Measurement {
+    /// From all points: disturbed by changes.
+    AllPoints,
+    /// What an optimiser is usually given.
+    Robust,
+}
+
+/// A way of telling changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Method {
+    /// The paper's rule at th.
+    Paper,
+    /// The paper's rule at 2.5 th.
+    PaperRaised,
+    /// What the service does.
+    Fused,
+    /// An error beyond 3 σ at the optimum, as RTAB-Map refuses closures.
+    ErrorRatio(Measurement),
+    /// An error beyond the 90 % point of χ²₃, as IPC tests closures.
+    ChiSquared(Measurement),
+    /// Switched off by graduated non-convexity.
+    Gnc(Measurement),
+}
+
+impl Method {
+    /// All, in the order of the tables.
+    pub(super) const ALL: [Self; 9] = [
+        Self::Paper,
+        Self::PaperRaised,
+        Self::Fused,
+        Self::ErrorRatio(Measurement::AllPoints),
+        Self::ErrorRatio(Measurement::Robust),
+        Self::ChiSquared(Measurement::AllPoints),
+        Self::ChiSquared(Measurement::Robust),
+        Self::Gnc(Measurement::AllPoints),
+        Self::Gnc(Measurement::Robust),
+    ];
+
+    /// In tables and files.
+    pub(super) fn name(self) -> &'static str {
+        use Measurement::{AllPoints, Robust};
+        match self {
+            Self::Paper => "paper, th",
+            Self::PaperRaised => "paper, 2.5 th",
+            Self::Fused => "fused",
+            Self::ErrorRatio(AllPoints) => "3σ error ratio, all points",
+            Self::ErrorRatio(Robust) => "3σ error ratio, robust",
+            Self::ChiSquared(AllPoints) => "χ²₃ at 90 %, all points",
+            Self::ChiSquared(Robust) => "χ²₃ at 90 %, robust",
+            Self::Gnc(AllPoints) => "GNC weights, all points",
+            Self::Gnc(Robust) => "GNC weights, robust",
+        }
+    }
+}
+
+impl Serialize for Method {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+/// Something that a method tells the keepers of the map.
+#[derive(Debug, Clone)]
+pub(super) struct Raised {
+    /// The lap in which it is told first.
+    pub lap: usize,
+    /// What is told.
+    pub what: Told,
+}
+
+/// What is told.
+#[derive(Debug, Clone)]
+pub(super) enum Told {
+    /// "Look at this closure's two scans": scans by their places in [`Laps::scans`].
+    Closure {
+        /// The old node's scan.
+        old: usize,
+        /// The new node's scan.
+        new: usize,
+        /// Halfway between the nodes, map frame, metres.
+        position: Vector2<f64>,
+    },
+    /// "Here is something new, or something gone".
+    Region {
+        /// Appeared or disappeared.
+        kind: ChangeKind,
+        /// Its middle, map frame, metres.
+        location: Vector2<f64>,
+        /// A polygon round it, map frame, metres.
+        region: Vec<Vector2<f64>>,
+    },
+}
+
+/// What a method makes of a case.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Judged {
+    /// For each closure the larger the more suspect; `None` where the method has no degrees.
+    pub scores: Option<Vec<f64>>,
+    /// For each closure whether the method judges it at all.
+    pub judged: Vec<bool>,
+    /// For each closure whether it is told to contradict the map.
+    pub told: Vec<bool>,
+    /// What the keepers of the map get.
+    pub raised: Vec<Raised>,
+}
+
+impl Judged {
+    /// From closures told one by one; in a lap those near to each other are one alert.
+    pub(super) fn by_closure(mapped: &Mapped, scores: Option<Vec<f64>>, told: Vec<bool>) -> Self {
+        let judged: Vec<bool> = mapped.closures.iter().map(is_judged).collect();
+        let told: Vec<bool> = told.iter().zip(&judged).map(|(t, j)| *t && *j).collect();
+        let raised = gather(&mapped.closures, &told);
+        Self {
+            scores,
+            judged,
+            told,
+            raised,
+        }
+    }
+}
+
+fn is_judged(made: &MadeClosure) -> bool {
+    made.place.lap >= LAPS_LEARNT
+}
+
+/// The first closure told at each place in each lap: who only looks at closures forgets.
+fn gather(closures: &[MadeClosure], told: &[bool]) -> Vec<Raised> {
+    let mut known: Vec<ClosurePlace> = Vec::new();
+    let mut raised = Vec::new();
+    for (made, _) in closures.iter().zip(told).filter(|(_, told)| **told) {
+        let same = |known: &ClosurePlace| {
+            let apart = known.position - made.place.position;
+            apart.norm() <= SAME_PLACE_M && made.place.lap == known.lap
+        };
+        if !known.iter().any(same) {
+            known.push(made.place);
+            raised.push(raised_by(made));
+        }
+    }
+    raised
+}
+
+/// "Look at this closure".
+pub(super) fn raised_by(made: &MadeClosure) -> Raised {
+    Raised {
+        lap: made.place.lap,
+        what: Told::Closure {
+            old: made.old,
+            new: made.new,
+            position: made.place.position,
+        },
+    }
+}
