@@ -27,4 +27,5 @@ pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
 pub use look::{Look, Sight};
 pub use mismatch::{TiedPose, mismatches};
+pub use region::region_round;
 pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

@@ -7,7 +7,7 @@ use uuid::Uuid;
 
 use super::engine::now;
 use super::workspace::Workspace;
-use crate::change::series::{ResidualSeries, Verdict, residual_series};
+use crate::change::series::{ClosureSample, ResidualSeries, Verdict, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold};
 use crate::geometry::polygon_gap;
 use crate::ids::{AlertId, EdgeId, VehicleId};
@@ -28,6 +28,9 @@ pub(super) fn fold_into(
 ) -> Vec<AlertRecord> {
     let states: Vec<AlertState> = workspace.alerts.iter().map(state_of).collect();
     let updates = fold(&states, findings);
+    if updates.is_empty() {
+        return Vec::new();
+    }
     let mut residuals = Residuals::of(workspace);
     let now = now();
     let changed: Vec<AlertRecord> = updates
@@ -118,6 +121,7 @@ fn vehicles_of(workspace: &Workspace, evidence: &Finding) -> Vec<VehicleId> {
 
 /// The residual series of a route's sub-graphs, read when they are first asked for.
 struct Residuals {
+    closures: BTreeMap<i64, Vec<ClosureSample>>,
     subgraph_of: BTreeMap<EdgeId, i64>,
     series: BTreeMap<i64, ResidualSeries>,
 }
@@ -126,6 +130,7 @@ impl Residuals {
     fn of(workspace: &Workspace) -> Self {
         let edges = workspace.saved_edges.iter();
         Self {
+            closures: workspace.closures_by_subgraph(),
             subgraph_of: edges
                 .filter_map(|edge| Some((edge.id, edge.subgraph_id?)))
                 .collect(),
@@ -141,8 +146,9 @@ impl Residuals {
                 continue;
             };
             let series = self.series.entry(subgraph_id).or_insert_with(|| {
-                let samples = workspace.closures_of(subgraph_id);
-                residual_series(&samples, &workspace.detector.series_params())
+                let samples = self.closures.get(&subgraph_id);
+                let samples = samples.map_or(&[][..], Vec::as_slice);
+                residual_series(samples, &workspace.detector.series_params())
             });
             let Some(entry) = series.entries.iter().find(|entry| entry.edge_id == *edge) else {
                 continue;

@@ -9,6 +9,7 @@ mod accept;
 mod alerts;
 mod decide;
 mod engine;
+mod findings;
 mod process;
 mod result;
 mod stage;

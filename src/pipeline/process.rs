@@ -3,13 +3,12 @@
 use anyhow::Context;
 
 use super::alerts::fold_into;
+use super::findings::findings;
 use super::result::{self, Origin};
 use super::stage::stage_of;
 use super::workspace::Workspace;
-use crate::change::Finding;
 use crate::formats::batch_json;
-use crate::ids::EdgeId;
-use crate::mapping::{Drive, DriveScan, Extension, NotExtended, Scope};
+use crate::mapping::{Drive, DriveScan, Extension, NotExtended};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -61,19 +60,6 @@ pub(super) fn process(
     result.stage = workspace.stage;
     result.outcomes = outcomes;
     Ok((workspace, result))
-}
-
-/// What all scans of the route say where the new closures raise a suspicion, and where an alert
-/// waits.
-fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
-    let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
-    let watched: Vec<_> = pending.map(|a| a.evidence.region.clone()).collect();
-    workspace.map.findings(&Scope {
-        fresh_from,
-        watched: &watched,
-        accepted: &workspace.accepted,
-        vehicles: &workspace.vehicles,
-    })
 }
 
 fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {

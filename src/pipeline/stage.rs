@@ -1,7 +1,5 @@
 //! When a route's reference is complete.
 
-use std::collections::BTreeSet;
-
 use super::workspace::Workspace;
 use crate::change::series::residual_series;
 use crate::store::Stage;
@@ -16,16 +14,11 @@ pub(super) fn stage_of(workspace: &Workspace) -> Stage {
     if workspace.stage == Stage::Monitoring || laps(workspace) < LAPS_MIN {
         return workspace.stage;
     }
-    let subgraphs: BTreeSet<i64> = workspace
-        .saved_edges
-        .iter()
-        .filter_map(|edge| edge.subgraph_id)
-        .collect();
-    let converged = subgraphs.into_iter().any(|subgraph_id| {
-        let samples = workspace.closures_of(subgraph_id);
-        let series = residual_series(&samples, &workspace.detector.series_params());
-        series.converged_at.is_some()
-    });
+    let params = workspace.detector.series_params();
+    let converged = workspace
+        .closures_by_subgraph()
+        .values()
+        .any(|samples| residual_series(samples, &params).converged_at.is_some());
     if converged {
         Stage::Monitoring
     } else {
@@ -35,10 +28,11 @@ pub(super) fn stage_of(workspace: &Workspace) -> Stage {
 
 /// How often the reference has been driven, on average.
 fn laps(workspace: &Workspace) -> usize {
-    let keyframes = workspace.map.keyframes();
-    let references = keyframes
-        .iter()
-        .filter(|keyframe| keyframe.reference)
-        .count();
-    keyframes.len() / references.max(1)
+    workspace.map.keyframes().len() / references(workspace).max(1)
+}
+
+/// Nodes that later laps are tied to.
+pub(super) fn references(workspace: &Workspace) -> usize {
+    let keyframes = workspace.map.keyframes().iter();
+    keyframes.filter(|keyframe| keyframe.reference).count()
 }

@@ -96,19 +96,22 @@ impl Workspace {
         })
     }
 
-    /// The closures of one block that its residual series counts, in the order of insertion.
-    pub fn closures_of(&self, subgraph_id: i64) -> Vec<ClosureSample> {
-        let members: BTreeMap<EdgeId, Option<i64>> = self
+    /// The closures of each block that its residual series counts, in the order of insertion.
+    pub fn closures_by_subgraph(&self) -> BTreeMap<i64, Vec<ClosureSample>> {
+        let subgraph_of: BTreeMap<EdgeId, i64> = self
             .saved_edges
             .iter()
-            .map(|edge| (edge.id, edge.subgraph_id))
+            .filter_map(|edge| Some((edge.id, edge.subgraph_id?)))
             .collect();
-        let of_block = |c: &&ClosureSample| members.get(&c.edge_id) == Some(&Some(subgraph_id));
-        let of_block = self.closures.iter().filter(of_block);
-        of_block
-            .filter(|c| self.is_in_baseline(c.edge_id))
-            .copied()
-            .collect()
+        let mut closures: BTreeMap<i64, Vec<ClosureSample>> = BTreeMap::new();
+        for closure in &self.closures {
+            if let Some(&subgraph) = subgraph_of.get(&closure.edge_id)
+                && self.is_in_baseline(closure.edge_id)
+            {
+                closures.entry(subgraph).or_default().push(*closure);
+            }
+        }
+        closures
     }
 
     fn is_in_baseline(&self, edge: EdgeId) -> bool {
