@@ -21,6 +21,8 @@ const SUPPORT_MIN: f64 = 5.0;
 const FINDING_VIEWS_MIN: usize = 4;
 /// Changed spots of one kind belong together if so many cells lie from one to the next.
 const GROUP_REACH: i32 = 3;
+/// Closures that must have suspected a finding: one pose that is off suspects alone.
+const FINDING_EDGES_MIN: usize = 5;
 /// How far the outline stays away from the points, metres.
 const REGION_MARGIN_M: f64 = 0.05;
 /// What is known of a pose, metres: no location is better.
@@ -83,7 +85,10 @@ pub fn detect(evidence: &Evidence<'_>) -> Vec<Finding> {
     let groups = group(&changed);
     let findings = groups.iter().filter_map(|group| {
         let finding = finding_of(group, &changed, &cells, evidence.trips);
-        Some(finding).filter(|finding| finding.views >= FINDING_VIEWS_MIN)
+        let is_backed = |finding: &Finding| {
+            finding.views >= FINDING_VIEWS_MIN && finding.edges.len() >= FINDING_EDGES_MIN
+        };
+        Some(finding).filter(is_backed)
     });
     findings.collect()
 }

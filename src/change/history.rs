@@ -14,7 +14,7 @@ const STRUCK_IF_FREE: f64 = 0.1;
 /// What a look more lets a visit say at most, in nats.
 const VISIT_LIMIT_PER_LOOK: f64 = 1.0;
 /// What a visit can say at most, in nats.
-const VISIT_LIMIT: f64 = 8.0;
+const VISIT_LIMIT: f64 = 10.0;
 /// What a change of state costs, in nats: changes are rare.
 const CHANGE_COST: f64 = 4.6;
 /// Looks of a trip belong to one visit if they are no more keyframes than this apart from its

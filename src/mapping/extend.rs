@@ -13,7 +13,7 @@ use super::route_map::{RouteMap, Weighting};
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
-use crate::scan::KeyframeRule;
+use crate::scan::{KeyframeRule, is_standing};
 use crate::solver::SolveOptions;
 
 /// Keyframes that a new scan is matched against.
@@ -22,6 +22,10 @@ const LOCAL_MAP_KEYFRAMES: usize = 8;
 const RECENT_KEYFRAMES: usize = 20;
 /// How far a partner may be, metres.
 const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
+
+/// How often a vehicle looks while it stands, seconds, and how many times at most.
+const STANDING_INTERVAL_S: f64 = 0.3;
+const STANDING_LOOKS_MAX: usize = 12;
 
 /// What a drive added.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -87,7 +91,8 @@ impl RouteMap {
         } else {
             drift_of(initial.sigma_xy_m, initial.sigma_theta_rad)
         };
-        let index = self.add_keyframe(drive, scan, initial.pose, drift_m, added)?;
+        let keyframe = self.new_keyframe(drive, scan, drift_m);
+        let index = self.insert_new(keyframe, initial.pose, added)?;
         self.close_loops(index, added)
     }
 
@@ -100,58 +105,55 @@ impl RouteMap {
         let Some(&last) = self.trips.get(&drive.trip).and_then(|trip| trip.last()) else {
             return Ok(());
         };
-        let last_keyframe = &self.keyframes[last];
-        let by_odometry = last_keyframe.odom_from_base.between(&scan.odom_from_base);
+        let Keyframe {
+            node: last_node,
+            odom_from_base: odom_from_last,
+            drift_m: last_drift_m,
+            ..
+        } = self.keyframes[last];
+        let by_odometry = odom_from_last.between(&scan.odom_from_base);
         let rule = KeyframeRule::for_range(scan.scan.lidar().range_max_m);
-        if !rule.is_due(&by_odometry) {
+        if !rule.is_due(&by_odometry) && !self.looks_again(last, scan) {
             return Ok(());
         }
-        let keyframe = Keyframe::new(
-            NodeId(0),
-            drive.trip.clone(),
-            scan.stamp,
-            scan.odom_from_base,
-            scan.scan.clone(),
-        );
+        let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
         let local_map = self.local_map(last);
         let sigma_m = scan.scan.lidar().range_sigma_m;
         let odometry = OdometryMotion::told(&by_odometry);
         let motion = measure_motion(&local_map, &keyframe.points, &odometry, sigma_m);
-        let last_node = last_keyframe.node;
-        let drift_m = last_keyframe.drift_m + drift_of_motion(&motion, &odometry.sigmas);
+        keyframe.drift_m += drift_of_motion(&motion, &odometry.sigmas);
         let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
-        let index = self.insert_new(keyframe, pose, drift_m, added)?;
+        let index = self.insert_new(keyframe, pose, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
         self.close_loops(index, added)
     }
 
-    fn add_keyframe(
-        &mut self,
-        drive: &Drive,
-        scan: &DriveScan,
-        pose: Pose2,
-        drift_m: f64,
-        added: &mut Extension,
-    ) -> Result<usize, GraphError> {
-        let keyframe = Keyframe::new(
-            NodeId(0),
-            drive.trip.clone(),
-            scan.stamp,
-            scan.odom_from_base,
-            scan.scan.clone(),
-        );
-        self.insert_new(keyframe, pose, drift_m, added)
+    /// Whether a vehicle that stands looks once more: one look at what changes before its eyes
+    /// would not be believed.
+    fn looks_again(&self, last: usize, scan: &DriveScan) -> bool {
+        let newest = self.trips[&self.keyframes[last].trip].iter().rev();
+        let keyframes = newest.map(|&k| &self.keyframes[k]);
+        let stood = keyframes
+            .take_while(|k| is_standing(&k.odom_from_base.between(&scan.odom_from_base)))
+            .take(STANDING_LOOKS_MAX);
+        let waited_s = scan.stamp.seconds() - self.keyframes[last].stamp.seconds();
+        waited_s >= STANDING_INTERVAL_S && (1..STANDING_LOOKS_MAX).contains(&stood.count())
+    }
+
+    fn new_keyframe(&mut self, drive: &Drive, scan: &DriveScan, drift_m: f64) -> Keyframe {
+        let node = self.take_node_id();
+        let (trip, stamp) = (drive.trip.clone(), scan.stamp);
+        let mut keyframe = Keyframe::new(node, trip, stamp, scan.odom_from_base, scan.scan.clone());
+        keyframe.drift_m = drift_m;
+        keyframe
     }
 
     fn insert_new(
         &mut self,
-        mut keyframe: Keyframe,
+        keyframe: Keyframe,
         pose: Pose2,
-        drift_m: f64,
         added: &mut Extension,
     ) -> Result<usize, GraphError> {
-        keyframe.node = self.take_node_id();
-        keyframe.drift_m = drift_m;
         added.nodes.push(keyframe.node);
         self.insert_keyframe(pose, keyframe)
     }

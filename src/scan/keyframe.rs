@@ -11,6 +11,15 @@ pub struct KeyframeRule {
     pub turn_rad: f64,
 }
 
+/// A vehicle that has moved and turned by less stands: metres, radians.
+const STANDING_M: f64 = 0.02;
+const STANDING_RAD: f64 = 0.01;
+
+/// Whether a motion is none.
+pub fn is_standing(motion: &Pose2) -> bool {
+    motion.translation().norm() <= STANDING_M && motion.theta.abs() <= STANDING_RAD
+}
+
 impl KeyframeRule {
     /// A tenth of the lidar's range, 0.1 to 0.5 m, or 20°: so that neighbours share most of
     /// their view.

@@ -82,10 +82,10 @@ impl Laps {
 
 fn suspicions(spots: &[Vector2<f64>], fresh: bool) -> Vec<Suspicion> {
     let points = spots.iter().flat_map(|spot| {
-        (0..4).map(move |k| Suspicion {
+        (0..6).map(move |k| Suspicion {
             edge: EdgeId(k),
             node: NodeId(20 + k),
-            spot: spot + Vector2::new(0.02 * k as f64, 0.0),
+            spot: spot + Vector2::new(0.01 * k as f64, 0.0),
             fresh,
         })
     });
@@ -113,7 +113,7 @@ fn what_came_is_found_where_it_stands() {
     let names: Vec<_> = finding.trips.iter().map(TripId::as_str).collect();
     assert_eq!(names, ["lap-2", "lap-3"]);
     assert!(finding.edges.is_sorted() && finding.nodes.is_sorted());
-    assert_eq!(finding.edges.len(), 4);
+    assert_eq!(finding.edges.len(), 6);
 }
 
 #[test]
