@@ -111,3 +111,65 @@ fn median(values: &mut [f64]) -> f64 {
         0.5 * (values[middle - 1] + values[middle])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A drive of straight sides and corners whose scans see the vehicle turned by `turn_rad`.
+    fn drive(count: usize, turn_rad: f64, wobble_rad: f64) -> Vec<TripPose> {
+        let mut odom_from_base = Pose2::new(3.0, -1.0, 0.7);
+        let map_from_odom = Pose2::new(-4.0, 2.0, 2.5);
+        let turned = Pose2::new(0.0, 0.0, turn_rad);
+        let pose = |k: usize| {
+            let wobble = if k.is_multiple_of(2) {
+                wobble_rad
+            } else {
+                -wobble_rad
+            };
+            let corner = if k % 20 == 19 { 1.5 } else { 0.0 };
+            odom_from_base = odom_from_base.compose(&Pose2::new(0.5, 0.0, corner + wobble));
+            TripPose {
+                node: NodeId(k as i64),
+                stamp: StampNs(k as i64),
+                map_from_base: map_from_odom.compose(&odom_from_base).compose(&turned),
+                odom_from_base,
+            }
+        };
+        (0..count).map(pose).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn a_turned_lidar_is_measured(turn_rad in -0.1..0.1_f64, wobble_rad in 0.0..0.02_f64) {
+            let poses = drive(120, turn_rad, wobble_rad);
+            let mount = mount_turn([poses.as_slice()]).unwrap();
+            prop_assert!((mount.turn_rad.abs() - turn_rad.abs()).abs() < 1e-3 + wobble_rad);
+        }
+    }
+
+    #[test]
+    fn only_a_lidar_that_is_clearly_turned_is_told() {
+        let trip = TripId::new("monday").unwrap();
+        let told = |poses: Vec<TripPose>| suspect_vehicle(&[(&trip, poses)]);
+        assert!(told(drive(120, 0.0, 0.01)).is_none());
+        assert!(told(drive(120, 0.012, 0.001)).is_none());
+        assert!(told(drive(20, 0.035, 0.001)).is_none());
+        let finding = told(drive(120, 0.035, 0.001)).unwrap();
+        assert_eq!(finding.kind, ChangeKind::VehicleSuspect);
+        assert_eq!(finding.trips, [trip.clone()]);
+        assert!(finding.confidence > 0.99);
+    }
+
+    #[test]
+    fn motions_across_two_trips_are_none() {
+        let (a, b) = (drive(30, 0.035, 0.001), drive(12, 0.035, 0.001));
+        assert!(mount_turn([a.as_slice(), b.as_slice()]).is_none());
+        let both: Vec<TripPose> = a.into_iter().chain(b).collect();
+        assert!(
+            mount_turn([both.as_slice()]).is_none(),
+            "corners count as none"
+        );
+    }
+}
