@@ -100,7 +100,12 @@ pub fn search(
             || angle_difference_rad(other.theta, pose.theta) > params.distinct_turn_rad
     };
     let rival_floor = (params.rival_share * f64::from(best.bound)) as u32;
-    let rival = descend(grid, &rotations, reach, rival_floor, elsewhere);
+    // Nothing beats the best: a rival that must is not looked for.
+    let rival = if rival_floor < best.bound {
+        descend(grid, &rotations, reach, rival_floor, elsewhere)
+    } else {
+        None
+    };
     Some(SearchHit {
         pose,
         score: f64::from(best.bound) / full,
