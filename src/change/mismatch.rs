@@ -28,13 +28,19 @@ pub struct TiedPose {
 }
 
 /// Stretches of a trip that other trips' references cover, and no closure ties to them.
-/// `references` are those of other trips.
-pub fn mismatches(trip: &TripId, poses: &[TiedPose], references: &[Pose2]) -> Vec<Finding> {
+/// `references` are those of other trips with their `map_from_base`.
+///
+/// A keyframe is tied to what the map has when it comes, so that it is expected at references of
+/// smaller ids alone: whichever of two drives comes first, it is the second one that may be
+/// missing its closures.
+pub fn mismatches(
+    trip: &TripId,
+    poses: &[TiedPose],
+    references: &[(NodeId, Pose2)],
+) -> Vec<Finding> {
     let is_missing = |pose: &TiedPose| {
-        !pose.tied
-            && references
-                .iter()
-                .any(|reference| is_near(reference, &pose.pose))
+        let mut known = references.iter().filter(|(node, _)| *node < pose.node);
+        !pose.tied && known.any(|(_, reference)| is_near(reference, &pose.pose))
     };
     let runs = poses.chunk_by(|a, b| is_missing(a) == is_missing(b));
     let missing = runs.filter(|run| run.len() >= MISSING_MIN && is_missing(&run[0]));
@@ -65,5 +71,66 @@ fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
         since: run[0].stamp,
         last_seen: run[run.len() - 1].stamp,
         until: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A drive along x whose keyframes are half a metre apart, from a node id on.
+    fn drive(first_node: i64, count: i64, tied: impl Fn(i64) -> bool) -> Vec<TiedPose> {
+        let pose = |k| TiedPose {
+            node: NodeId(first_node + k),
+            stamp: StampNs(k),
+            pose: Pose2::new(0.5 * k as f64, 0.0, 0.0),
+            tied: tied(k),
+        };
+        (0..count).map(pose).collect()
+    }
+
+    fn references(first_node: i64, count: i64) -> Vec<(NodeId, Pose2)> {
+        let drive = drive(first_node, count, |_| true);
+        drive.iter().map(|p| (p.node, p.pose)).collect()
+    }
+
+    fn missing(poses: &[TiedPose], references: &[(NodeId, Pose2)]) -> Vec<Vec<i64>> {
+        let findings = mismatches(&TripId::new("t").unwrap(), poses, references);
+        let nodes = findings.iter().map(|f| f.nodes.iter().map(|n| n.0));
+        nodes.map(Iterator::collect).collect()
+    }
+
+    #[test]
+    fn a_stretch_without_closures_beside_known_references_is_told() {
+        let references = references(1, 60);
+        let untied = |from: i64, end: i64| move |k: i64| !(from..end).contains(&k);
+        let all_tied = drive(100, 60, |_| true);
+        assert!(missing(&all_tied, &references).is_empty());
+        assert!(missing(&drive(100, 60, untied(20, 31)), &references).is_empty());
+        let told = missing(&drive(100, 60, untied(20, 32)), &references);
+        assert_eq!(told, [Vec::from_iter(120..132)]);
+    }
+
+    #[test]
+    fn nothing_is_expected_of_a_drive_that_was_there_first() {
+        let first = drive(1, 60, |_| false);
+        assert!(missing(&first, &references(100, 60)).is_empty());
+        // Of two drives that come in turns, each is expected at what came before.
+        let second = drive(130, 60, |_| false);
+        let told = missing(&second, &references(100, 60));
+        assert_eq!(told, [Vec::from_iter(130..190)]);
+        let told = missing(&second, &references(160, 60));
+        assert_eq!(told, [Vec::from_iter(161..190)]);
+    }
+
+    #[test]
+    fn nothing_is_expected_where_no_reference_looks_the_same_way() {
+        let untied = drive(100, 60, |_| false);
+        let turned = references(1, 60).into_iter();
+        let turned = turned.map(|(node, pose)| (node, pose.compose(&Pose2::new(0.0, 0.0, 0.6))));
+        assert!(missing(&untied, &turned.collect::<Vec<_>>()).is_empty());
+        let aside = references(1, 60).into_iter();
+        let aside = aside.map(|(node, pose)| (node, pose.compose(&Pose2::new(0.0, 1.6, 0.0))));
+        assert!(missing(&untied, &aside.collect::<Vec<_>>()).is_empty());
     }
 }

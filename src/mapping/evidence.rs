@@ -134,11 +134,9 @@ impl RouteMap {
                     .any(|&edge| self.ties(edge, k)),
             })
             .collect();
-        let start = poses.first().map(|pose| pose.stamp);
-        let others = self.keyframes.iter().zip(nodes).filter(|(keyframe, _)| {
-            keyframe.reference && keyframe.trip != *trip && Some(keyframe.stamp) < start
-        });
-        let references: Vec<Pose2> = others.map(|(_, node)| node.pose).collect();
+        let others = self.keyframes.iter().zip(nodes);
+        let others = others.filter(|(keyframe, _)| keyframe.reference && keyframe.trip != *trip);
+        let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
         mismatches(trip, &poses, &references)
     }
 

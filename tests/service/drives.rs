@@ -44,8 +44,8 @@ pub struct Batch {
 /// A drive, ready to be cut into batches.
 #[derive(Debug, Clone)]
 pub struct Drive {
-    pub vehicle: &'static str,
-    pub trip: &'static str,
+    pub vehicle: String,
+    pub trip: String,
     /// When the drive began.
     pub began: Timestamp,
     pub initial_pose: Option<Pose2>,
@@ -94,7 +94,7 @@ impl Drive {
     pub fn through(
         hall: &Hall,
         vehicle: &Vehicle,
-        (name, trip): (&'static str, &'static str),
+        names: (&str, &str),
         length: usize,
         seed: u64,
     ) -> Self {
@@ -102,13 +102,24 @@ impl Drive {
         let laps = length.div_ceil(per_lap);
         let mut scans = drive(&hall.world, &hall.route, vehicle, laps, seed);
         scans.truncate(length);
+        Self::of(vehicle, names, scans, seed as i64)
+    }
+
+    /// Scans that a vehicle recorded, so many hours after the first of all drives; it knows where
+    /// it starts.
+    pub fn of(
+        vehicle: &Vehicle,
+        (name, trip): (&str, &str),
+        scans: Vec<SimScan>,
+        hours: i64,
+    ) -> Self {
         let began: Timestamp = "2026-11-20T06:00:00Z".parse().unwrap();
         let geometry = &vehicle.lidar.geometry;
         let mount = &geometry.mount;
         Self {
-            vehicle: name,
-            trip,
-            began: began + SignedDuration::from_secs(3_600 * seed as i64),
+            vehicle: name.to_owned(),
+            trip: trip.to_owned(),
+            began: began + SignedDuration::from_hours(hours),
             initial_pose: scans.first().map(|scan| scan.map_from_base),
             lidar: json!({
                 "angle_min": geometry.angle_min_rad,

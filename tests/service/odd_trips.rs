@@ -59,7 +59,7 @@ async fn a_gap_is_waited_for_then_skipped() {
     let [_, second] = two_vehicles(36);
     let headless = second.clone().without_pose().batches(12);
     let broken_drive = Drive {
-        trip: "three",
+        trip: "three".to_owned(),
         ..second.clone()
     };
     let broken = broken_drive.batches(12);

@@ -1,0 +1,9 @@
+//! The world changes between laps: what the service tells of it, from the upload to the alert.
+
+mod decisions;
+mod faults;
+mod order;
+mod picture;
+mod raised;
+mod shop;
+mod told;

@@ -1,0 +1,192 @@
+//! What is raised, where and when; and what is not.
+
+use std::collections::BTreeSet;
+
+use mapshift::sim::Shape;
+use serde_json::Value;
+
+use super::shop::{Shop, crate_in_the_middle, trip_name, vehicle_name};
+use super::told::{
+    ROUTE, after_lap, alerts, brief, empty_route, ids, names, only, reach_beyond, statuses, time,
+};
+use crate::client::Client;
+use crate::state::State;
+
+const CHANGED_LAP: usize = 2;
+const LAPS: usize = 4;
+/// No corner of a region is farther from what changed, metres.
+const BEYOND_MAX_M: f64 = 0.35;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_comes_is_told_once() {
+    let shop = Shop::new(1).with_crate(CHANGED_LAP, None);
+    one_change_is_told_once(&shop, "appeared", &crate_in_the_middle()).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_goes_is_told_once() {
+    let shop = Shop::new(2).without_cupboard(CHANGED_LAP);
+    one_change_is_told_once(&shop, "disappeared", shop.cupboard()).await;
+}
+
+async fn one_change_is_told_once(shop: &Shop, kind: &str, shape: &Shape) {
+    let service = empty_route().await;
+    let client = &service.client;
+    for lap in 0..CHANGED_LAP {
+        let told = after_lap(client, shop, lap).await;
+        assert!(told.is_empty(), "lap {lap}: {told:?}");
+    }
+    let mut raised: Option<Value> = None;
+    for lap in CHANGED_LAP..LAPS {
+        let alert = only(after_lap(client, shop, lap).await);
+        assert_eq!(alert["kind"], kind, "{alert}");
+        assert_eq!(alert["status"], "open", "{alert}");
+        assert_eq!(statuses(&alert), ["open"]);
+        let beyond_m = reach_beyond(&alert, shape);
+        assert!(beyond_m <= BEYOND_MAX_M, "{beyond_m} m: {}", brief(&alert));
+        let raised = raised.get_or_insert_with(|| alert.clone());
+        assert_eq!(alert["id"], raised["id"]);
+        assert_eq!(alert["first_seen"], raised["first_seen"]);
+        assert_eq!(alert["laps"], lap + 1 - CHANGED_LAP);
+        parts_are_sound(client, &alert, lap).await;
+        evidence_is_there(client, &alert).await;
+        eprintln!("{kind}, lap {lap}: {}, {beyond_m:.2} m", brief(&alert));
+    }
+    service.stop().await;
+}
+
+/// What the alert names is in the graph, and is what tells of the change.
+async fn parts_are_sound(client: &Client, alert: &Value, lap: usize) {
+    let seen = CHANGED_LAP..=lap;
+    let trips: Vec<String> = seen.clone().map(trip_name).collect();
+    let vehicles: BTreeSet<String> = seen.map(|lap| vehicle_name(lap % 2)).collect();
+    assert_eq!(names(alert, "trip_ids"), trips);
+    assert_eq!(names(alert, "vehicle_ids"), Vec::from_iter(vehicles));
+
+    let state = State::of(client, ROUTE).await;
+    let trip_of = |id: i64| {
+        let node = state.nodes.iter().find(|node| node["id"] == id);
+        node.unwrap()["trip_id"].as_str().unwrap()
+    };
+    let nodes = ids(alert, "node_ids");
+    let showing = nodes
+        .iter()
+        .filter(|id| trips.iter().any(|t| t == trip_of(**id)));
+    let views = alert["views"].as_i64().unwrap() as usize;
+    assert!(views >= 4 && showing.count() >= views, "{alert}");
+    let edges = ids(alert, "edge_ids");
+    assert!(!edges.is_empty());
+    for id in edges {
+        let edge = state.edges.iter().find(|edge| edge["id"] == id).unwrap();
+        assert_eq!(edge["kind"], "loop_closure");
+        let ends = ["from", "to"].map(|end| edge[end].as_i64().unwrap());
+        assert!(
+            ends.iter().any(|end| nodes.contains(end)),
+            "{edge} in {alert}"
+        );
+        let new = ends.map(|end| trips.iter().any(|trip| trip == trip_of(end)));
+        assert_eq!(
+            new,
+            [false, true],
+            "{edge}: the change lies between its ends"
+        );
+    }
+    let (since, last_seen) = (time(alert, "since"), time(alert, "last_seen"));
+    let of_trip = |name: String| {
+        let nodes = state.nodes.iter().filter(move |n| n["trip_id"] == name);
+        nodes.map(|node| time(node, "stamp"))
+    };
+    assert!(of_trip(trip_name(CHANGED_LAP)).any(|stamp| stamp == since));
+    assert!(of_trip(trip_name(lap)).any(|stamp| stamp == last_seen));
+    assert_eq!(alert["first_seen"], alert["since"]);
+    assert_eq!(alert["until"], Value::Null);
+    let confidence = alert["confidence"].as_f64().unwrap();
+    assert!((0.99..=1.0).contains(&confidence), "{confidence}");
+}
+
+/// Both scans, one from before and one from after, that show the change beam by beam.
+async fn evidence_is_there(client: &Client, alert: &Value) {
+    let path = format!("/v1/alerts/{}/evidence", alert["id"].as_str().unwrap());
+    let svg = client.text(&format!("{path}.svg")).await;
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    let evidence = client.json(&path).await;
+    assert_eq!(evidence["region"], alert["region"]);
+    let edges = ids(alert, "edge_ids");
+    assert!(edges.contains(&evidence["edge_id"].as_i64().unwrap()));
+    let scans = evidence["scans"].as_array().unwrap();
+    let roles: Vec<&Value> = scans.iter().map(|scan| &scan["role"]).collect();
+    assert_eq!(roles, ["old", "new"]);
+    let since = time(alert, "since");
+    assert!(time(&scans[0], "stamp") < since && since <= time(&scans[1], "stamp"));
+    let verdict = alert["kind"].as_str().unwrap();
+    let showing = scans
+        .iter()
+        .flat_map(|scan| scan["beams"].as_array().unwrap());
+    let showing = showing.filter(|beam| beam["verdict"] == verdict).count();
+    assert!(showing >= 3, "{showing} beams show that it {verdict}");
+    assert!(
+        !evidence["residuals"]["items"]
+            .as_array()
+            .unwrap()
+            .is_empty()
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn people_are_no_change() {
+    people_raise_nothing(3, 4).await;
+}
+
+/// `cargo test --test service -- --ignored many_people`
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "takes minutes"]
+async fn many_people_are_no_change() {
+    for seed in 100..120 {
+        people_raise_nothing(seed, 8).await;
+    }
+}
+
+async fn people_raise_nothing(seed: u64, laps: usize) {
+    let mut shop = Shop::new(seed);
+    shop.scene.walkers = 2;
+    let service = empty_route().await;
+    let client = &service.client;
+    let mut ever = BTreeSet::new();
+    for lap in 0..laps {
+        let told = after_lap(client, &shop, lap).await;
+        ever.extend(told.iter().map(brief));
+    }
+    assert!(ever.is_empty(), "seed {seed}: {ever:?}");
+    service.stop().await;
+}
+
+/// Stands there for a lap, is away for two, and comes back.
+#[tokio::test(flavor = "multi_thread")]
+async fn what_leaves_again_is_resolved_until_it_returns() {
+    let shop = Shop::new(4).with_crate(2, Some(3)).with_crate(5, None);
+    let service = empty_route().await;
+    let client = &service.client;
+    let mut lives = Vec::new();
+    for lap in 0..6 {
+        let told = after_lap(client, &shop, lap).await;
+        lives.push(told.iter().map(statuses).collect::<Vec<_>>());
+    }
+    let told = alerts(client).await;
+    eprintln!(
+        "{lives:?}: {:?}",
+        told.iter().map(brief).collect::<Vec<_>>()
+    );
+    let nothing: [[&str; 0]; 0] = [];
+    assert_eq!(lives[0], nothing);
+    assert_eq!(lives[1], nothing);
+    assert_eq!(lives[2], [["open"]]);
+    assert_eq!(lives[3], [["open", "resolved"]]);
+    assert_eq!(lives[4], [["open", "resolved"]]);
+    assert_eq!(lives[5], [["open", "resolved", "open"]]);
+    let alert = only(told);
+    assert_eq!(alert["kind"], "appeared");
+    assert_eq!(names(&alert, "trip_ids"), [trip_name(5)]);
+    assert!(time(&alert, "first_seen") < time(&alert, "since"));
+    assert!(reach_beyond(&alert, &crate_in_the_middle()) <= BEYOND_MAX_M);
+    service.stop().await;
+}
