@@ -37,6 +37,8 @@ pub struct Suspicion {
     pub node: NodeId,
     /// Where, map frame.
     pub spot: Vector2<f64>,
+    /// When the two scans were taken, the older one first.
+    pub taken: (StampNs, StampNs),
     /// Whether it is new: only spots near new suspicions are decided anew.
     pub fresh: bool,
 }
@@ -60,7 +62,7 @@ type CellKey = (i32, i32);
 #[derive(Default)]
 struct Cell {
     spots: Vec<Vector2<f64>>,
-    edges: BTreeSet<EdgeId>,
+    edges: BTreeMap<EdgeId, (StampNs, StampNs)>,
     nodes: BTreeSet<NodeId>,
     fresh: bool,
 }
@@ -98,7 +100,7 @@ fn gather(suspicions: &[Suspicion]) -> BTreeMap<CellKey, Cell> {
     for suspicion in suspicions {
         let cell = cells.entry(key_of(&suspicion.spot)).or_default();
         cell.spots.push(suspicion.spot);
-        cell.edges.insert(suspicion.edge);
+        cell.edges.insert(suspicion.edge, suspicion.taken);
         cell.nodes.insert(suspicion.node);
         cell.fresh |= suspicion.fresh;
     }
@@ -199,9 +201,15 @@ fn finding_of(
         .collect();
     let region = region_round(&spots, REGION_MARGIN_M);
     let views: BTreeSet<NodeId> = departures().flat_map(|d| d.nodes.iter().copied()).collect();
+    let since = departures()
+        .map(|d| d.since)
+        .min()
+        .unwrap_or(StampNs(i64::MAX));
     let edges: BTreeSet<EdgeId> = group
         .iter()
-        .flat_map(|key| cells[key].edges.iter().copied())
+        .flat_map(|key| &cells[key].edges)
+        .filter(|(_, (older, newer))| *older < since && since <= *newer)
+        .map(|(edge, _)| *edge)
         .collect();
     let suspecting = group
         .iter()
@@ -222,9 +230,9 @@ fn finding_of(
             .map(|trip| trip_names[trip].clone())
             .collect(),
         views: views.len(),
-        laps: departures().map(|d| d.visits).max().unwrap_or_default(),
+        laps: departures().map(|d| d.passes).max().unwrap_or_default(),
         confidence: 1.0 / (1.0 + (-support).exp()),
-        since: departures().map(|d| d.since).min().unwrap_or(StampNs(0)),
+        since,
         last_seen: departures()
             .map(|d| d.last_seen)
             .max()

@@ -4,6 +4,8 @@
 //! independent (someone stands still, a pose is off), so what one visit can say is limited; two
 //! visits, or many views of one, can say more than a change costs.
 
+use std::collections::BTreeMap;
+
 use super::look::Sight;
 use crate::ids::{NodeId, StampNs};
 
@@ -88,8 +90,8 @@ pub struct Departure {
     pub nodes: Vec<NodeId>,
     /// Trips of those.
     pub trips: Vec<usize>,
-    /// Visits within it.
-    pub visits: usize,
+    /// How often a trip came by and saw it.
+    pub passes: usize,
     /// log of how much better a history with changes explains the looks than one without,
     /// the cost of the changes included.
     pub support: f64,
@@ -128,9 +130,21 @@ pub fn last_departure(mut seen: Vec<Seen>) -> Option<Departure> {
         until: visits[end..].iter().find_map(back),
         nodes: looks.iter().map(|look| look.node).collect(),
         trips,
-        visits: end - start,
+        passes: passes(&looks),
         support,
     })
+}
+
+/// Runs of looks of one trip without a long break; `looks` in the order of time.
+fn passes(looks: &[&Seen]) -> usize {
+    let mut last_of: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut passes = 0;
+    for look in looks {
+        let last = last_of.insert(look.trip, look.order);
+        let goes_on = last.is_some_and(|order| look.order.abs_diff(order) <= VISIT_KEYFRAMES);
+        passes += usize::from(!goes_on);
+    }
+    passes
 }
 
 fn visits(seen: &[Seen]) -> Vec<Visit> {

@@ -119,8 +119,7 @@ mod tests {
         let second = drive(130, 60, |_| false);
         let told = missing(&second, &references(100, 60));
         assert_eq!(told, [Vec::from_iter(130..190)]);
-        let told = missing(&second, &references(160, 60));
-        assert_eq!(told, [Vec::from_iter(161..190)]);
+        assert!(missing(&second, &references(160, 60)).is_empty());
     }
 
     #[test]

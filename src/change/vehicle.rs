@@ -158,7 +158,7 @@ mod tests {
         assert!(told(drive(20, 0.035, 0.001)).is_none());
         let finding = told(drive(120, 0.035, 0.001)).unwrap();
         assert_eq!(finding.kind, ChangeKind::VehicleSuspect);
-        assert_eq!(finding.trips, [trip.clone()]);
+        assert_eq!(finding.trips, std::slice::from_ref(&trip));
         assert!(finding.confidence > 0.99);
     }
 

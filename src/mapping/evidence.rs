@@ -170,6 +170,7 @@ impl RouteMap {
                 continue;
             };
             let (old, new) = self.graph.ends()[position];
+            let [a, b] = [old, new].map(|k| self.keyframes[k].stamp);
             let sides = [
                 (new, &contradictions.new_in_old),
                 (old, &contradictions.old_in_new),
@@ -180,6 +181,7 @@ impl RouteMap {
                 suspicions.extend(points.iter().map(|&point| Suspicion {
                     edge,
                     node: placed.keyframe.node,
+                    taken: (a.min(b), a.max(b)),
                     spot: to_map.apply(&placed.keyframe.points[point].position),
                     fresh: edge >= fresh_from,
                 }));

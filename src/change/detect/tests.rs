@@ -86,6 +86,7 @@ fn suspicions(spots: &[Vector2<f64>], fresh: bool) -> Vec<Suspicion> {
             edge: EdgeId(k),
             node: NodeId(20 + k),
             spot: spot + Vector2::new(0.01 * k as f64, 0.0),
+            taken: (StampNs(0), StampNs(i64::MAX)),
             fresh,
         })
     });

@@ -5,7 +5,8 @@ use super::told::{after_lap, brief, empty_route, names};
 
 const TURN_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
-/// The third lap and the fifth are of a vehicle whose lidar is turned on its mount by 2°.
+/// The third lap and the sixth are of a vehicle whose lidar is turned on its mount by 2°; after
+/// the second of them it is known.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_turned_lidar_is_told_and_its_word_does_not_count() {
     let mut shop = Shop::new(8);
@@ -25,6 +26,8 @@ async fn a_turned_lidar_is_told_and_its_word_does_not_count() {
         );
         if lap < 2 {
             assert!(suspects.is_empty(), "lap {lap}: {suspects:?}");
+        } else if lap < 5 {
+            assert!(suspects.len() <= 1, "lap {lap}: {suspects:?}");
         } else {
             assert_eq!(suspects, [[vehicle_name(2)]], "lap {lap}");
             assert_eq!(told[0]["status"], "open");
