@@ -113,7 +113,8 @@ impl RouteMap {
         } = self.keyframes[last];
         let by_odometry = odom_from_last.between(&scan.odom_from_base);
         let rule = KeyframeRule::for_range(scan.scan.lidar().range_max_m);
-        if !rule.is_due(&by_odometry) && !self.looks_again(last, scan) {
+        let is_due = rule.is_due(&by_odometry);
+        if !is_due && !self.looks_again(last, scan) {
             return Ok(());
         }
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
@@ -121,6 +122,9 @@ impl RouteMap {
         let sigma_m = scan.scan.lidar().range_sigma_m;
         let odometry = OdometryMotion::told(&by_odometry);
         let motion = measure_motion(&local_map, &keyframe.points, &odometry, sigma_m);
+        if !is_due && !is_standing(&motion.measurement) {
+            return Ok(());
+        }
         keyframe.drift_m += drift_of_motion(&motion, &odometry.sigmas);
         let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
         let index = self.insert_new(keyframe, pose, added)?;
@@ -128,20 +132,25 @@ impl RouteMap {
         self.close_loops(index, added)
     }
 
-    /// Whether a vehicle that stands looks once more: one look at what changes before its eyes
-    /// would not be believed.
+    /// Whether a vehicle that has not moved since its trip began looks once more: one look at
+    /// what changed meanwhile would not be believed.
     fn looks_again(&self, last: usize, scan: &DriveScan) -> bool {
-        let newest = self.trips[&self.keyframes[last].trip].iter().rev();
-        let keyframes = newest.map(|&k| &self.keyframes[k]);
-        let stood = keyframes
-            .take_while(|k| is_standing(&k.odom_from_base.between(&scan.odom_from_base)))
-            .take(STANDING_LOOKS_MAX);
+        let trip = &self.trips[&self.keyframes[last].trip];
+        let stands = |&k: &usize| {
+            let motion = self.keyframes[k]
+                .odom_from_base
+                .between(&scan.odom_from_base);
+            is_standing(&motion)
+        };
         let waited_s = scan.stamp.seconds() - self.keyframes[last].stamp.seconds();
-        waited_s >= STANDING_INTERVAL_S && (1..STANDING_LOOKS_MAX).contains(&stood.count())
+        trip.len() < STANDING_LOOKS_MAX
+            && waited_s >= STANDING_INTERVAL_S
+            && trip.iter().all(stands)
     }
 
-    fn new_keyframe(&mut self, drive: &Drive, scan: &DriveScan, drift_m: f64) -> Keyframe {
-        let node = self.take_node_id();
+    /// A keyframe that would be the next node.
+    fn new_keyframe(&self, drive: &Drive, scan: &DriveScan, drift_m: f64) -> Keyframe {
+        let node = self.next_node_id();
         let (trip, stamp) = (drive.trip.clone(), scan.stamp);
         let mut keyframe = Keyframe::new(node, trip, stamp, scan.odom_from_base, scan.scan.clone());
         keyframe.drift_m = drift_m;
@@ -154,7 +163,7 @@ impl RouteMap {
         pose: Pose2,
         added: &mut Extension,
     ) -> Result<usize, GraphError> {
-        added.nodes.push(keyframe.node);
+        added.nodes.push(self.take_node_id());
         self.insert_keyframe(pose, keyframe)
     }
 
