@@ -8,7 +8,7 @@ use super::case::Acceptance;
 use super::laps::{Laps, RecordedScan};
 use crate::change::Finding;
 use crate::change::paper::ClosurePlace;
-use crate::geometry::angle_difference_rad;
+use crate::geometry::{Vector2, angle_difference_rad};
 use crate::ids::{EdgeId, StampNs, TripId};
 use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Weighting};
 
@@ -104,20 +104,19 @@ impl Mapped {
                 findings.push(found);
             }
         }
-        let place = |old: usize, new: usize| {
-            let (old, new) = (&laps.scans[old], &laps.scans[new]);
-            ClosurePlace {
-                position: 0.5 * (old.truth.translation() + new.truth.translation()),
-                lap: new.lap,
-            }
-        };
-        let closure = |(closure, old, new)| MadeClosure {
-            place: place(old, new),
-            closure,
-            old,
-            new,
-        };
-        let closures: Vec<MadeClosure> = made.into_iter().map(closure).collect();
+        let closures = made.into_iter().map(|(closure, old, new)| {
+            Some(MadeClosure {
+                place: ClosurePlace {
+                    position: halfway(&map, &closure)?,
+                    lap: laps.scans[new].lap,
+                },
+                closure,
+                old,
+                new,
+            })
+        });
+        let closures: Option<Vec<MadeClosure>> = closures.collect();
+        let closures = closures.context("a closure without its nodes")?;
         let exclusion = exclusion(laps, &map, &closures, &scan_of);
         Ok(Self {
             map,
@@ -140,6 +139,14 @@ fn start(scan: &RecordedScan) -> InitialPose {
         sigma_xy_m: 0.01,
         sigma_theta_rad: 0.002,
     }
+}
+
+/// Between a closure's nodes as the map has them after all laps: no method knows the truth.
+fn halfway(map: &RouteMap, closure: &Closure) -> Option<Vector2<f64>> {
+    let graph = map.graph();
+    let edge = graph.edge(closure.edge)?;
+    let at = |node| Some(graph.nodes()[graph.node_position(node)?].pose.translation());
+    Some(0.5 * (at(edge.from)? + at(edge.to)?))
 }
 
 fn ends(
