@@ -126,6 +126,7 @@ fn confirm(
     const SLACK: Slack = Slack {
         distance_m: 0.8,
         turn_rad: 0.3,
+        well_known: false,
     };
     let rule = ClosureRule::default();
     let (mut compared, mut agreeing) = (0, 0);

@@ -50,14 +50,22 @@ impl Default for ClosureRule {
     }
 }
 
-/// Largest share of one scan's points in the other's free space.
+/// Largest share of one scan's points in the other's free space, for any match, …
 const CONTRADICTION_SHARE_MAX: f64 = 0.2;
+/// … and for one that ends where it was expected: then it is the place that differs.
+const CONTRADICTION_SHARE_MAX_IF_EXPECTED: f64 = 0.7;
+/// No farther than this from the expected place counts as that, metres …
+const EXPECTED_WITHIN_M: f64 = 0.2;
+/// … and radians.
+const EXPECTED_WITHIN_RAD: f64 = 0.06;
 /// Depth tolerance of that comparison, metres.
 const DEPTH_TOLERANCE_M: f64 = 0.15;
 /// Turn error allowed for in that comparison, radians.
 const DEPTH_SIGMA_THETA_RAD: f64 = 0.005;
 /// Fewest directions of motion that the points must fix.
 const OBSERVABLE_MIN: usize = 2;
+/// All of them.
+const OBSERVABLE_ALL: usize = 3;
 
 /// How far a match may end from where it was expected.
 #[derive(Debug, Clone, Copy)]
@@ -66,6 +74,8 @@ pub(super) struct Slack {
     pub distance_m: f64,
     /// Radians.
     pub turn_rad: f64,
+    /// Whether the expected place is known well enough to believe it against what the scans show.
+    pub well_known: bool,
 }
 
 /// Matches a new scan with an old one, expected at `old_from_new`.
@@ -102,7 +112,16 @@ pub(super) fn measure(
         && robust.inlier_share >= rule.inlier_share_min
         && moved.translation().norm() <= slack.distance_m
         && angle_difference_rad(moved.theta, 0.0) <= slack.turn_rad;
-    if !plausible || contradiction_share(old, new, &robust.pose) > CONTRADICTION_SHARE_MAX {
+    let is_expected = slack.well_known
+        && robust.observable_directions >= OBSERVABLE_ALL
+        && moved.translation().norm() <= EXPECTED_WITHIN_M
+        && angle_difference_rad(moved.theta, 0.0) <= EXPECTED_WITHIN_RAD;
+    let share_max = if is_expected {
+        CONTRADICTION_SHARE_MAX_IF_EXPECTED
+    } else {
+        CONTRADICTION_SHARE_MAX
+    };
+    if !plausible || contradiction_share(old, new, &robust.pose) > share_max {
         return None;
     }
     let all_points = align(

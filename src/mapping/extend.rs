@@ -231,24 +231,25 @@ impl RouteMap {
         if nearby.is_empty() {
             return Vec::new();
         }
-        let pose = if new.keyframe.drift_m > DRIFT_SMALL_M {
+        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
+        let pose = if is_tied {
+            new.pose
+        } else {
             let local_map = self.local_map(index);
             match anchor::relocate(&local_map, &nearby, &new.pose, &slack) {
                 Some(pose) => pose,
                 None => return Vec::new(),
             }
-        } else {
-            new.pose
         };
         let expected = Placed { pose, ..new };
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
             Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
         };
+        let slack = slack_small(is_tied);
         let measured = chosen.iter().filter_map(|old| {
             let old_from_new = old.pose.between(&pose);
-            let found =
-                closure::measure(old, &new, &old_from_new, &SLACK_SMALL, &self.closure_rule)?;
+            let found = closure::measure(old, &new, &old_from_new, &slack, &self.closure_rule)?;
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()
@@ -322,11 +323,15 @@ impl RouteMap {
 /// expected, metres.
 const DRIFT_SMALL_M: f64 = 6.0;
 
-/// How far from the expected place a closure may be measured.
-const SLACK_SMALL: Slack = Slack {
-    distance_m: 0.45,
-    turn_rad: 0.16,
-};
+/// How far from the expected place a closure may be measured, for a trip that was tied to the map
+/// not long ago, and for one that was found again.
+fn slack_small(is_tied: bool) -> Slack {
+    Slack {
+        distance_m: 0.45,
+        turn_rad: 0.16,
+        well_known: is_tied,
+    }
+}
 
 /// Where a trip may be after it has driven a way without being tied to the map: three hundredths
 /// of the way, one degree a metre.
@@ -334,6 +339,7 @@ fn slack_after(drift_m: f64) -> Slack {
     Slack {
         distance_m: (0.3 + 0.03 * drift_m).min(4.0),
         turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
+        well_known: false,
     }
 }
 
