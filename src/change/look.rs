@@ -11,7 +11,7 @@ const RADIUS_M: f64 = 0.12;
 /// What a metre of range adds to it: the turn error of a pose (3 σ).
 const RADIUS_PER_RANGE: f64 = 0.006;
 /// A spot whose radius would be larger is too far away to be told, metres.
-const RADIUS_MAX_M: f64 = 0.22;
+const RADIUS_MAX_M: f64 = 0.26;
 /// Ranges' standard deviations in the radius.
 const RADIUS_SIGMAS: f64 = 3.0;
 
@@ -41,6 +41,7 @@ pub struct Look<'a> {
     scan: &'a LaserScan,
     lidar_from_map: Transform2,
     reach_m: f64,
+    pose_error_m: f64,
 }
 
 impl<'a> Look<'a> {
@@ -52,10 +53,7 @@ impl<'a> Look<'a> {
         map_from_base: &Pose2,
         scan: &'a LaserScan,
     ) -> Self {
-        let lidar = scan.lidar();
-        let map_from_lidar = map_from_base.compose(&lidar.mount);
-        let told_m = (RADIUS_MAX_M - RADIUS_M - RADIUS_SIGMAS * lidar.range_sigma_m).max(0.0)
-            / RADIUS_PER_RANGE;
+        let map_from_lidar = map_from_base.compose(&scan.lidar().mount);
         Self {
             node,
             trip,
@@ -64,8 +62,24 @@ impl<'a> Look<'a> {
             eye: map_from_lidar.translation(),
             scan,
             lidar_from_map: map_from_lidar.inverse().to_transform(),
-            reach_m: lidar.range_max_m.min(told_m),
+            reach_m: 0.0,
+            pose_error_m: 0.0,
         }
+        .with_pose_error(0.0)
+    }
+
+    /// The same look from a pose that is known to be off by so much, metres.
+    pub fn with_pose_error(mut self, pose_error_m: f64) -> Self {
+        let lidar = self.scan.lidar();
+        self.pose_error_m = pose_error_m;
+        let told_m = (RADIUS_MAX_M - self.radius_m(0.0)).max(0.0) / RADIUS_PER_RANGE;
+        self.reach_m = lidar.range_max_m.min(told_m);
+        self
+    }
+
+    fn radius_m(&self, range_m: f64) -> f64 {
+        let noise_m = RADIUS_SIGMAS * self.scan.lidar().range_sigma_m;
+        RADIUS_M + RADIUS_PER_RANGE * range_m + noise_m + self.pose_error_m
     }
 
     /// Whether a spot of the map is near enough to be told.
@@ -78,7 +92,7 @@ impl<'a> Look<'a> {
         let lidar = self.scan.lidar();
         let local = self.lidar_from_map.apply(spot);
         let range_m = local.norm();
-        let radius_m = RADIUS_M + RADIUS_PER_RANGE * range_m + RADIUS_SIGMAS * lidar.range_sigma_m;
+        let radius_m = self.radius_m(range_m);
         if range_m >= self.reach_m || range_m <= radius_m + lidar.range_min_m {
             return Sight::Hidden;
         }

@@ -9,7 +9,7 @@ use crate::change::{
     suspect_vehicle,
 };
 use crate::geometry::{Pose2, Vector2};
-use crate::graph::EdgeKind;
+use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, TripId, VehicleId};
 use crate::matching::{View, Visibility};
 
@@ -151,16 +151,28 @@ impl RouteMap {
         for (trip, places) in self.trips.values().enumerate() {
             for (order, &k) in places.iter().enumerate() {
                 let keyframe = &self.keyframes[k];
-                looks.push(Look::new(
+                let look = Look::new(
                     keyframe.node,
                     (trip, order),
                     keyframe.stamp,
                     &nodes[k].pose,
                     &keyframe.scan,
-                ));
+                );
+                looks.push(look.with_pose_error(self.pose_error_m(k)));
             }
         }
         looks
+    }
+
+    /// How far node `k` is from where its closures have it, metres: the farthest of them tells,
+    /// since nothing tells which is right.
+    fn pose_error_m(&self, k: usize) -> f64 {
+        let edges = self.graph.incident(k).iter();
+        let closures = edges
+            .map(|&edge| &self.graph.edges()[edge])
+            .filter(|edge| edge.kind == EdgeKind::LoopClosure && edge.status == EdgeStatus::Active);
+        let errors = closures.filter_map(|edge| self.graph.error_of(edge));
+        errors.map(|e| e.x.hypot(e.y)).fold(0.0, f64::max)
     }
 
     fn suspicions(&self, fresh_from: EdgeId) -> Vec<Suspicion> {
