@@ -8,10 +8,13 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
+use std::collections::BTreeMap;
+
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
+use crate::change::{VehicleResidual, calibrated_p_values};
 use crate::graph::EdgeKind;
-use crate::ids::{EdgeId, RouteId};
-use crate::store::{AcceptedChange, Detector, EdgeRecord};
+use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
+use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord, RouteSettings};
 
 /// A residual series.
 #[derive(Debug, Serialize, ToSchema)]
@@ -61,6 +64,12 @@ struct ResidualEntryBody {
     ratio: Option<f64>,
     /// Probability of a `delta_f` this large without a change.
     p_value: f64,
+    /// Probability of an all-points residual this large without a change, calibrated by the other
+    /// closures of its vehicle in the series; null where there are too few.
+    #[schema(required)]
+    calibrated_p_value: Option<f64>,
+    /// Whether that is below the route's `false_alarm_rate`.
+    alarm: bool,
     /// What the paper's rule says.
     verdict: VerdictName,
 }
@@ -120,19 +129,57 @@ pub(super) async fn get_residuals(
 ) -> Result<Json<ResidualSeriesBody>, Problem> {
     let route = state.known_route(&route_id).await?;
     let edges = state.store.edges(&route_id).await?;
+    let nodes = state.store.nodes(&route_id).await?;
     let accepted = state.store.accepted_changes(&route_id).await?;
     let (subgraph_id, measurement) = (query.subgraph_id, query.measurement.unwrap_or_default());
-    let detector = route.settings.detector;
+    let settings = route.settings;
     let work = move || {
         let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
-        let edges = edges.iter().filter(within);
-        series(edges, measurement, detector, &accepted)
+        let edges = || edges.iter().filter(within);
+        let series = series(edges(), measurement, settings.detector, &accepted);
+        let tests = Tests::of(edges(), &vehicles_of(&nodes), &settings, &accepted);
+        (subgraph_id.is_none() || !series.entries.is_empty())
+            .then(|| body(subgraph_id, measurement, &series, &tests))
     };
-    let series = state.rendering.run(work).await?;
-    if subgraph_id.is_some() && series.entries.is_empty() {
-        return Err(Problem::not_found("sub-graph with loop closures"));
+    let body = state.rendering.run(work).await?;
+    body.map(Json)
+        .ok_or_else(|| Problem::not_found("sub-graph with loop closures"))
+}
+
+/// Who drove each node's trip.
+pub(super) fn vehicles_of(nodes: &[NodeRecord]) -> BTreeMap<NodeId, &VehicleId> {
+    nodes.iter().map(|n| (n.id, &n.vehicle_id)).collect()
+}
+
+/// The calibrated test of closures' all-points residuals.
+#[derive(Debug)]
+struct Tests {
+    p_values: BTreeMap<EdgeId, f64>,
+    false_alarm_rate: f64,
+}
+
+impl Tests {
+    fn of<'a>(
+        edges: impl Iterator<Item = &'a EdgeRecord>,
+        vehicles: &BTreeMap<NodeId, &VehicleId>,
+        settings: &RouteSettings,
+        accepted: &[AcceptedChange],
+    ) -> Self {
+        let closures = baseline(edges, accepted).filter_map(|edge| {
+            let residual = VehicleResidual {
+                vehicle: *vehicles.get(&edge.to)?,
+                residual: edge.closure?.all_points_residual,
+            };
+            Some((edge.id, residual))
+        });
+        let (ids, residuals): (Vec<EdgeId>, Vec<_>) = closures.unzip();
+        let p_values = calibrated_p_values(&residuals);
+        let known = ids.into_iter().zip(p_values);
+        Self {
+            p_values: known.filter_map(|(id, p)| Some((id, p?))).collect(),
+            false_alarm_rate: settings.false_alarm_rate,
+        }
     }
-    Ok(Json(body(subgraph_id, measurement, &series)))
 }
 
 /// The series that says how settled a sub-graph is, as `robust` residuals tell it.
@@ -151,21 +198,24 @@ pub(super) struct SeriesAround {
     pub subgraph_id: Option<i64>,
     /// What was read from the whole series, with the entries of the stretch alone.
     pub series: ResidualSeries,
+    tests: Tests,
 }
 
 /// The series that a closure lies in, `reach` entries to each side of it; `None` if the edge is
 /// no closure. A closure outside every sub-graph is shown in the series of the whole route.
 pub(super) fn series_around(
     edges: &[EdgeRecord],
+    vehicles: &BTreeMap<NodeId, &VehicleId>,
     edge: EdgeId,
-    detector: Detector,
+    settings: &RouteSettings,
     accepted: &[AcceptedChange],
     reach: usize,
 ) -> Option<SeriesAround> {
     let found = edges.binary_search_by_key(&edge, |edge| edge.id).ok()?;
     let subgraph_id = edges.get(found)?.subgraph_id;
     let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
-    let mut series = robust_series(edges.iter().filter(within), detector, accepted);
+    let edges = || edges.iter().filter(within);
+    let mut series = robust_series(edges(), settings.detector, accepted);
     let entries = &mut series.entries;
     let place = entries.iter().position(|entry| entry.edge_id == edge)?;
     entries.truncate(place + reach + 1);
@@ -173,6 +223,7 @@ pub(super) fn series_around(
     Some(SeriesAround {
         subgraph_id,
         series,
+        tests: Tests::of(edges(), vehicles, settings, accepted),
     })
 }
 
@@ -182,12 +233,7 @@ fn series<'a>(
     detector: Detector,
     accepted: &[AcceptedChange],
 ) -> ResidualSeries {
-    let counts = |edge: &&EdgeRecord| {
-        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
-        edge.kind == EdgeKind::LoopClosure && !accepted.iter().any(has_left)
-    };
-    let closures = edges.filter(counts);
-    let samples: Vec<ClosureSample> = closures
+    let samples: Vec<ClosureSample> = baseline(edges, accepted)
         .filter_map(|edge| {
             let closure = edge.closure?;
             Some(ClosureSample {
@@ -202,9 +248,21 @@ fn series<'a>(
     residual_series(&samples, &detector.series_params())
 }
 
+/// The closures that accepted changes leave in the series.
+fn baseline<'a>(
+    edges: impl Iterator<Item = &'a EdgeRecord>,
+    accepted: &[AcceptedChange],
+) -> impl Iterator<Item = &'a EdgeRecord> {
+    edges.filter(|edge| {
+        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
+        edge.kind == EdgeKind::LoopClosure && !accepted.iter().any(has_left)
+    })
+}
+
 impl From<&SeriesAround> for ResidualSeriesBody {
     fn from(around: &SeriesAround) -> Self {
-        body(around.subgraph_id, MeasurementName::Robust, &around.series)
+        let robust = MeasurementName::Robust;
+        body(around.subgraph_id, robust, &around.series, &around.tests)
     }
 }
 
@@ -212,7 +270,9 @@ fn body(
     subgraph_id: Option<i64>,
     measurement: MeasurementName,
     series: &ResidualSeries,
+    tests: &Tests,
 ) -> ResidualSeriesBody {
+    let entry = |entry| ResidualEntryBody::of(entry, tests);
     ResidualSeriesBody {
         subgraph_id,
         measurement,
@@ -220,13 +280,16 @@ fn body(
         sigma2: series.sigma2,
         threshold: series.threshold,
         delay: series.delay as u64,
-        entries: series.entries.iter().map(ResidualEntryBody::from).collect(),
+        entries: series.entries.iter().map(entry).collect(),
     }
 }
 
-impl From<&SeriesEntry> for ResidualEntryBody {
-    fn from(entry: &SeriesEntry) -> Self {
+impl ResidualEntryBody {
+    fn of(entry: &SeriesEntry, tests: &Tests) -> Self {
+        let calibrated_p_value = tests.p_values.get(&entry.edge_id).copied();
         Self {
+            calibrated_p_value,
+            alarm: calibrated_p_value.is_some_and(|p| p < tests.false_alarm_rate),
             n: entry.n as u64,
             edge_id: entry.edge_id.0,
             total: entry.total,

@@ -3,6 +3,7 @@
 mod accepted;
 mod alert;
 mod beam_verdict;
+mod calibration;
 mod detect;
 mod detector;
 mod finding;
@@ -20,6 +21,7 @@ mod vehicle;
 pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
 pub use alert::{AlertAction, AlertStatus};
 pub use beam_verdict::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
+pub use calibration::{VehicleResidual, calibrated_p_values};
 pub use detect::{Evidence, Suspicion, detect};
 pub use detector::Detector;
 pub use finding::Finding;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::api::ApiState;
 use crate::api::problem::Problem;
-use crate::api::residuals::{SeriesAround, series_around};
+use crate::api::residuals::{SeriesAround, series_around, vehicles_of};
 use crate::change::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
@@ -64,20 +64,23 @@ pub(super) async fn gather(
     route: &RouteRecord,
 ) -> Result<Evidence, Problem> {
     let edges = state.store.edges(&alert.route_id).await?;
-    let nodes = named_nodes(state, &alert, &edges).await?;
+    let all_nodes = state.store.nodes(&alert.route_id).await?;
+    let nodes = named_nodes(&all_nodes, &alert, &edges);
     let pairs = pairs(&alert, &edges, &nodes);
     let scans = scans_of(state, &alert, &pairs, nodes).await?;
     let mut accepted = state.store.accepted_changes(&alert.route_id).await?;
     // The series as it stood against the map that the alert contradicts: an acceptance, the
     // alert's own too, takes closures out of it.
     accepted.retain(|change| change.map_version <= alert.map_version);
-    let detector = route.settings.detector;
+    let settings = route.settings.clone();
     let work = move || {
+        let vehicles = vehicles_of(&all_nodes);
         let chosen = choose(&pairs, &scans, &alert.evidence.region);
         let (pair, looks) = chosen.unzip();
         let edge_id = pair.and_then(|pair| pair.edge);
         let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
-        let series = |edge| series_around(&edges, edge, detector, &accepted, SERIES_REACH);
+        let series =
+            |edge| series_around(&edges, &vehicles, edge, &settings, &accepted, SERIES_REACH);
         Evidence {
             series: told_by.and_then(series),
             edge_id,
@@ -90,18 +93,19 @@ pub(super) async fn gather(
 }
 
 /// The nodes that the alert names, itself or as ends of its edges.
-async fn named_nodes(
-    state: &ApiState,
+fn named_nodes(
+    all: &[NodeRecord],
     alert: &AlertRecord,
     edges: &[EdgeRecord],
-) -> Result<BTreeMap<NodeId, NodeRecord>, Problem> {
+) -> BTreeMap<NodeId, NodeRecord> {
     let ends = closures(alert, edges).flat_map(|edge| [edge.from, edge.to]);
     let mut ids: Vec<NodeId> = alert.evidence.nodes.iter().copied().chain(ends).collect();
     ids.sort();
     ids.dedup();
-    let all = state.store.nodes(&alert.route_id).await?.into_iter();
-    let named = all.filter(|node| ids.binary_search(&node.id).is_ok());
-    Ok(named.map(|node| (node.id, node)).collect())
+    let named = all
+        .iter()
+        .filter(|node| ids.binary_search(&node.id).is_ok());
+    named.map(|node| (node.id, node.clone())).collect()
 }
 
 /// The closures that the alert names, the one of its residual first.

@@ -72,10 +72,26 @@ fn what_is_too_far_to_be_told_is_not_told() {
     let pose = Pose2::IDENTITY;
     let scan = scan(360, |_| Some(19.0));
     let look = look(&scan, &pose);
-    let (near, far) = (along(&scan, &pose, 7, 8.0), along(&scan, &pose, 7, 18.0));
+    let (near, far) = (along(&scan, &pose, 7, 8.0), along(&scan, &pose, 7, 18.6));
     assert!(look.reaches(&near) && !look.reaches(&far));
     assert_eq!(look.sight(&near), Sight::Passed);
     assert_eq!(look.sight(&far), Sight::Hidden);
+}
+
+#[test]
+fn a_pose_that_is_off_tells_less() {
+    let pose = Pose2::IDENTITY;
+    let scan = scan(360, |_| Some(9.0));
+    let sure = look(&scan, &pose);
+    let unsure = look(&scan, &pose).with_pose_error(0.08);
+    let hopeless = look(&scan, &pose).with_pose_error(0.2);
+    let before = along(&scan, &pose, 7, 8.75);
+    assert_eq!(sure.sight(&before), Sight::Passed);
+    assert_eq!(unsure.sight(&before), Sight::Struck);
+    let near = along(&scan, &pose, 7, 2.0);
+    assert_eq!(unsure.sight(&near), Sight::Passed);
+    assert_eq!(hopeless.sight(&near), Sight::Hidden);
+    assert!(!hopeless.reaches(&near));
 }
 
 #[test]

@@ -2,8 +2,7 @@
 
 use super::mapped::{MadeClosure, Mapped};
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
-use crate::change::series::{ClosureSample, residual_series};
-use crate::change::{ChangeKind, Detector, Finding};
+use crate::change::{ChangeKind, Finding, VehicleResidual, calibrated_p_values};
 
 /// A closure is told if a residual this large has a smaller probability without a change.
 const FALSE_ALARM_RATE: f64 = 1e-3;
@@ -13,14 +12,14 @@ const SAME_FINDING_M: f64 = 0.5;
 /// Closures by their all-points residuals at the optimum of robust estimates; alerts by the
 /// service's findings.
 pub(super) fn judge(mapped: &Mapped) -> Judged {
-    let sample = |made: &MadeClosure| ClosureSample {
-        edge_id: made.closure.edge,
-        delta_f: made.closure.all_points_residual,
+    let of_closure = |made: &MadeClosure| VehicleResidual {
+        vehicle: (),
+        residual: made.closure.all_points_residual,
     };
-    let samples: Vec<ClosureSample> = mapped.closures.iter().map(sample).collect();
-    let series = residual_series(&samples, &Detector::Fused.series_params());
-    let scores = samples.iter().map(|sample| sample.delta_f).collect();
-    let told = series.entries.iter().map(|e| e.p_value < FALSE_ALARM_RATE);
+    let residuals: Vec<VehicleResidual<()>> = mapped.closures.iter().map(of_closure).collect();
+    let scores = residuals.iter().map(|r| r.residual).collect();
+    let p_values = calibrated_p_values(&residuals).into_iter();
+    let told = p_values.map(|p_value| p_value.is_some_and(|p| p < FALSE_ALARM_RATE));
     let judged = Judged::by_closure(mapped, Some(scores), told.collect());
     Judged {
         raised: alerts(&mapped.findings),

@@ -1,0 +1,172 @@
+//! A test of closures' residuals at a stated false-alarm rate.
+//!
+//! Residuals of real closures are not χ² distributed: views differ, information is too modest or
+//! too bold, and each vehicle has its own noise. So the spread is learnt from the residuals
+//! themselves, per vehicle, by medians, which a change that spoils less than half of them does
+//! not move far. The logarithm is taken for Gaussian; its tail is heavier than that of a scaled
+//! χ², so that the stated rate is kept where residuals are that benign.
+
+use std::collections::BTreeMap;
+
+use super::threshold::chi_squared_survival;
+
+/// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
+const OWN_MIN: usize = 30;
+/// Fewer residuals in all tell nothing.
+const RESIDUALS_MIN: usize = 10;
+/// A Gaussian's standard deviation over its median absolute deviation.
+const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
+/// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
+const SPREAD_MIN: f64 = 0.84;
+/// Below it there is only rounding.
+const RESIDUAL_MIN: f64 = 1e-12;
+
+/// A closure's residual eᵀΩe, and whose closure it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VehicleResidual<V> {
+    /// Who drove the newer of the closure's two scans.
+    pub vehicle: V,
+    /// Not negative, without unit.
+    pub residual: f64,
+}
+
+/// For each residual the probability of one as large without a change; `None` for all if there
+/// are too few to tell.
+pub fn calibrated_p_values<V: Ord + Copy>(residuals: &[VehicleResidual<V>]) -> Vec<Option<f64>> {
+    let all = Spread::of(residuals.iter().map(log_residual).collect(), RESIDUALS_MIN);
+    let mut by_vehicle: BTreeMap<V, Vec<f64>> = BTreeMap::new();
+    for residual in residuals {
+        let own = by_vehicle.entry(residual.vehicle).or_default();
+        own.push(log_residual(residual));
+    }
+    let spreads: BTreeMap<V, Option<Spread>> = by_vehicle
+        .into_iter()
+        .map(|(vehicle, logs)| (vehicle, Spread::of(logs, OWN_MIN).or(all)))
+        .collect();
+    let p_value = |residual: &VehicleResidual<V>| {
+        let spread = spreads.get(&residual.vehicle).copied().flatten()?;
+        Some(spread.p_value(log_residual(residual)))
+    };
+    residuals.iter().map(p_value).collect()
+}
+
+fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
+    residual.residual.max(RESIDUAL_MIN).ln()
+}
+
+/// Middle and spread of residuals' logarithms.
+#[derive(Debug, Clone, Copy)]
+struct Spread {
+    median: f64,
+    sigma: f64,
+}
+
+impl Spread {
+    fn of(mut logs: Vec<f64>, count_min: usize) -> Option<Self> {
+        if logs.len() < count_min {
+            return None;
+        }
+        let middle = median(&mut logs);
+        let mut deviations: Vec<f64> = logs.iter().map(|log| (log - middle).abs()).collect();
+        let sigma = SIGMA_OVER_MAD * median(&mut deviations);
+        Some(Self {
+            median: middle,
+            sigma: sigma.max(SPREAD_MIN),
+        })
+    }
+
+    /// The upper tail of a Gaussian, by that of χ² with one degree of freedom.
+    fn p_value(self, log: f64) -> f64 {
+        let z = (log - self.median) / self.sigma;
+        let beyond = 0.5 * chi_squared_survival(z * z, 1);
+        if z > 0.0 { beyond } else { 1.0 - beyond }
+    }
+}
+
+/// Of a list that is not empty; sorts it.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn gaussian(rng: &mut ChaCha8Rng) -> f64 {
+        let (u, v) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
+        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    fn chi_squared_3(rng: &mut ChaCha8Rng) -> f64 {
+        (0..3).map(|_| gaussian(rng).powi(2)).sum()
+    }
+
+    fn of_vehicles(
+        count: usize,
+        mut draw: impl FnMut(usize) -> (u8, f64),
+    ) -> Vec<VehicleResidual<u8>> {
+        let residual = |(vehicle, residual)| VehicleResidual { vehicle, residual };
+        (0..count).map(|k| residual(draw(k))).collect()
+    }
+
+    fn share_below(p_values: &[Option<f64>], rate: f64) -> f64 {
+        let below = p_values.iter().filter(|p| p.unwrap() < rate).count();
+        below as f64 / p_values.len() as f64
+    }
+
+    #[test]
+    fn the_stated_rate_is_kept_whatever_each_vehicle_s_scale() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let benign = of_vehicles(40_000, |k| {
+            let scale = [1.0, 250.0][k % 2];
+            ((k % 2) as u8, scale * chi_squared_3(&mut rng))
+        });
+        let heavy = of_vehicles(40_000, |k| {
+            let sigma = [1.0, 2.0][k % 2];
+            ((k % 2) as u8, (sigma * gaussian(&mut rng)).exp())
+        });
+        for rate in [0.05, 0.01, 0.001] {
+            let of_benign = share_below(&calibrated_p_values(&benign), rate);
+            let of_heavy = share_below(&calibrated_p_values(&heavy), rate);
+            assert!(of_benign <= rate, "{rate}: {of_benign}");
+            assert!((of_heavy / rate - 1.0).abs() < 0.35, "{rate}: {of_heavy}");
+        }
+    }
+
+    #[test]
+    fn a_change_does_not_hide_itself() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let residuals = of_vehicles(1_000, |k| {
+            let changed = if k % 5 == 0 { 3_000.0 } else { 1.0 };
+            (0, changed * (0.5 + chi_squared_3(&mut rng)))
+        });
+        let p_values = calibrated_p_values(&residuals);
+        let told = |k: &usize| p_values[*k].unwrap() < 1e-3;
+        assert!((0..1_000).step_by(5).filter(told).count() > 190);
+        assert!((0..1_000).filter(|k| k % 5 > 0).filter(told).count() < 3);
+    }
+
+    #[test]
+    fn a_vehicle_of_few_closures_is_judged_by_all_and_few_closures_by_none() {
+        let residuals = of_vehicles(100, |k| (u8::from(k == 99), 1.0 + (k % 7) as f64));
+        let p_values = calibrated_p_values(&residuals);
+        assert!(p_values.iter().all(Option::is_some));
+        assert_eq!(
+            p_values[99],
+            p_values[99 - 98],
+            "as its like of the other vehicle"
+        );
+        let few = calibrated_p_values(&residuals[..9]);
+        assert!(few.iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn p_values_fall_with_the_residual() {
+        let residuals = of_vehicles(200, |k| (0, 1.1_f64.powi(k as i32)));
+        let p_values = calibrated_p_values(&residuals);
+        assert!(p_values.windows(2).all(|pair| pair[1] < pair[0]));
+    }
+}
