@@ -1,10 +1,12 @@
 //! Only the biconnected blocks that some edges belong to, to the exact optimum.
 
+use std::collections::BTreeSet;
+
 use super::minimise::Minimiser;
 use super::problem::{Factor, Problem};
 use super::summary::{SolveOptions, SolveSummary, Termination};
 use crate::geometry::Pose2;
-use crate::graph::{Block, BlockIndex, Blocks, PoseGraph};
+use crate::graph::{Block, BlockIndex, PoseGraph, Standing};
 use crate::ids::{EdgeId, NodeId};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
@@ -45,91 +47,112 @@ impl Solver {
         touched: &[EdgeId],
         options: &SolveOptions,
     ) -> TouchedSummary {
-        let blocks = Blocks::of(graph);
-        let positions = touched.iter().filter_map(|&id| graph.edge_position(id));
-        let mut touched: Vec<usize> = positions.collect();
+        let mut touched: Vec<usize> = touched
+            .iter()
+            .filter_map(|&id| graph.edge_position(id))
+            .collect();
         touched.sort_unstable();
         touched.dedup();
-        let mut indices: Vec<BlockIndex> =
-            touched.iter().filter_map(|&e| blocks.of_edge(e)).collect();
-        indices.sort_unstable();
-        indices.dedup();
-
-        let before: Vec<Pose2> = graph.nodes().iter().map(|node| node.pose).collect();
         let mut total = TouchedSummary {
             summary: SolveSummary::nothing(),
             delta_f: 0.0,
             moved: Vec::new(),
         };
-        for index in indices {
-            let block = &blocks.all()[index];
-            let (mut problem, nodes) = block_problem(graph, block);
-            let of_touched =
-                |(k, _): &(usize, &Factor)| touched.binary_search(&block.edges[*k]).is_ok();
-            let factors = problem.factors.iter().enumerate();
-            let cost_of_touched: f64 = factors
-                .filter(of_touched)
-                .map(|(_, factor)| factor.cost(&problem.poses))
-                .sum();
-            let summary = self.minimiser.minimise(&mut problem, options);
-            total.delta_f += summary.final_cost - (summary.initial_cost - cost_of_touched);
-            total.summary.add(&summary);
-            if summary.moved {
-                carry(graph, &blocks, &nodes, &problem.poses);
-            }
+        let mut moved = Vec::new();
+        for index in blocks_of(graph, &touched) {
+            let Some(solved) = self.solve_block(graph, index, &touched, options) else {
+                continue;
+            };
+            total.delta_f += solved.delta_f;
+            total.summary.add(&solved.summary);
+            graph.move_with_hanging(solved.poses, &mut moved);
+            graph.set_standing(index, solved.standing);
         }
-        let nodes = graph.nodes().iter().zip(&before);
-        total.moved = nodes
-            .filter(|(node, before)| node.pose != **before)
-            .map(|(node, _)| node.id)
+        moved.sort_unstable();
+        moved.dedup();
+        let nodes = graph.nodes();
+        total.moved = moved
+            .into_iter()
+            .map(|position| nodes[position].id)
             .collect();
         total
     }
+
+    fn solve_block(
+        &mut self,
+        graph: &PoseGraph,
+        index: BlockIndex,
+        touched: &[usize],
+        options: &SolveOptions,
+    ) -> Option<Solved> {
+        let block = graph.blocks().get(index)?;
+        let (mut problem, nodes, edges) = block_problem(graph, block);
+        let cost_of_touched: f64 = edges
+            .iter()
+            .zip(&problem.factors)
+            .filter(|(edge, _)| touched.binary_search(edge).is_ok())
+            .map(|(_, factor)| factor.cost(&problem.poses))
+            .sum();
+        let summary = self.minimiser.minimise(&mut problem, options);
+        let standing = if summary.termination.is_converged() {
+            Standing::optimal(summary.final_cost)
+        } else {
+            Standing::unknown()
+        };
+        // The anchor, first among the nodes, was held.
+        let poses = nodes.into_iter().zip(problem.poses).skip(1);
+        Some(Solved {
+            summary,
+            delta_f: summary.final_cost - (summary.initial_cost - cost_of_touched),
+            poses: poses.filter(|_| summary.moved).collect(),
+            standing,
+        })
+    }
 }
 
-/// A block as a problem, its anchor held, and the places of its poses in the graph.
-fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
+/// What a solve in a block came to.
+struct Solved {
+    summary: SolveSummary,
+    delta_f: f64,
+    /// The places of nodes, and where they are now; the anchor is not among them.
+    poses: Vec<(usize, Pose2)>,
+    standing: Standing,
+}
+
+/// The blocks that some edges belong to, by the smallest of these edges.
+fn blocks_of(graph: &PoseGraph, touched: &[usize]) -> Vec<BlockIndex> {
+    let blocks = graph.blocks();
+    let mut seen = BTreeSet::new();
+    let indices = touched.iter().filter_map(|&edge| blocks.of_edge(edge));
+    indices.filter(|&index| seen.insert(index)).collect()
+}
+
+/// A block as a problem, its anchor held, with the places of its poses and of its factors in the
+/// graph. Its nodes and edges are in the graph's order, however the block has grown.
+fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>, Vec<usize>) {
+    let mut edges = block.edges.clone();
+    edges.sort_unstable();
     let mut nodes = Vec::with_capacity(block.nodes.len() + 1);
     nodes.push(block.anchor);
     nodes.extend_from_slice(&block.nodes);
+    nodes[1..].sort_unstable();
     let local = |node: usize| {
         if node == block.anchor {
             0
         } else {
-            1 + block.nodes.partition_point(|&n| n < node)
+            1 + nodes[1..].partition_point(|&n| n < node)
         }
     };
-    let factors = block.edges.iter().map(|&edge| {
+    let factors = edges.iter().map(|&edge| {
         let (from, to) = graph.ends()[edge];
         Factor::of_edge(&graph.edges()[edge], local(from), local(to))
     });
     let problem = Problem {
+        factors: factors.collect(),
         poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
         held: (0..nodes.len()).map(|k| k == 0).collect(),
-        factors: factors.collect(),
     };
-    (problem, nodes)
-}
-
-/// Moves a block's nodes, and with each node what hangs off it.
-fn carry(graph: &mut PoseGraph, blocks: &Blocks, nodes: &[usize], poses: &[Pose2]) {
-    let mut open: Vec<BlockIndex> = Vec::new();
-    // The anchor, first among the nodes, was held.
-    for (&node, pose) in nodes.iter().zip(poses).skip(1) {
-        let before = graph.nodes()[node].pose;
-        if before == *pose {
-            continue;
-        }
-        graph.set_pose_at(node, *pose);
-        open.extend_from_slice(blocks.hanging_off(node));
-        while let Some(index) = open.pop() {
-            for &carried in &blocks.all()[index].nodes {
-                let relative = before.between(&graph.nodes()[carried].pose);
-                graph.set_pose_at(carried, pose.compose(&relative));
-                open.extend_from_slice(blocks.hanging_off(carried));
-            }
-        }
-    }
+    (problem, nodes, edges)
 }
 
 impl SolveSummary {
@@ -207,13 +230,8 @@ mod tests {
     fn edges_outside_the_block_keep_their_errors() {
         let mut graph = random_graph(7, 60, 9);
         // Not at its optimum on purpose: whatever hangs off must be carried, not improved.
-        let blocks = Blocks::of(&graph);
-        let largest = blocks
-            .all()
-            .iter()
-            .max_by_key(|b| b.edges.len())
-            .unwrap()
-            .clone();
+        let blocks = graph.blocks();
+        let largest = blocks.iter().max_by_key(|b| b.edges.len()).unwrap().clone();
         let errors: Vec<_> = graph
             .edges()
             .iter()
