@@ -241,12 +241,9 @@ impl PoseGraph {
         }
     }
 
-    /// Notes how near a block is to its optimum now.
-    pub(crate) fn set_standing(&mut self, block: BlockIndex, standing: Standing) {
-        let blocks = self.blocks.get_mut();
-        if let Some(place) = blocks.and_then(|blocks| blocks.standing_mut(block)) {
-            *place = standing;
-        }
+    /// What is known of how near a block is to its optimum, to be kept up by who solves it.
+    pub(crate) fn standing_mut(&mut self, block: BlockIndex) -> Option<&mut Standing> {
+        self.blocks.get_mut()?.standing_mut(block)
     }
 
     /// The nodes to be moved, and the blocks that say what hangs off them.

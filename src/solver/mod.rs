@@ -5,10 +5,12 @@
 mod block_matrix;
 mod cholesky;
 mod chordal;
+mod complementary;
 mod marginals;
 mod minimise;
 mod normal_equations;
 mod problem;
+mod region;
 mod robust;
 mod spanning;
 mod summary;
