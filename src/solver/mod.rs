@@ -9,6 +9,7 @@ mod complementary;
 mod marginals;
 mod minimise;
 mod normal_equations;
+mod part;
 mod problem;
 mod region;
 mod robust;
