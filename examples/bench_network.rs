@@ -187,21 +187,40 @@ struct Row {
     blocks: usize,
     largest_block: usize,
     pass_ms: f64,
-    closure_ms: Vec<f64>,
-    moved: Vec<usize>,
+    closures: Vec<Closure>,
+    at_first_street: Vec<Closure>,
     whole_block_ms: f64,
-    by_parts: usize,
-    gap_max: f64,
     rss_mb: f64,
+}
+
+/// What one closure was seen to cost.
+struct Closure {
+    ms: f64,
+    /// How many nodes moved, carried ones included.
+    moved: usize,
+    /// The bound of the gap that parts have left in its block, relative to the block's F.
+    gap_max: f64,
+}
+
+/// The same closures as in an earlier round, if there was one, each with its better time.
+fn best_of(mut now: Vec<Closure>, before: &[Closure]) -> Vec<Closure> {
+    for (now, before) in now.iter_mut().zip(before) {
+        now.ms = now.ms.min(before.ms);
+    }
+    now
 }
 
 fn measure(mut world: World) -> anyhow::Result<Row> {
     let options = SolveOptions::default();
     let mut solver = Solver::new();
     let nodes = world.graph.nodes().len();
-    let started = Instant::now();
-    let anew = Blocks::of(&world.graph);
-    let pass_ms = ms_since(started);
+    let mut anew = Blocks::default();
+    let mut pass_ms = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let started = Instant::now();
+        anew = Blocks::of(&world.graph);
+        pass_ms = pass_ms.min(ms_since(started));
+    }
     let (blocks, largest_block) = (
         anew.iter().count(),
         anew.iter()
@@ -221,20 +240,20 @@ fn measure(mut world: World) -> anyhow::Result<Row> {
         rss_mb: rss_mb()?,
         ..Row::default()
     };
-    for round in 0..ROUNDS {
+    for _ in 0..ROUNDS {
         let mut world = world.clone();
-        let mut seen = Row::default();
+        let mut seen = Vec::new();
         for trip in 0..TRIPS_WARM + TRIPS {
-            drive(&mut world, &mut solver, trip >= TRIPS_WARM, &mut seen)?;
+            let street = world.rng.random_range(0..world.streets.len());
+            let trip_seen = drive(&mut world, &mut solver, street)?;
+            if trip >= TRIPS_WARM {
+                seen.extend(trip_seen);
+            }
         }
-        if round > 0 {
-            let best = seen.closure_ms.iter_mut().zip(&row.closure_ms);
-            best.for_each(|(now, before)| *now = now.min(*before));
-        }
-        row.closure_ms = seen.closure_ms;
-        row.moved = seen.moved;
-        row.by_parts = seen.by_parts;
-        row.gap_max = seen.gap_max;
+        row.closures = best_of(seen, &row.closures);
+        // Everything hangs off the first street.
+        let at_first_street = drive(&mut world, &mut solver, 0)?;
+        row.at_first_street = best_of(at_first_street, &row.at_first_street);
         row.whole_block_ms = whole_block_ms(&mut world, &mut solver)?;
     }
     Ok(row)
@@ -257,14 +276,9 @@ fn whole_block_ms(world: &mut World, solver: &mut Solver) -> anyhow::Result<f64>
 }
 
 /// One trip along a street.
-fn drive(
-    world: &mut World,
-    solver: &mut Solver,
-    counted: bool,
-    row: &mut Row,
-) -> anyhow::Result<()> {
-    let street = world.rng.random_range(0..world.streets.len());
+fn drive(world: &mut World, solver: &mut Solver, street: usize) -> anyhow::Result<Vec<Closure>> {
     let street = world.streets[street].clone();
+    let mut seen = Vec::new();
     let first = world.rng.random_range(0..street.len());
     let mut before: Option<usize> = None;
     for along in 0..TRIP_NODES.min(street.len()) {
@@ -286,20 +300,19 @@ fn drive(
         world.graph.add_edge(closure)?;
         let options = SolveOptions::default();
         let touched = solver.solve_touched(&mut world.graph, &[closure.id], &options);
-        let took_ms = ms_since(started);
+        let ms = ms_since(started);
         anyhow::ensure!(touched.summary.termination.is_converged(), "{touched:?}");
-        if counted {
-            row.closure_ms.push(took_ms);
-            row.moved.push(touched.moved.len());
-            let blocks = world.graph.blocks();
-            let position = world.graph.edges().len() - 1;
-            let block = blocks.of_edge(position).and_then(|index| blocks.get(index));
-            let standing = &block.context("a closure closes a loop")?.standing;
-            row.gap_max = row.gap_max.max(standing.gap_max / standing.cost);
-            row.by_parts += usize::from(standing.gap_max > 0.0);
-        }
+        let blocks = world.graph.blocks();
+        let position = world.graph.edges().len() - 1;
+        let block = blocks.of_edge(position).and_then(|index| blocks.get(index));
+        let standing = &block.context("a closure closes a loop")?.standing;
+        seen.push(Closure {
+            ms,
+            moved: touched.moved.len(),
+            gap_max: standing.gap_max / standing.cost,
+        });
     }
-    Ok(())
+    Ok(seen)
 }
 
 fn ms_since(started: Instant) -> f64 {
@@ -313,37 +326,41 @@ fn rss_mb() -> anyhow::Result<f64> {
     Ok(kib.context("no VmRSS")?.parse::<f64>()? / 1024.0)
 }
 
-/// The value that a part of the samples does not exceed.
-fn quantile<T: Copy + PartialOrd>(samples: &[T], part: f64) -> Option<T> {
-    let mut sorted = samples.to_vec();
-    sorted.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+/// The time that a part of the closures does not exceed.
+fn quantile_ms(closures: &[Closure], part: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = closures.iter().map(|closure| closure.ms).collect();
+    sorted.sort_by(f64::total_cmp);
     let last = sorted.len().checked_sub(1)?;
     Some(sorted[(part * last as f64).round() as usize])
 }
 
 fn print(kind: &str, row: &Row) -> anyhow::Result<()> {
-    let ms = |part| quantile(&row.closure_ms, part).unwrap_or(f64::NAN);
-    let moved = |part| quantile(&row.moved, part).unwrap_or(0);
+    let ms = |part| quantile_ms(&row.closures, part).unwrap_or(f64::NAN);
+    let by_parts = row.closures.iter().filter(|c| c.gap_max > 0.0).count();
+    let gap_max = row.closures.iter().map(|c| c.gap_max).fold(0.0, f64::max);
+    let heaviest = row.at_first_street.iter().max_by_key(|c| c.moved);
+    let heaviest = heaviest.context("the first street was driven")?;
+    let Row {
+        nodes,
+        blocks,
+        largest_block,
+        pass_ms,
+        whole_block_ms,
+        rss_mb,
+        ..
+    } = row;
     writeln!(
         std::io::stdout(),
-        "{kind}: {} nodes, {} blocks, largest {}; closure ms median {:.3} p99 {:.3} worst {:.3}; \
-         moved median {} p99 {} worst {}; by parts {}/{}, gap bound {:.1e}; \
-         one pass for blocks {:.2} ms, whole block {:.2} ms; RSS {:.0} MB",
-        row.nodes,
-        row.blocks,
-        row.largest_block,
+        "{kind}: {nodes} nodes, {blocks} blocks, largest {largest_block}; closure ms median {:.3} \
+         p99 {:.3} worst {:.3}; {by_parts} of {} by parts, gap at most {gap_max:.1e}; at the first \
+         street {:.3} ms, moves {}; one pass for blocks {pass_ms:.2} ms, whole block \
+         {whole_block_ms:.2} ms; RSS {rss_mb:.0} MB",
         ms(0.5),
         ms(0.99),
         ms(1.0),
-        moved(0.5),
-        moved(0.99),
-        moved(1.0),
-        row.by_parts,
-        row.closure_ms.len(),
-        row.gap_max,
-        row.pass_ms,
-        row.whole_block_ms,
-        row.rss_mb,
+        row.closures.len(),
+        heaviest.ms,
+        heaviest.moved,
     )?;
     Ok(())
 }
@@ -364,7 +381,7 @@ fn curve(
 }
 
 fn chart(title: &str, rows: &[Row], last: Curve) -> Plot {
-    let part = |part| move |row: &Row| quantile(&row.closure_ms, part);
+    let part = |part| move |row: &Row| quantile_ms(&row.closures, part);
     Plot {
         title: title.to_owned(),
         x_label: "log10 nodes".to_owned(),
