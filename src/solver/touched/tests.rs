@@ -229,6 +229,37 @@ fn what_parts_leave_is_bounded() {
     assert!(parts > closures / 2, "{parts} of {closures}");
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// The same for closures between any nodes, near and far.
+    #[test]
+    fn what_parts_leave_is_bounded_wherever_closures_are(seed in 0..100_000_u64) {
+        let limits = Limits {
+            large_nodes: 60,
+            region_nodes: 16,
+            gap_max: 1e-2,
+        };
+        let mut solver = Solver { limits, ..Solver::new() };
+        let options = SolveOptions::default();
+        let mut graph = random_graph(seed, 240, 150);
+        let all: Vec<EdgeId> = graph.edges().iter().map(|edge| edge.id).collect();
+        solver.solve_touched(&mut graph, &all, &options);
+        let mut cost = graph.cost();
+        for k in 0..40 {
+            let id = add_closure(&mut graph, seed.wrapping_mul(31).wrapping_add(k));
+            let touched = solver.solve_touched(&mut graph, &[id], &options);
+            let cost_now = graph.cost();
+            prop_assert!((touched.delta_f - (cost_now - cost)).abs() < 1e-9 * (1.0 + cost_now));
+            cost = cost_now;
+            let bound: f64 = graph.blocks().iter().map(|block| block.standing.gap_max).sum();
+            prop_assert!(bound <= 1e-2 * cost);
+            let gap = gap(&graph);
+            prop_assert!(gap <= 1.05 * bound + 1e-9 * cost, "{} {}", gap, bound);
+        }
+    }
+}
+
 /// With the limits that hold in service, but for the sizes.
 #[test]
 fn parts_keep_the_promise() {
