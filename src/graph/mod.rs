@@ -1,7 +1,8 @@
 //! The pose graph: nodes, edges, their stable ids, and its biconnected blocks.
 
 mod blocks;
+mod carry;
 mod pose_graph;
 
-pub use blocks::{Block, BlockIndex, Blocks};
+pub use blocks::{Block, BlockIndex, Blocks, Standing};
 pub use pose_graph::{Edge, EdgeKind, EdgeStatus, GraphError, Node, PoseGraph};

@@ -1,7 +1,9 @@
 //! Nodes and edges with stable ids.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
+use super::blocks::{BlockIndex, Blocks, Standing};
 use crate::geometry::{Information, Pose2};
 use crate::ids::{EdgeId, NodeId};
 
@@ -84,6 +86,8 @@ pub struct PoseGraph {
     incident: Vec<Vec<usize>>,
     node_index: BTreeMap<NodeId, usize>,
     edge_index: BTreeMap<EdgeId, usize>,
+    /// Found when first asked for, then kept until an edge leaves.
+    blocks: OnceLock<Blocks>,
 }
 
 impl PoseGraph {
@@ -103,6 +107,9 @@ impl PoseGraph {
         self.node_index.insert(node.id, self.nodes.len());
         self.nodes.push(node);
         self.incident.push(Vec::new());
+        if let Some(blocks) = self.blocks.get_mut() {
+            blocks.add_node();
+        }
         Ok(())
     }
 
@@ -133,6 +140,12 @@ impl PoseGraph {
         self.ends.push((from, to));
         self.incident[from].push(index);
         self.incident[to].push(index);
+        if let Some(blocks) = self.blocks.get_mut() {
+            match edge.status {
+                EdgeStatus::Active => blocks.add_edge(index, edge.id, (from, to)),
+                EdgeStatus::Retired | EdgeStatus::Quarantined => blocks.cover_edge(index),
+            }
+        }
         Ok(())
     }
 
@@ -187,10 +200,16 @@ impl PoseGraph {
         indices.unwrap_or_default().iter().map(|&k| &self.edges[k])
     }
 
+    /// The biconnected blocks of the active edges. Costs one pass over the graph when first asked
+    /// for, and after an edge has left; else next to nothing, see [`Blocks`].
+    pub fn blocks(&self) -> &Blocks {
+        self.blocks.get_or_init(|| Blocks::of(self))
+    }
+
     /// Moves a node; nothing happens if it is not there.
     pub fn set_pose(&mut self, id: NodeId, pose: Pose2) {
         if let Some(&k) = self.node_index.get(&id) {
-            self.nodes[k].pose = pose;
+            self.set_pose_at(k, pose);
         }
     }
 
@@ -198,14 +217,38 @@ impl PoseGraph {
     pub fn set_pose_at(&mut self, node_position: usize, pose: Pose2) {
         if let Some(node) = self.nodes.get_mut(node_position) {
             node.pose = pose;
+            if let Some(blocks) = self.blocks.get_mut() {
+                blocks.forget_optimum_at(node_position);
+            }
         }
     }
 
     /// Changes whether an edge is optimised; nothing happens if it is not there.
     pub fn set_edge_status(&mut self, id: EdgeId, status: EdgeStatus) {
-        if let Some(&k) = self.edge_index.get(&id) {
-            self.edges[k].status = status;
+        let Some(&k) = self.edge_index.get(&id) else {
+            return;
+        };
+        let before = std::mem::replace(&mut self.edges[k].status, status);
+        match (before, status) {
+            (EdgeStatus::Active, EdgeStatus::Active) => {}
+            (EdgeStatus::Active, _) => self.blocks = OnceLock::new(),
+            (_, EdgeStatus::Active) => {
+                if let Some(blocks) = self.blocks.get_mut() {
+                    blocks.add_edge(k, id, self.ends[k]);
+                }
+            }
+            _ => {}
         }
+    }
+
+    /// What is known of how near a block is to its optimum, to be kept up by who solves it.
+    pub(crate) fn standing_mut(&mut self, block: BlockIndex) -> Option<&mut Standing> {
+        self.blocks.get_mut()?.standing_mut(block)
+    }
+
+    /// The nodes to be moved, and the blocks that say what hangs off them.
+    pub(super) fn nodes_with_blocks(&mut self) -> (&mut [Node], Option<&Blocks>) {
+        (&mut self.nodes, self.blocks.get())
     }
 
     /// The error of an edge at the current poses, whatever its status.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::partners;
 use super::route_map::RouteMap;
 use crate::geometry::Pose2;
-use crate::graph::{Blocks, EdgeStatus};
+use crate::graph::EdgeStatus;
 use crate::ids::{EdgeId, NodeId};
 use crate::solver::SolveOptions;
 
@@ -33,14 +33,15 @@ impl RouteMap {
 
     /// Every edge of the sub-graphs that some edges belong to.
     fn edges_around(&self, changes: &[(EdgeId, EdgeStatus)]) -> BTreeSet<EdgeId> {
-        let blocks = Blocks::of(&self.graph);
+        let blocks = self.graph.blocks();
         let positions = changes
             .iter()
             .filter_map(|(edge, _)| self.graph.edge_position(*edge));
         let indices: BTreeSet<_> = positions.filter_map(|p| blocks.of_edge(p)).collect();
         let members = indices
             .into_iter()
-            .flat_map(|index| blocks.all()[index].edges.iter());
+            .filter_map(|index| blocks.get(index))
+            .flat_map(|block| block.edges.iter());
         members.map(|&p| self.graph.edges()[p].id).collect()
     }
 

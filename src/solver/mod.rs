@@ -5,10 +5,13 @@
 mod block_matrix;
 mod cholesky;
 mod chordal;
+mod complementary;
 mod marginals;
 mod minimise;
 mod normal_equations;
+mod part;
 mod problem;
+mod region;
 mod robust;
 mod spanning;
 mod summary;
