@@ -1,6 +1,7 @@
 //! Gauss-Newton, with Levenberg-Marquardt damping where a plain step fails.
 
-use super::normal_equations::NormalEquations;
+use super::local_error::Frame;
+use super::normal_equations::{Fit, NormalEquations};
 use super::problem::Problem;
 use super::summary::{SolveOptions, SolveSummary, Termination};
 use crate::geometry::Pose2;
@@ -27,9 +28,12 @@ const DAMPING_DROPPED: f64 = 1e-7;
 #[derive(Default)]
 pub(super) struct Minimiser {
     equations: Option<NormalEquations>,
+    /// Whether problems to come will have more poses and factors.
+    grows: bool,
     step: Vec<f64>,
-    poses: Vec<Pose2>,
+    frames: Vec<Frame>,
     trial: Vec<Pose2>,
+    trial_frames: Vec<Frame>,
 }
 
 /// Where the descent is, and how it goes on.
@@ -46,6 +50,15 @@ struct Descent {
 }
 
 impl Minimiser {
+    /// For problems each of which has what the one before had, and more. That the optimum found
+    /// before is close to the next is what makes it fast, not right.
+    pub(super) fn for_growing() -> Self {
+        Self {
+            grows: true,
+            ..Self::default()
+        }
+    }
+
     /// Moves the poses that are not held to a minimum of the cost.
     pub(super) fn minimise(
         &mut self,
@@ -66,32 +79,40 @@ impl Minimiser {
         }
         match self.prepare(problem) {
             None => summary.termination = Termination::Unsolvable,
-            Some(equations) if equations.dimension() == 0 => {}
-            Some(mut equations) => {
-                summary.termination = self.descend(&mut equations, problem, options, &mut summary);
+            Some((equations, _)) if equations.dimension() == 0 => {}
+            Some((mut equations, fit)) => {
+                let descent = Descent {
+                    keep_factor: fit == Fit::Factor,
+                    ..Descent::plain()
+                };
+                summary.termination =
+                    self.descend(&mut equations, descent, problem, options, &mut summary);
                 self.equations = Some(equations);
             }
         }
         summary
     }
 
-    fn prepare(&mut self, problem: &Problem) -> Option<NormalEquations> {
-        match self.equations.take() {
-            Some(equations) if equations.fits(problem) => Some(equations),
-            _ => NormalEquations::new(problem),
+    fn prepare(&mut self, problem: &Problem) -> Option<(NormalEquations, Fit)> {
+        if let Some(mut equations) = self.equations.take() {
+            let fit = equations.adapt(problem);
+            if fit != Fit::Other {
+                return Some((equations, fit));
+            }
         }
+        Some((NormalEquations::new(problem, self.grows)?, Fit::Structure))
     }
 
     /// `problem.poses` and `summary.final_cost` are always the best so far.
     fn descend(
         &mut self,
         equations: &mut NormalEquations,
+        mut descent: Descent,
         problem: &mut Problem,
         options: &SolveOptions,
         summary: &mut SolveSummary,
     ) -> Termination {
-        let mut descent = Descent::plain();
-        self.poses.clone_from(&problem.poses);
+        self.set_frames(&problem.poses);
         let mut cost_here = summary.final_cost;
         while summary.iterations < options.iterations_max {
             summary.iterations += 1;
@@ -99,8 +120,9 @@ impl Minimiser {
             let (cost, gain) = match promised {
                 None => (f64::INFINITY, 0.0),
                 Some(decrease) => {
-                    equations.apply(&self.poses, &self.step, &mut self.trial);
-                    let cost = problem.cost_at(&self.trial);
+                    let (trial, frames) = (&mut self.trial, &mut self.trial_frames);
+                    equations.apply(&self.frames, &self.step, trial, frames);
+                    let cost = problem.cost_of(frames);
                     (cost, (cost_here - cost) / decrease)
                 }
             };
@@ -116,7 +138,7 @@ impl Minimiser {
                 return termination;
             }
             if descent.accepts(better, cost, gain, promised) {
-                std::mem::swap(&mut self.poses, &mut self.trial);
+                std::mem::swap(&mut self.frames, &mut self.trial_frames);
                 cost_here = cost;
             } else if descent.damping > DAMPING_MAX {
                 return match promised {
@@ -124,11 +146,17 @@ impl Minimiser {
                     Some(_) => Termination::NoProgress,
                 };
             } else {
-                self.poses.clone_from(&problem.poses);
+                self.set_frames(&problem.poses);
                 cost_here = summary.final_cost;
             }
         }
         Termination::IterationLimit
+    }
+
+    fn set_frames(&mut self, poses: &[Pose2]) {
+        self.frames.clear();
+        self.frames
+            .extend(poses.iter().map(|&pose| Frame::of(pose)));
     }
 
     /// Finds the step from the current poses, and the decrease that it promises; `None` if the
@@ -140,9 +168,9 @@ impl Minimiser {
         descent: &Descent,
     ) -> Option<f64> {
         if descent.keep_factor {
-            equations.linearise_gradient(&problem.factors, &self.poses);
+            equations.linearise_gradient(&problem.factors, &self.frames);
         } else {
-            equations.linearise(&problem.factors, &self.poses);
+            equations.linearise(problem, &self.frames);
             if !equations.factorise(descent.damping) {
                 return None;
             }

@@ -2,12 +2,18 @@
 //!
 //! Only active edges take part. Each connected component's gauge is held by its first node.
 
+mod arena;
+mod assembly;
 mod block_matrix;
 mod cholesky;
 mod chordal;
+mod dense;
+mod elimination;
+mod local_error;
 mod marginals;
 mod minimise;
 mod normal_equations;
+mod ordering;
 mod problem;
 mod robust;
 mod spanning;

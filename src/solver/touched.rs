@@ -8,7 +8,6 @@ use crate::graph::{Block, BlockIndex, Blocks, PoseGraph};
 use crate::ids::{EdgeId, NodeId};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
-#[derive(Default)]
 pub struct Solver {
     minimiser: Minimiser,
 }
@@ -26,10 +25,18 @@ pub struct TouchedSummary {
     pub moved: Vec<NodeId>,
 }
 
+impl Default for Solver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Solver {
     /// A solver with no memory yet.
     pub fn new() -> Self {
-        Self::default()
+        Self {
+            minimiser: Minimiser::for_growing(),
+        }
     }
 
     /// Solves the biconnected blocks that contain the touched edges, from the poses as they are.
@@ -107,6 +114,8 @@ fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
         poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
         held: (0..nodes.len()).map(|k| k == 0).collect(),
         factors: factors.collect(),
+        pose_names: nodes.clone(),
+        factor_names: block.edges.clone(),
     };
     (problem, nodes)
 }
