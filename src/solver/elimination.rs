@@ -312,8 +312,8 @@ fn pays(width: u32, zeros: u32, entries: u32) -> bool {
     let part = f64::from(zeros) / f64::from(entries);
     match width {
         0..=2 => true,
-        3..=6 => part < 0.5,
-        7..=16 => part < 0.15,
+        3..=6 => part < 0.3,
+        7..=16 => part < 0.1,
         _ => part < 0.05,
     }
 }

@@ -3,6 +3,7 @@
 use super::local_error::Frame;
 use super::normal_equations::{Fit, NormalEquations};
 use super::problem::Problem;
+use super::secants::Secants;
 use super::summary::{SolveOptions, SolveSummary, Termination};
 use crate::geometry::Pose2;
 
@@ -16,8 +17,10 @@ const DAMPING_MAX: f64 = 1e9;
 /// So many plain steps in a row may end above the best cost: where residuals are large,
 /// Gauss-Newton's way to the minimum leads over a ridge that damped steps creep along.
 const STEPS_ABOVE_BEST_MAX: usize = 4;
-/// The factor is kept as long as every step promises less than this part of the one before, …
-const PROMISE_SHRINKS: f64 = 0.1;
+/// The factor is kept once a step promises less than this part of the cost, …
+const PROMISE_SMALL: f64 = 1e-3;
+/// … as long as every step by it promises less than this part of the one before, …
+const PROMISE_SHRINKS: f64 = 0.5;
 /// … and lowers the cost by what it promised, to within this part.
 const MODEL_TRUE_TO: f64 = 0.1;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
@@ -30,6 +33,7 @@ pub(super) struct Minimiser {
     equations: Option<NormalEquations>,
     /// Whether problems to come will have more poses and factors.
     grows: bool,
+    secants: Secants,
     step: Vec<f64>,
     frames: Vec<Frame>,
     trial: Vec<Pose2>,
@@ -112,6 +116,7 @@ impl Minimiser {
         options: &SolveOptions,
         summary: &mut SolveSummary,
     ) -> Termination {
+        self.secants.clear();
         self.set_frames(&problem.poses);
         let mut cost_here = summary.final_cost;
         while summary.iterations < options.iterations_max {
@@ -169,13 +174,15 @@ impl Minimiser {
     ) -> Option<f64> {
         if descent.keep_factor {
             equations.linearise_gradient(&problem.factors, &self.frames);
+            self.secants.learn(equations.gradient());
         } else {
+            self.secants.clear();
             equations.linearise(problem, &self.frames);
             if !equations.factorise(descent.damping) {
                 return None;
             }
         }
-        equations.step(&mut self.step)
+        equations.step(&mut self.secants, &mut self.step)
     }
 
     /// Only a plain step that ends at the best cost can tell: a damped one is short for another
@@ -218,13 +225,15 @@ impl Descent {
             // Nielsen's rule: the better the quadratic model was, the less damping.
             let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
             let relaxed = self.damping * factor;
-            let shrinks = match (promised, self.last_promise) {
-                (Some(promise), Some(last)) => promise < PROMISE_SHRINKS * last,
-                _ => true,
+            let promise = promised.unwrap_or(f64::INFINITY);
+            let is_near = match self.last_promise {
+                Some(last) if self.keep_factor => promise < PROMISE_SHRINKS * last,
+                None if self.keep_factor => true,
+                _ => promise < PROMISE_SMALL * cost,
             };
             *self = Self {
                 last_promise: promised.filter(|_| plain),
-                keep_factor: plain && shrinks && (gain - 1.0).abs() < MODEL_TRUE_TO,
+                keep_factor: plain && is_near && gain > 0.25 && gain < 4.0,
                 ..Self::plain()
             };
             if relaxed >= DAMPING_DROPPED {

@@ -16,6 +16,7 @@ mod normal_equations;
 mod ordering;
 mod problem;
 mod robust;
+mod secants;
 mod spanning;
 mod summary;
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::block_matrix::BlockMatrix;
 use super::cholesky::BlockCholesky;
 use super::local_error::Frame;
 use super::problem::{Factor, Problem};
+use super::secants::{Secants, dot};
 use crate::geometry::{Matrix3, Pose2, Vector3};
 
 /// The coordinates of a pose.
@@ -274,6 +275,11 @@ impl NormalEquations {
         add_to(&mut self.gradient, variable, gradient);
     }
 
+    /// g as it was filled in last.
+    pub(super) fn gradient(&self) -> &[f64] {
+        &self.gradient
+    }
+
     /// Fills in g alone at these poses.
     pub(super) fn linearise_gradient(&mut self, factors: &[Factor], frames: &[Frame]) {
         self.gradient.fill(0.0);
@@ -304,17 +310,16 @@ impl NormalEquations {
         is_done
     }
 
-    /// The step −(H + λD)⁻¹ g by the last factor, and the decrease gᵀ(H + λD)⁻¹g of the cost
-    /// that goes with it; `None` if it is not finite.
-    pub(super) fn step(&mut self, step: &mut Vec<f64>) -> Option<f64> {
+    /// The step −(H + λD)⁻¹ g by the last factor, corrected by what later steps have shown, and
+    /// the decrease −gᵀ step of the cost that goes with it; `None` if it is not finite.
+    pub(super) fn step(&mut self, secants: &mut Secants, step: &mut Vec<f64>) -> Option<f64> {
         step.clear();
         step.extend(self.gradient.iter().map(|g| -g));
+        secants.before_solve(step);
         self.cholesky.solve(step);
-        let decrease: f64 = -step
-            .iter()
-            .zip(&self.gradient)
-            .map(|(s, g)| s * g)
-            .sum::<f64>();
+        secants.after_solve(step);
+        secants.take(step, &self.gradient);
+        let decrease = -dot(step, &self.gradient);
         (decrease.is_finite() && step.iter().all(|s| s.is_finite())).then_some(decrease)
     }
 
