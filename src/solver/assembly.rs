@@ -29,13 +29,10 @@ impl<'a, const B: usize> Assembly<'a, B> {
         let stride = self.front.stride;
         for (k, &variable) in rows[..self.front.width].iter().enumerate() {
             let own = &mut self.columns[k * B * stride..(k + 1) * B * stride];
-            let diagonal = &matrix.diagonal[variable as usize];
-            for (c, column) in own.chunks_exact_mut(stride).enumerate() {
-                for (r, value) in column[k * B..(k + 1) * B].iter_mut().enumerate() {
-                    *value += diagonal[(r, c)];
-                }
-                let entry = &mut column[k * B + c];
-                *entry += damping * diagonal[(c, c)].abs().max(least);
+            let diagonal = &matrix.diagonal[variable as usize].data.0;
+            for (c, (column, new)) in own.chunks_exact_mut(stride).zip(diagonal).enumerate() {
+                add_block(&mut column[k * B..], new);
+                column[k * B + c] += damping * new[c].abs().max(least);
             }
             for (other, pair, is_column) in matrix.coupled(variable) {
                 let place = self.place[other as usize] as usize;
@@ -44,15 +41,10 @@ impl<'a, const B: usize> Assembly<'a, B> {
                     continue;
                 }
                 let block = &matrix.blocks[pair];
-                for (c, column) in own.chunks_exact_mut(stride).enumerate() {
-                    let target = &mut column[place * B..(place + 1) * B];
-                    for (r, value) in target.iter_mut().enumerate() {
-                        *value += if is_column {
-                            block[(r, c)]
-                        } else {
-                            block[(c, r)]
-                        };
-                    }
+                let turned = block.transpose();
+                let block = if is_column { block } else { &turned };
+                for (column, new) in own.chunks_exact_mut(stride).zip(&block.data.0) {
+                    add_block(&mut column[place * B..], new);
                 }
             }
         }
@@ -74,20 +66,25 @@ impl<'a, const B: usize> Assembly<'a, B> {
         let child_stride = child.update_stride();
         // Where the child's first row below stands in its update's columns.
         let first = child.width * B - child.skipped;
-        for (j, columns) in of_child.chunks_exact(B * child_stride).enumerate() {
-            let column_place = places[j] as usize;
+        let (width, stride) = (self.front.width, self.front.stride);
+        let (update_stride, skipped) = (self.front.update_stride(), self.front.skipped);
+        for (j, sources) in of_child.chunks_exact((B * child_stride).max(1)).enumerate() {
+            let place = places[j] as usize;
             if !is_ascending {
-                self.add_unordered(&columns[first..], child_stride, places, j, update);
+                self.add_unordered(&sources[first..], child_stride, places, j, update);
                 continue;
             }
-            for (c, source) in columns.chunks_exact(child_stride).enumerate() {
-                let target = self.column(column_place * B + c, update);
-                let source = &source[first + j * B..];
-                for (source, &place) in source.chunks_exact(B).zip(&places[j..]) {
-                    let at = place as usize * B;
-                    for (value, new) in target.1[at - target.0..][..B].iter_mut().zip(source) {
-                        *value += new;
-                    }
+            let (targets, stride, lacks) = if place < width {
+                (&mut self.columns[place * B * stride..], stride, 0)
+            } else {
+                let at = (place - width) * B * update_stride;
+                (&mut update[at..], update_stride, skipped)
+            };
+            let targets = targets.chunks_exact_mut(stride);
+            for (target, source) in targets.zip(sources.chunks_exact(child_stride)) {
+                let blocks = source[first + j * B..].as_chunks::<B>().0;
+                for (new, &place) in blocks.iter().zip(&places[j..]) {
+                    add_block(&mut target[place as usize * B - lacks..], new);
                 }
             }
         }
@@ -133,6 +130,15 @@ impl<'a, const B: usize> Assembly<'a, B> {
                     target[row - lacks] += value;
                 }
             }
+        }
+    }
+}
+
+#[inline(always)]
+fn add_block<const B: usize>(to: &mut [f64], new: &[f64; B]) {
+    if let Some(to) = to.first_chunk_mut::<B>() {
+        for (to, new) in to.iter_mut().zip(new) {
+            *to += new;
         }
     }
 }

@@ -56,11 +56,6 @@ impl<const B: usize> BlockMatrix<B> {
         self.blocks.fill(SMatrix::zeros());
     }
 
-    /// The ends of all pairs.
-    pub(super) fn ends(&self) -> Vec<(u32, u32)> {
-        self.pairs.iter().map(|p| (p.ends[0], p.ends[1])).collect()
-    }
-
     /// The variables that a variable is coupled with, each with the pair, and whether its own
     /// coordinates are the columns of the pair's block.
     #[inline(always)]

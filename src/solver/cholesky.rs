@@ -12,7 +12,7 @@ use super::assembly::Assembly;
 use super::block_matrix::BlockMatrix;
 use super::dense::{PADDING, backward, factor_columns, forward, subtract_square};
 use super::elimination::{Part, eliminate};
-use super::ordering::{DenseGraph, approximate_minimum_degree};
+use super::ordering::DenseGraph;
 
 /// No front.
 const NONE: u32 = u32::MAX;
@@ -96,15 +96,16 @@ impl Front {
 }
 
 impl<const B: usize> BlockCholesky<B> {
-    /// Orders and analyses a matrix. If it is to be extended later, the fronts' updates are kept,
-    /// which takes about as much memory again. `None` if memory runs out.
-    pub(super) fn analyse(matrix: &BlockMatrix<B>, keeps_updates: bool) -> Option<Self> {
-        let order = approximate_minimum_degree(matrix.variables(), &matrix.ends())?;
+    /// Analyses a matrix whose variables are to be eliminated in the order of their numbers. If
+    /// it is to be extended later, the fronts' updates are kept, which takes about as much memory
+    /// again.
+    pub(super) fn analyse(matrix: &BlockMatrix<B>, keeps_updates: bool) -> Self {
+        let order: Vec<u32> = (0..matrix.variables() as u32).collect();
         let mut cholesky = Self::empty(keeps_updates);
-        cholesky.front_of = vec![NONE; matrix.variables()];
+        cholesky.front_of = vec![NONE; order.len()];
         let parts = eliminate(matrix, &order, &[], &mut cholesky.memory.place);
         cholesky.add_fronts(parts, &[]);
-        Some(cholesky)
+        cholesky
     }
 
     /// The factor of a matrix without variables.

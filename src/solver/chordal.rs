@@ -49,18 +49,17 @@ struct LinearSystem {
 impl LinearSystem {
     fn new(problem: &Problem) -> Option<Self> {
         let mut matrix = BlockMatrix::default();
-        let free = problem.free();
-        let variable: Vec<_> = free
-            .iter()
-            .map(|&free| free.then(|| matrix.add_variable()))
-            .collect();
+        let mut variable = vec![None; problem.poses.len()];
+        for pose in problem.elimination_order()? {
+            variable[pose] = Some(matrix.add_variable());
+        }
         let pair = |f: &Factor| Some(matrix.add_pair(variable[f.from]?, variable[f.to]?));
         let pairs = problem.factors.iter().map(pair).collect();
         Some(Self {
             variable,
             pairs,
             right_hand_side: vec![0.0; matrix.variables() * SIZE],
-            cholesky: BlockCholesky::analyse(&matrix, false)?,
+            cholesky: BlockCholesky::analyse(&matrix, false),
             matrix,
             next_factor: 0,
         })

@@ -98,6 +98,63 @@ impl Frame {
     }
 }
 
+/// A factor's part of H and g.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Quadratic {
+    pub(super) from_from: Matrix3<f64>,
+    pub(super) from_to: Matrix3<f64>,
+    pub(super) to_to: Matrix3<f64>,
+    pub(super) gradient_from: Vector3<f64>,
+    pub(super) gradient_to: Vector3<f64>,
+}
+
+impl LocalError {
+    /// JᵀΩJ and JᵀΩe.
+    #[inline(always)]
+    pub(super) fn quadratic(&self, information: &Matrix3<f64>) -> Quadratic {
+        let weighted_error = information * self.error;
+        let weighted_to = self.turned_to(information);
+        let weighted_from = self.turned_from(information);
+        // With a symmetric information JᵀΩJ' = ((ΩJ')ᵀ J)ᵀ, so one product serves both sides.
+        Quadratic {
+            from_from: self.turned_from(&weighted_from.transpose()),
+            from_to: self.turned_from(&weighted_to.transpose()).transpose(),
+            to_to: self.turned_to(&weighted_to.transpose()),
+            gradient_from: self.jacobian_from.tr_mul(&weighted_error),
+            gradient_to: self.jacobian_to.tr_mul(&weighted_error),
+        }
+    }
+
+    /// A matrix times the second pose's derivatives, without their zeros.
+    #[inline(always)]
+    fn turned_to(&self, matrix: &Matrix3<f64>) -> Matrix3<f64> {
+        let (cos, sin) = (self.jacobian_to[(0, 0)], self.jacobian_to[(1, 0)]);
+        let [x, y, angle] = matrix.data.0;
+        let mut product = Matrix3::zeros();
+        for r in 0..3 {
+            product.data.0[0][r] = x[r] * cos + y[r] * sin;
+            product.data.0[1][r] = y[r] * cos - x[r] * sin;
+        }
+        product.data.0[2] = angle;
+        product
+    }
+
+    /// A matrix times the first pose's derivatives, without their zeros.
+    #[inline(always)]
+    fn turned_from(&self, matrix: &Matrix3<f64>) -> Matrix3<f64> {
+        let (minus_cos, sin) = (self.jacobian_from[(0, 0)], self.jacobian_from[(1, 0)]);
+        let (u, v) = (self.jacobian_from[(0, 2)], self.jacobian_from[(1, 2)]);
+        let [x, y, angle] = matrix.data.0;
+        let mut product = Matrix3::zeros();
+        for r in 0..3 {
+            product.data.0[0][r] = x[r] * minus_cos + y[r] * sin;
+            product.data.0[1][r] = y[r] * minus_cos - x[r] * sin;
+            product.data.0[2][r] = x[r] * u + y[r] * v - angle[r];
+        }
+        product
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -109,6 +166,26 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn the_quadratic_is_that_of_the_derivatives(a in pose(), b in pose(), z in pose()) {
+            let information = Matrix3::new(4.0, 0.5, -1.0, 0.5, 3.0, 0.25, -1.0, 0.25, 9.0);
+            let [a, b, z] = [a, b, z].map(Frame::of);
+            let at = Frame::local_error(&a, &b, &z);
+            let (from, to) = (at.jacobian_from, at.jacobian_to);
+            let quadratic = at.quadratic(&information);
+            let expected = [
+                (quadratic.from_from, from.transpose() * information * from),
+                (quadratic.from_to, from.transpose() * information * to),
+                (quadratic.to_to, to.transpose() * information * to),
+            ];
+            for (got, expected) in expected {
+                prop_assert!((got - expected).norm() < 1e-9, "{} {}", got, expected);
+            }
+            let error = information * at.error;
+            prop_assert!((quadratic.gradient_from - from.transpose() * error).norm() < 1e-9);
+            prop_assert!((quadratic.gradient_to - to.transpose() * error).norm() < 1e-9);
+        }
+
         #[test]
         fn derivatives_are_those_of_steps(a in pose(), b in pose(), z in pose()) {
             let frames = [a, b, z].map(Frame::of);

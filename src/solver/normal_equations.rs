@@ -7,7 +7,7 @@ use super::cholesky::BlockCholesky;
 use super::local_error::Frame;
 use super::problem::{Factor, Problem};
 use super::secants::{Secants, dot};
-use crate::geometry::{Matrix3, Pose2, Vector3};
+use crate::geometry::{Information, Matrix3, Pose2, Vector3};
 
 /// The coordinates of a pose.
 pub(super) const POSE_SIZE: usize = 3;
@@ -28,7 +28,10 @@ pub(super) struct NormalEquations {
     /// By a pose's name its variable, and by a factor's name its place among the known ones.
     variable_of_name: Vec<u32>,
     known_of_name: Vec<u32>,
-    known: Vec<Known>,
+    known: Vec<Slot>,
+    /// For each known factor what was linearised, if the problem is to grow.
+    numbers: Vec<Numbers>,
+    grows: bool,
     /// Whether there is a factor of H at some poses, without damping.
     has_plain_factor: bool,
 }
@@ -41,12 +44,11 @@ struct Slot {
     pair: u32,
 }
 
-/// A factor of which there is a part in H.
-#[derive(Debug, Clone, Copy)]
-struct Known {
-    slot: Slot,
-    measurement: Frame,
-    information: crate::geometry::Information,
+/// What a factor's part of H was made from, but for the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Numbers {
+    measurement: Pose2,
+    information: Information,
     weight: f64,
 }
 
@@ -74,10 +76,18 @@ impl NormalEquations {
             variable_of_name: Vec::new(),
             known_of_name: Vec::new(),
             known: Vec::new(),
+            numbers: Vec::new(),
+            grows,
             has_plain_factor: false,
         };
+        let names = problem.pose_names.iter().max().map_or(0, |&name| name + 1);
+        equations.variable_of_name.resize(names, NONE);
+        for pose in problem.elimination_order()? {
+            let name = problem.pose_names[pose];
+            equations.variable_of_name[name] = equations.matrix.add_variable();
+        }
         equations.take_in(problem);
-        equations.cholesky = BlockCholesky::analyse(&equations.matrix, grows)?;
+        equations.cholesky = BlockCholesky::analyse(&equations.matrix, grows);
         Some(equations)
     }
 
@@ -112,7 +122,7 @@ impl NormalEquations {
             }
             let known = self.known_of_name[name];
             if known != NONE {
-                self.slots.push(self.known[known as usize].slot);
+                self.slots.push(self.known[known as usize]);
                 continue;
             }
             let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
@@ -123,7 +133,10 @@ impl NormalEquations {
             };
             let slot = Slot { from, to, pair };
             self.known_of_name[name] = self.known.len() as u32;
-            self.known.push(Known::of(factor, slot));
+            self.known.push(slot);
+            if self.grows {
+                self.numbers.push(Numbers::of(factor));
+            }
             self.slots.push(slot);
             new_factors.push(k);
         }
@@ -198,19 +211,18 @@ impl NormalEquations {
             if known == NONE {
                 continue;
             }
-            let known = &self.known[known as usize];
+            let slot = self.known[known as usize];
             let known_or_held = |pose: usize| if free[pose] { variable(pose) } else { NONE };
             let ends = (known_or_held(factor.from), known_or_held(factor.to));
-            if ends != (known.slot.from, known.slot.to)
-                || (known.slot.from == NONE && free[factor.from])
-                || (known.slot.to == NONE && free[factor.to])
+            if ends != (slot.from, slot.to)
+                || (slot.from == NONE && free[factor.from])
+                || (slot.to == NONE && free[factor.to])
             {
                 return None;
             }
             factors += 1;
-            numbers_are_same &= known.measurement == factor.measurement
-                && known.information == factor.information
-                && known.weight == factor.weight;
+            let numbers = self.numbers.get(known as usize);
+            numbers_are_same &= numbers.is_some_and(|known| *known == Numbers::of(factor));
         }
         let is_all = variables == self.matrix.variables() && factors == self.known.len();
         is_all.then_some(numbers_are_same)
@@ -242,9 +254,10 @@ impl NormalEquations {
             },
         );
         self.slots = slots;
-        for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
-            let known = &mut self.known[self.known_of_name[name] as usize];
-            *known = Known::of(factor, known.slot);
+        if self.grows {
+            for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
+                self.numbers[self.known_of_name[name] as usize] = Numbers::of(factor);
+            }
         }
     }
 
@@ -252,20 +265,15 @@ impl NormalEquations {
     #[inline(always)]
     fn add_factor(&mut self, factor: &Factor, slot: Slot, from: &Frame, to: &Frame) {
         let at = Frame::local_error(from, to, &factor.measurement);
-        let information = factor.information.matrix() * factor.weight;
-        let weighted_error = information * at.error;
-        let weighted_to = information * at.jacobian_to;
+        let part = at.quadratic(&(factor.information.matrix() * factor.weight));
         if slot.from != NONE {
-            let block = at.jacobian_from.tr_mul(&(information * at.jacobian_from));
-            self.add_end(slot.from, &block, &at.jacobian_from.tr_mul(&weighted_error));
+            self.add_end(slot.from, &part.from_from, &part.gradient_from);
         }
         if slot.to != NONE {
-            let block = at.jacobian_to.tr_mul(&weighted_to);
-            self.add_end(slot.to, &block, &at.jacobian_to.tr_mul(&weighted_error));
+            self.add_end(slot.to, &part.to_to, &part.gradient_to);
         }
         if slot.pair != NONE {
-            let block = at.jacobian_from.tr_mul(&weighted_to);
-            self.matrix.blocks[slot.pair as usize] = block;
+            self.matrix.blocks[slot.pair as usize] = part.from_to;
         }
     }
 
@@ -351,11 +359,10 @@ impl NormalEquations {
     }
 }
 
-impl Known {
-    fn of(factor: &Factor, slot: Slot) -> Self {
+impl Numbers {
+    fn of(factor: &Factor) -> Self {
         Self {
-            slot,
-            measurement: factor.measurement,
+            measurement: factor.measurement.pose,
             information: factor.information,
             weight: factor.weight,
         }

@@ -1,6 +1,7 @@
 //! A pose graph by places instead of ids: what the minimiser works on.
 
 use super::local_error::Frame;
+use super::ordering::approximate_minimum_degree;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeStatus, PoseGraph};
 
@@ -81,6 +82,21 @@ impl Problem {
             free[factor.to] = !self.held[factor.to];
         }
         free
+    }
+
+    /// The poses that are moved, in an order of elimination that keeps the Cholesky factor
+    /// sparse; `None` if memory runs out.
+    pub(super) fn elimination_order(&self) -> Option<Vec<usize>> {
+        let free = self.free();
+        let poses: Vec<usize> = (0..free.len()).filter(|&k| free[k]).collect();
+        let mut number = vec![0; free.len()];
+        for (k, &pose) in poses.iter().enumerate() {
+            number[pose] = k as u32;
+        }
+        let coupled = self.factors.iter().filter(|f| free[f.from] && free[f.to]);
+        let pairs: Vec<_> = coupled.map(|f| (number[f.from], number[f.to])).collect();
+        let order = approximate_minimum_degree(poses.len(), &pairs)?;
+        Some(order.into_iter().map(|k| poses[k as usize]).collect())
     }
 
     /// For each pose the first pose of its component.
