@@ -103,7 +103,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// On a quadratic of three dimensions the fourth step must have arrived.
+    /// The first guess is right in all but two directions of five.
     #[test]
     fn few_steps_suffice_for_few_wrong_directions() {
         let curvatures = [1.5, 1.0, 0.75, 1.0, 1.0];
@@ -115,7 +115,7 @@ mod tests {
         };
         let mut x = vec![0.0, 5.0, -1.0, 2.5, 9.0];
         let mut secants = Secants::default();
-        for _ in 0..6 {
+        for _ in 0..8 {
             let here = gradient(&x);
             secants.learn(&here);
             let mut step: Vec<f64> = here.iter().map(|g| -g).collect();
@@ -125,6 +125,6 @@ mod tests {
             secants.take(&step, &here);
             add(&mut x, 1.0, &step);
         }
-        assert!(x.iter().all(|x| (x - 2.0).abs() < 1e-6), "{x:?}");
+        assert!(x.iter().all(|x| (x - 2.0).abs() < 1e-9), "{x:?}");
     }
 }
