@@ -99,16 +99,13 @@ fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
     let mut nodes = Vec::with_capacity(block.nodes.len() + 1);
     nodes.push(block.anchor);
     nodes.extend_from_slice(&block.nodes);
-    let local = |node: usize| {
-        if node == block.anchor {
-            0
-        } else {
-            1 + block.nodes.partition_point(|&n| n < node)
-        }
-    };
+    let mut local = vec![0; graph.nodes().len()];
+    for (k, &node) in nodes.iter().enumerate() {
+        local[node] = k;
+    }
     let factors = block.edges.iter().map(|&edge| {
         let (from, to) = graph.ends()[edge];
-        Factor::of_edge(&graph.edges()[edge], local(from), local(to))
+        Factor::of_edge(&graph.edges()[edge], local[from], local[to])
     });
     let problem = Problem {
         poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
