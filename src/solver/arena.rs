@@ -58,3 +58,35 @@ impl Arena {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn ranges_in_use_never_overlap(steps in prop::collection::vec((0..40_usize, any::<bool>()), 1..80)) {
+            let mut arena = Arena::default();
+            let mut used: Vec<Range<usize>> = Vec::new();
+            for (number, gives_back) in steps {
+                if gives_back && !used.is_empty() {
+                    arena.give_back(used.swap_remove(number % used.len()));
+                } else {
+                    let start = arena.take(number);
+                    used.push(start..start + number);
+                }
+                let mut sorted = used.clone();
+                sorted.retain(|range| range.start < range.end);
+                sorted.sort_by_key(|range| range.start);
+                prop_assert!(sorted.windows(2).all(|two| two[0].end <= two[1].start));
+                prop_assert!(sorted.last().is_none_or(|last| last.end <= arena.end()));
+                // Holes and what is in use make up the whole.
+                let holes: usize = arena.holes.iter().map(|hole| hole.len()).sum();
+                let lengths: usize = used.iter().map(|range| range.len()).sum();
+                prop_assert_eq!(holes + lengths, arena.end());
+            }
+        }
+    }
+}

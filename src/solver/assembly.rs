@@ -1,7 +1,7 @@
 //! What a front begins with: the matrix's own values, and its children's updates.
 
 use super::block_matrix::BlockMatrix;
-use super::cholesky::Front;
+use super::front::Front;
 
 /// A front's own columns while they are filled.
 pub(super) struct Assembly<'a, const B: usize> {

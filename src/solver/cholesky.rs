@@ -5,94 +5,43 @@
 //! variables or couplings are added, only the fronts between the touched variables and the root
 //! change; all others stay, as in the Bayes tree of iSAM2 (Kaess et al. 2012).
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 use super::arena::Arena;
-use super::assembly::Assembly;
 use super::block_matrix::BlockMatrix;
-use super::dense::{PADDING, backward, factor_columns, forward, subtract_square};
 use super::elimination::{Part, eliminate};
+use super::front::{Front, NONE};
+use super::multifrontal::{Factorise, Solve};
 use super::ordering::DenseGraph;
 
-/// No front.
-const NONE: u32 = u32::MAX;
 /// A top with more variables than this is most of the graph, and ordered like one.
 const TOP_VARIABLES_MAX: usize = 4096;
 
 /// The factor L of A = LLᵀ, and what is needed to change it.
 pub(super) struct BlockCholesky<const B: usize> {
-    fronts: Vec<Front>,
+    pub(super) fronts: Vec<Front>,
     /// Places among the fronts that are not in use.
     free: Vec<u32>,
     /// The fronts that are in use, children first.
-    bottom_up: Vec<u32>,
+    pub(super) bottom_up: Vec<u32>,
     /// The front in which a variable is eliminated.
     front_of: Vec<u32>,
     column_arena: Arena,
     update_arena: Arena,
-    columns: Vec<f64>,
-    updates: Vec<f64>,
+    pub(super) columns: Vec<f64>,
+    pub(super) updates: Vec<f64>,
     keeps_updates: bool,
-    memory: Memory,
+    pub(super) memory: Memory,
 }
 
 #[derive(Debug, Default)]
-struct Memory {
+pub(super) struct Memory {
     /// By variable, its place among the rows of the front that is worked on.
-    place: Vec<u32>,
+    pub(super) place: Vec<u32>,
     /// The same for the rows of a child.
-    child_places: Vec<u32>,
-    y: Vec<f64>,
-    x: Vec<f64>,
-}
-
-/// A dense matrix in which the first `width` of `rows` are eliminated.
-#[derive(Debug)]
-pub(super) struct Front {
-    pub(super) rows: Vec<u32>,
-    pub(super) width: usize,
-    parent: u32,
-    children: Vec<u32>,
-    /// The length of a column of L, and where the first one starts.
-    pub(super) stride: usize,
-    columns_at: usize,
-    /// So many of L's rows are not in the update's columns.
-    pub(super) skipped: usize,
-    update_at: usize,
-    is_in_use: bool,
-}
-
-impl Front {
-    fn new<const B: usize>(part: Part) -> Self {
-        Self {
-            width: part.width,
-            parent: NONE,
-            children: part.children,
-            stride: (part.rows.len() * B).next_multiple_of(PADDING),
-            columns_at: 0,
-            skipped: part.width * B / PADDING * PADDING,
-            update_at: 0,
-            is_in_use: true,
-            rows: part.rows,
-        }
-    }
-
-    fn columns<const B: usize>(&self) -> std::ops::Range<usize> {
-        self.columns_at..self.columns_at + self.width * B * self.stride
-    }
-
-    pub(super) fn update_stride(&self) -> usize {
-        self.stride - self.skipped
-    }
-
-    fn update<const B: usize>(&self) -> std::ops::Range<usize> {
-        let columns = (self.rows.len() - self.width) * B;
-        self.update_at..self.update_at + columns * self.update_stride()
-    }
-
-    fn below(&self) -> &[u32] {
-        &self.rows[self.width..]
-    }
+    pub(super) child_places: Vec<u32>,
+    pub(super) y: Vec<f64>,
+    pub(super) x: Vec<f64>,
 }
 
 impl<const B: usize> BlockCholesky<B> {
@@ -268,119 +217,4 @@ fn order_of_top<const B: usize>(
     let newest = (0..top.len()).max_by_key(|&k| top[k]).unwrap_or(0);
     let order = graph.minimum_degree(newest);
     order.into_iter().map(|k| top[k]).collect()
-}
-
-struct Factorise<'a, const B: usize> {
-    cholesky: &'a mut BlockCholesky<B>,
-    fronts: &'a [u32],
-    matrix: &'a BlockMatrix<B>,
-    damping: (f64, f64),
-}
-
-impl<const B: usize> WithSimd for Factorise<'_, B> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> bool {
-        let cholesky = self.cholesky;
-        let Memory {
-            place,
-            child_places,
-            ..
-        } = &mut cholesky.memory;
-        for &f in self.fronts {
-            let front = &cholesky.fronts[f as usize];
-            let columns = &mut cholesky.columns[front.columns::<B>()];
-            columns.fill(0.0);
-            for (k, &variable) in front.rows.iter().enumerate() {
-                place[variable as usize] = k as u32;
-            }
-            let mut assembly = Assembly::<B>::new(front, columns, place);
-            assembly.add_matrix(self.matrix, self.damping);
-            cholesky.updates[front.update::<B>()].fill(0.0);
-            for &c in &front.children {
-                let child = &cholesky.fronts[c as usize];
-                let ranges = [front.update::<B>(), child.update::<B>()];
-                let Ok([update, of_child]) = cholesky.updates.get_disjoint_mut(ranges) else {
-                    return false;
-                };
-                assembly.add_child(child, of_child, update, child_places);
-            }
-            let width = front.width * B;
-            if !factor_columns::<S, B>(simd, columns, front.stride, width) {
-                return false;
-            }
-            subtract_square::<S, B>(
-                simd,
-                &mut cholesky.updates[front.update::<B>()],
-                front.update_stride(),
-                front.skipped,
-                columns,
-                front.stride,
-                width,
-            );
-        }
-        true
-    }
-}
-
-struct Solve<'a, const B: usize> {
-    cholesky: &'a mut BlockCholesky<B>,
-    x: &'a mut [f64],
-}
-
-impl<const B: usize> WithSimd for Solve<'_, B> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let cholesky = self.cholesky;
-        let Memory { x: own, y, .. } = &mut cholesky.memory;
-        for &f in &cholesky.bottom_up {
-            let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
-            own.clear();
-            own.resize(front.width * B, 0.0);
-            gather::<B>(self.x, &front.rows[..front.width], y);
-            let columns = &cholesky.columns[front.columns::<B>()];
-            forward::<S, B>(simd, columns, front.stride, y, own);
-            scatter::<B>(own, &front.rows[..front.width], self.x);
-            let below = &y[front.width * B..];
-            for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
-                let at = variable as usize * B;
-                for (x, part) in self.x[at..at + B].iter_mut().zip(part) {
-                    *x += part;
-                }
-            }
-        }
-        for &f in cholesky.bottom_up.iter().rev() {
-            let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
-            own.clear();
-            own.resize(front.width * B, 0.0);
-            gather::<B>(self.x, &front.rows[..front.width], own);
-            gather::<B>(self.x, front.below(), &mut y[front.width * B..]);
-            let columns = &cholesky.columns[front.columns::<B>()];
-            backward::<S, B>(simd, columns, front.stride, y, own);
-            scatter::<B>(y, &front.rows[..front.width], self.x);
-        }
-    }
-}
-
-#[inline(always)]
-fn gather<const B: usize>(x: &[f64], variables: &[u32], to: &mut [f64]) {
-    for (to, &variable) in to.chunks_exact_mut(B).zip(variables) {
-        let at = variable as usize * B;
-        to.copy_from_slice(&x[at..at + B]);
-    }
-}
-
-#[inline(always)]
-fn scatter<const B: usize>(from: &[f64], variables: &[u32], x: &mut [f64]) {
-    for (from, &variable) in from.chunks_exact(B).zip(variables) {
-        let at = variable as usize * B;
-        x[at..at + B].copy_from_slice(from);
-    }
 }

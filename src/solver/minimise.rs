@@ -21,8 +21,8 @@ const STEPS_ABOVE_BEST_MAX: usize = 4;
 const PROMISE_SMALL: f64 = 1e-3;
 /// … as long as every step by it promises less than this part of the one before, …
 const PROMISE_SHRINKS: f64 = 0.5;
-/// … and lowers the cost by what it promised, to within this part.
-const MODEL_TRUE_TO: f64 = 0.1;
+/// … and lowers the cost by about what it promised, between this part and its inverse.
+const GAIN_MIN: f64 = 0.25;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
@@ -233,7 +233,7 @@ impl Descent {
             };
             *self = Self {
                 last_promise: promised.filter(|_| plain),
-                keep_factor: plain && is_near && gain > 0.25 && gain < 4.0,
+                keep_factor: plain && is_near && (GAIN_MIN..=1.0 / GAIN_MIN).contains(&gain),
                 ..Self::plain()
             };
             if relaxed >= DAMPING_DROPPED {

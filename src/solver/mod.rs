@@ -6,12 +6,16 @@ mod arena;
 mod assembly;
 mod block_matrix;
 mod cholesky;
+#[cfg(test)]
+mod cholesky_tests;
 mod chordal;
 mod dense;
 mod elimination;
+mod front;
 mod local_error;
 mod marginals;
 mod minimise;
+mod multifrontal;
 mod normal_equations;
 mod ordering;
 mod problem;

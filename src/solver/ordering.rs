@@ -137,3 +137,42 @@ fn ones(words: &[u64]) -> impl Iterator<Item = usize> + '_ {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn is_permutation(order: impl IntoIterator<Item = usize>, length: usize) -> bool {
+        let mut sorted: Vec<usize> = order.into_iter().collect();
+        sorted.sort_unstable();
+        sorted.into_iter().eq(0..length)
+    }
+
+    #[test]
+    fn every_variable_is_eliminated_once() {
+        let ring: Vec<(u32, u32)> = (0..90).map(|k| (k, (k + 1) % 90)).collect();
+        let order = approximate_minimum_degree(90, &ring).unwrap();
+        assert!(is_permutation(order.iter().map(|&v| v as usize), 90));
+        assert_eq!(approximate_minimum_degree(0, &[]).unwrap(), []);
+    }
+
+    /// A star with its hub in the middle of the numbers: the leaves go first, unless one is to
+    /// go last.
+    #[test]
+    fn leaves_go_before_hubs() {
+        let mut star = DenseGraph::new(100);
+        for leaf in (0..100).filter(|&k| k != 40) {
+            star.couple(leaf, 40);
+        }
+        let order = star.minimum_degree(7);
+        assert!(is_permutation(order.iter().copied(), 100));
+        assert_eq!(order[98..], [40, 7]);
+        let mut cliques = DenseGraph::new(130);
+        cliques.couple_all(&(0..65).collect::<Vec<_>>());
+        cliques.couple_all(&(64..130).collect::<Vec<_>>());
+        let order = cliques.minimum_degree(129);
+        assert!(is_permutation(order.iter().copied(), 130));
+        // The one that joins the cliques goes when the smaller one is gone.
+        assert!(order.iter().position(|&v| v == 64) >= Some(64));
+    }
+}
