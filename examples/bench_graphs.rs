@@ -2,7 +2,8 @@
 //!
 //! `cargo run --release --example bench_graphs -- [--rounds N] [--optimum F] GRAPH…` finds the
 //! iteration at which F ≤ F*(1 + 10⁻⁴), and prints the time to each iteration, best of the rounds.
-//! `cargo run --release --example bench_graphs -- --each-closure [--check-every N] GRAPH…` feeds
+//! `cargo run --release --example bench_graphs -- --each-closure [--check-every N]
+//! [--tolerance PART] GRAPH…` feeds
 //! the poses one at a time, solves again after each that closes a loop, and prints the total, the
 //! mean, the 99 % point and the worst time. Every Nth optimum is compared with that of a solve of
 //! the whole graph.
@@ -21,8 +22,8 @@ use mapshift::graph::{Edge, EdgeKind, Node, PoseGraph};
 use mapshift::solver::{SolveOptions, Solver, solve, start_along_odometry};
 use serde_json::json;
 
-const USAGE: &str =
-    "usage: bench_graphs [--rounds N] [--optimum F] [--each-closure] [--check-every N] GRAPH…";
+const USAGE: &str = "usage: bench_graphs [--rounds N] [--optimum F] [--each-closure] \
+                     [--check-every N] [--tolerance PART] GRAPH…";
 /// A solve has arrived once F is this part above the optimum.
 const ARRIVED: f64 = 1e-4;
 const TIGHT: SolveOptions = SolveOptions {
@@ -36,6 +37,7 @@ struct Arguments {
     optimum: Option<f64>,
     each_closure: bool,
     check_every: Option<usize>,
+    cost_tolerance: f64,
     graphs: Vec<PathBuf>,
 }
 
@@ -65,6 +67,7 @@ fn parse() -> anyhow::Result<Arguments> {
         optimum: None,
         each_closure: false,
         check_every: None,
+        cost_tolerance: SolveOptions::default().cost_tolerance,
         graphs: Vec::new(),
     };
     let mut words = std::env::args().skip(1);
@@ -72,6 +75,9 @@ fn parse() -> anyhow::Result<Arguments> {
         match word.as_str() {
             "--rounds" => arguments.rounds = words.next().context(USAGE)?.parse()?,
             "--optimum" => arguments.optimum = Some(words.next().context(USAGE)?.parse()?),
+            "--tolerance" => {
+                arguments.cost_tolerance = words.next().context(USAGE)?.parse()?;
+            }
             "--each-closure" => arguments.each_closure = true,
             "--check-every" => {
                 arguments.check_every = Some(words.next().context(USAGE)?.parse()?);
@@ -139,6 +145,10 @@ fn each_closure(
     let first = whole.nodes().first().context("the graph has no nodes")?;
     graph.add_node(*first)?;
     let mut solver = Solver::new();
+    let options = SolveOptions {
+        cost_tolerance: arguments.cost_tolerance,
+        ..SolveOptions::default()
+    };
     let (mut times_ms, mut largest_gap, mut iterations) = (Vec::new(), 0.0_f64, 0);
     for reached in edges.chunk_by(|a, b| a.from.max(a.to) == b.from.max(b.to)) {
         let closures = add_reached(&mut graph, reached)?;
@@ -146,7 +156,7 @@ fn each_closure(
             continue;
         }
         let start = processor_ms();
-        let touched = solver.solve_touched(&mut graph, &closures, &SolveOptions::default());
+        let touched = solver.solve_touched(&mut graph, &closures, &options);
         times_ms.push(processor_ms() - start);
         iterations += touched.summary.iterations;
         if arguments

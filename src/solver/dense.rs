@@ -155,8 +155,8 @@ fn cholesky_of_block<const B: usize>(
     for c in 0..B {
         for r in c..B {
             let mut value = own[c * stride + k + r];
-            for j in 0..c {
-                value -= l[j][r] * l[j][c];
+            for column in &l[..c] {
+                value -= column[r] * column[c];
             }
             if r == c {
                 // A pivot that is not a number is refused too.
@@ -181,16 +181,16 @@ fn scale_columns<S: Simd, const B: usize>(
     top: usize,
     l: &[[f64; B]; B],
 ) {
-    for c in 0..B {
+    for (c, pivot) in l.iter().enumerate() {
         let (done, rest) = own.split_at_mut(c * stride);
-        let inverse = simd.splat_f64s(l[c][c]);
+        let inverse = simd.splat_f64s(pivot[c]);
         let target = S::as_mut_simd_f64s(&mut rest[top..stride]).0;
         for value in target.iter_mut() {
             *value = simd.mul_f64s(*value, inverse);
         }
-        for j in 0..c {
-            let factor = simd.splat_f64s(l[j][c] * l[c][c]);
-            let source = S::as_simd_f64s(&done[j * stride + top..(j + 1) * stride]).0;
+        for (column, before) in done.chunks_exact(stride).zip(l) {
+            let factor = simd.splat_f64s(before[c] * pivot[c]);
+            let source = S::as_simd_f64s(&column[top..]).0;
             for (value, source) in target.iter_mut().zip(source) {
                 *value = simd.negate_mul_add_e_f64s(factor, *source, *value);
             }

@@ -18,7 +18,7 @@ const DAMPING_MAX: f64 = 1e9;
 /// Gauss-Newton's way to the minimum leads over a ridge that damped steps creep along.
 const STEPS_ABOVE_BEST_MAX: usize = 4;
 /// The factor is kept once a step promises less than this part of the cost, …
-const PROMISE_SMALL: f64 = 1e-3;
+const PROMISE_SMALL: f64 = 1e-2;
 /// … as long as every step by it promises less than this part of the one before, …
 const PROMISE_SHRINKS: f64 = 0.5;
 /// … and lowers the cost by about what it promised, between this part and its inverse.

@@ -153,7 +153,7 @@ mod tests {
         let ring: Vec<(u32, u32)> = (0..90).map(|k| (k, (k + 1) % 90)).collect();
         let order = approximate_minimum_degree(90, &ring).unwrap();
         assert!(is_permutation(order.iter().map(|&v| v as usize), 90));
-        assert_eq!(approximate_minimum_degree(0, &[]).unwrap(), []);
+        assert!(approximate_minimum_degree(0, &[]).unwrap().is_empty());
     }
 
     /// A star with its hub in the middle of the numbers: the leaves go first, unless one is to

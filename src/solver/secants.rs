@@ -12,11 +12,13 @@ const REMEMBERED: usize = 8;
 #[derive(Debug, Default)]
 pub(super) struct Secants {
     pairs: Vec<Secant>,
-    /// The step that was taken last, and the gradient before it.
-    taken: Option<(Vec<f64>, Vec<f64>)>,
+    /// The step that was taken last, and the gradient before it in place of its change.
+    taken: Option<Secant>,
+    /// Memory to be used again.
+    spare: Vec<Secant>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Secant {
     step: Vec<f64>,
     change: Vec<f64>,
@@ -28,37 +30,39 @@ struct Secant {
 impl Secants {
     /// Forgets everything.
     pub(super) fn clear(&mut self) {
-        self.pairs.clear();
-        self.taken = None;
+        self.spare.append(&mut self.pairs);
+        self.spare.extend(self.taken.take());
     }
 
     /// A step is taken from where the gradient is this.
     pub(super) fn take(&mut self, step: &[f64], gradient: &[f64]) {
-        self.taken = Some((step.to_vec(), gradient.to_vec()));
+        self.spare.extend(self.taken.take());
+        let mut taken = self.spare.pop().unwrap_or_default();
+        taken.step.clear();
+        taken.step.extend_from_slice(step);
+        taken.change.clear();
+        taken.change.extend_from_slice(gradient);
+        self.taken = Some(taken);
     }
 
     /// The gradient after the step.
     pub(super) fn learn(&mut self, gradient: &[f64]) {
-        let Some((step, mut change)) = self.taken.take() else {
+        let Some(mut taken) = self.taken.take() else {
             return;
         };
-        for (change, new) in change.iter_mut().zip(gradient) {
+        for (change, new) in taken.change.iter_mut().zip(gradient) {
             *change = new - *change;
         }
-        let curvature = dot(&step, &change);
+        taken.curvature = dot(&taken.step, &taken.change);
         // Along a step that shows no curvature, the first guess is better.
-        if !(curvature.is_finite() && curvature > 0.0) {
+        if !(taken.curvature.is_finite() && taken.curvature > 0.0) {
+            self.spare.push(taken);
             return;
         }
         if self.pairs.len() == REMEMBERED {
-            self.pairs.remove(0);
+            self.spare.push(self.pairs.remove(0));
         }
-        self.pairs.push(Secant {
-            step,
-            change,
-            curvature,
-            share: 0.0,
-        });
+        self.pairs.push(taken);
     }
 
     /// What the factored H is to be solved for instead of a gradient.
