@@ -3,9 +3,9 @@
 //! `cargo run --release --example bench_graphs -- [--rounds N] [--optimum F] GRAPH…` finds the
 //! iteration at which F ≤ F*(1 + 10⁻⁴), and prints the time to each iteration, best of the rounds.
 //! `cargo run --release --example bench_graphs -- --each-closure [--check-every N]
-//! [--tolerance PART] GRAPH…` feeds
-//! the poses one at a time, solves again after each that closes a loop, and prints the total, the
-//! mean, the 99 % point and the worst time. Every Nth optimum is compared with that of a solve of
+//! [--tolerance PART] GRAPH…` feeds the poses one at a time, solves again after each that closes
+//! a loop, and prints the total, the mean, the 99 % point and the worst time. A solve stops once
+//! a step promises less than PART of F. Every Nth optimum is compared with that of a solve of
 //! the whole graph.
 //!
 //! Times are milliseconds of the process's processor time; reading and building graphs is not in
