@@ -1,240 +1,220 @@
-//! Sparse Cholesky factorisation: faer's, with a symbolic step that is used again.
+//! Sparse Cholesky factorisation by dense fronts, which may be done again in part.
+//!
+//! Multifrontal (Duff and Reid 1983): a front is a dense matrix in which some variables are
+//! eliminated; what that leaves for the others is its update, which its parent adds in. When
+//! variables or couplings are added, only the fronts between the touched variables and the root
+//! change; all others stay, as in the Bayes tree of iSAM2 (Kaess et al. 2012).
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Par, Side};
+use pulp::Arch;
 
-/// The pattern of a triangle of a symmetric matrix, by columns, rows ascending.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct TrianglePattern {
-    pub(super) column_pointers: Vec<usize>,
-    pub(super) row_indices: Vec<usize>,
+use super::arena::Arena;
+use super::block_matrix::BlockMatrix;
+use super::elimination::{Part, eliminate};
+use super::front::{Front, NONE};
+use super::multifrontal::{Factorise, Solve};
+use super::ordering::DenseGraph;
+
+/// A top with more variables than this is most of the graph, and ordered like one.
+const TOP_VARIABLES_MAX: usize = 4096;
+
+/// The factor L of A = LLᵀ, and what is needed to change it.
+pub(super) struct BlockCholesky<const B: usize> {
+    pub(super) fronts: Vec<Front>,
+    /// Places among the fronts that are not in use.
+    free: Vec<u32>,
+    /// The fronts that are in use, children first.
+    pub(super) bottom_up: Vec<u32>,
+    /// The front in which a variable is eliminated.
+    front_of: Vec<u32>,
+    column_arena: Arena,
+    update_arena: Arena,
+    pub(super) columns: Vec<f64>,
+    pub(super) updates: Vec<f64>,
+    keeps_updates: bool,
+    pub(super) memory: Memory,
 }
 
-impl TrianglePattern {
-    fn dimension(&self) -> usize {
-        self.column_pointers.len().saturating_sub(1)
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    /// By variable, its place among the rows of the front that is worked on.
+    pub(super) place: Vec<u32>,
+    /// The same for the rows of a child.
+    pub(super) child_places: Vec<u32>,
+    pub(super) y: Vec<f64>,
+    pub(super) x: Vec<f64>,
+}
+
+impl<const B: usize> BlockCholesky<B> {
+    /// Analyses a matrix whose variables are to be eliminated in the order of their numbers. If
+    /// it is to be extended later, the fronts' updates are kept, which takes about as much memory
+    /// again.
+    pub(super) fn analyse(matrix: &BlockMatrix<B>, keeps_updates: bool) -> Self {
+        let order: Vec<u32> = (0..matrix.variables() as u32).collect();
+        let mut cholesky = Self::empty(keeps_updates);
+        cholesky.front_of = vec![NONE; order.len()];
+        let parts = eliminate(matrix, &order, &[], &mut cholesky.memory.place);
+        cholesky.add_fronts(parts, &[]);
+        cholesky
     }
 
-    fn view(&self) -> SymbolicSparseColMatRef<'_, usize> {
-        let n = self.dimension();
-        SymbolicSparseColMatRef::new_checked(n, n, &self.column_pointers, None, &self.row_indices)
+    /// The factor of a matrix without variables.
+    pub(super) fn empty(keeps_updates: bool) -> Self {
+        Self {
+            fronts: Vec::new(),
+            free: Vec::new(),
+            bottom_up: Vec::new(),
+            front_of: Vec::new(),
+            column_arena: Arena::default(),
+            update_arena: Arena::default(),
+            columns: Vec::new(),
+            updates: Vec::new(),
+            keeps_updates,
+            memory: Memory::default(),
+        }
     }
 
-    fn transposed(&self) -> Self {
-        let n = self.dimension();
-        let mut column_pointers = vec![0; n + 1];
-        for &row in &self.row_indices {
-            column_pointers[row + 1] += 1;
+    /// Takes in variables and pairs that have been added to the matrix; `touched` are the
+    /// variables whose diagonal or pairs are others now, new ones included. Returns the fronts
+    /// that want factoring; `None` if the matrix should rather be analysed again.
+    pub(super) fn extend(&mut self, matrix: &BlockMatrix<B>, touched: &[u32]) -> Option<Vec<u32>> {
+        if !self.keeps_updates {
+            return None;
         }
-        for k in 0..n {
-            column_pointers[k + 1] += column_pointers[k];
-        }
-        let mut next = column_pointers.clone();
-        let mut row_indices = vec![0; self.row_indices.len()];
-        for column in 0..n {
-            for &row in
-                &self.row_indices[self.column_pointers[column]..self.column_pointers[column + 1]]
-            {
-                row_indices[next[row]] = column;
-                next[row] += 1;
+        let known = self.front_of.len() as u32;
+        self.front_of.resize(matrix.variables(), NONE);
+        for &variable in touched.iter().filter(|&&v| v < known) {
+            let mut front = self.front_of[variable as usize];
+            while front != NONE && self.fronts[front as usize].is_in_use {
+                self.fronts[front as usize].is_in_use = false;
+                front = self.fronts[front as usize].parent;
             }
         }
-        Self {
-            column_pointers,
-            row_indices,
+        let (mut top, mut given) = (Vec::new(), Vec::new());
+        for &f in &self.bottom_up {
+            let front = &self.fronts[f as usize];
+            if front.is_in_use {
+                continue;
+            }
+            top.extend_from_slice(&front.rows[..front.width]);
+            let children = front.children.iter().copied();
+            given.extend(children.filter(|&c| self.fronts[c as usize].is_in_use));
+            self.column_arena.give_back(front.columns::<B>());
+            self.update_arena.give_back(front.update::<B>());
+            self.free.push(f);
         }
+        top.extend(known..matrix.variables() as u32);
+        if top.len() > TOP_VARIABLES_MAX {
+            return None;
+        }
+        let fronts = &self.fronts;
+        self.bottom_up.retain(|&f| fronts[f as usize].is_in_use);
+        let below: Vec<&[u32]> = given.iter().map(|&f| fronts[f as usize].below()).collect();
+        let order = order_of_top(matrix, &top, &below, &mut self.memory.place);
+        let parts = eliminate(matrix, &order, &below, &mut self.memory.place);
+        Some(self.add_fronts(parts, &given))
     }
-}
 
-/// The factor L of A = LLᵀ, its symbolic structure, and the memory that both steps need.
-pub(super) struct SparseCholesky {
-    lower: TrianglePattern,
-    symbolic: SymbolicCholesky<usize>,
-    factor: Vec<f64>,
-    memory: MemBuffer,
-    /// One number for each row below a supernode.
-    below: Vec<f64>,
-}
+    /// Makes fronts of parts whose given fronts are these.
+    fn add_fronts(&mut self, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
+        let mut new: Vec<u32> = Vec::with_capacity(parts.len());
+        for part in parts {
+            let kept: Vec<u32> = part.given.iter().map(|&g| given[g as usize]).collect();
+            let mut front = Front::new::<B>(part);
+            for child in &mut front.children {
+                *child = new[*child as usize];
+            }
+            front.children.extend(kept);
+            front.columns_at = self.column_arena.take(front.columns::<B>().len());
+            front.update_at = self.update_arena.take(front.update::<B>().len());
+            if !self.keeps_updates {
+                for &child in &front.children {
+                    let used = self.fronts[child as usize].update::<B>();
+                    self.update_arena.give_back(used);
+                }
+            }
+            new.push(self.add_front(front));
+        }
+        self.bottom_up.extend_from_slice(&new);
+        self.columns.resize(self.column_arena.end(), 0.0);
+        self.updates.resize(self.update_arena.end(), 0.0);
+        new
+    }
 
-impl SparseCholesky {
-    /// Analyses the pattern of the lower triangle, every diagonal entry included. The matrix is
-    /// factored in the order in which it stands. `None` if memory or the index type run out.
-    pub(super) fn analyse(lower: TrianglePattern) -> Option<Self> {
-        let parameters = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            ..Default::default()
-        };
-        // With the identity ordering faer reads the upper triangle here, but the lower one in
-        // the supernodal numeric step.
-        let symbolic = factorize_symbolic_cholesky(
-            lower.transposed().view(),
-            Side::Upper,
-            SymmetricOrdering::Identity,
-            parameters,
-        )
-        .ok()?;
-        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        let memory = MemBuffer::try_new(scratch).ok()?;
-        let factor = vec![0.0; symbolic.len_val()];
-        Some(Self {
-            lower,
-            symbolic,
-            factor,
-            memory,
-            below: Vec::new(),
+    fn add_front(&mut self, front: Front) -> u32 {
+        let name = self.free.pop().unwrap_or(self.fronts.len() as u32);
+        for &child in &front.children {
+            self.fronts[child as usize].parent = name;
+        }
+        for &variable in &front.rows[..front.width] {
+            self.front_of[variable as usize] = name;
+        }
+        match self.fronts.get_mut(name as usize) {
+            Some(unused) => *unused = front,
+            None => self.fronts.push(front),
+        }
+        name
+    }
+
+    /// Factors the matrix, its diagonal damped by this part of itself; `false` if that is not
+    /// positive definite, and the factor is of no use then.
+    pub(super) fn factorise(&mut self, matrix: &BlockMatrix<B>, damping: f64) -> bool {
+        let fronts = std::mem::take(&mut self.bottom_up);
+        let is_done = self.factorise_fronts(&fronts, matrix, damping);
+        self.bottom_up = fronts;
+        is_done
+    }
+
+    /// The same for these fronts only, children first; all others must be factored already.
+    pub(super) fn factorise_fronts(
+        &mut self,
+        fronts: &[u32],
+        matrix: &BlockMatrix<B>,
+        damping: f64,
+    ) -> bool {
+        self.memory.place.resize(matrix.variables(), 0);
+        let least = matrix.least_diagonal();
+        Arch::new().dispatch(Factorise {
+            cholesky: self,
+            fronts,
+            matrix,
+            damping: (damping, least),
         })
     }
 
-    /// Factors the matrix with these values in its lower triangle; `false` if it is not
-    /// positive definite, and the factor is of no use then.
-    pub(super) fn factorise(&mut self, values: &[f64]) -> bool {
-        if self.lower.dimension() == 0 {
-            return true;
-        }
-        self.symbolic
-            .factorize_numeric_llt(
-                &mut self.factor,
-                SparseColMatRef::new(self.lower.view(), values),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut self.memory),
-                Default::default(),
-            )
-            .is_ok()
-    }
-
-    /// Solves A X = B in place; B has `columns` columns, one after the other.
-    ///
-    /// Written out, since faer's solve is made for many columns and takes four times as long for
-    /// one.
-    pub(super) fn solve(&mut self, right_hand_side: &mut [f64], columns: usize) -> bool {
-        let n = self.lower.dimension();
-        if n == 0 || columns == 0 {
-            return true;
-        }
-        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else {
-            return false;
-        };
-        for x in right_hand_side.chunks_exact_mut(n).take(columns) {
-            for s in 0..symbolic.n_supernodes() {
-                Supernode::of(symbolic, &self.factor, s).forward(x, &mut self.below);
-            }
-            for s in (0..symbolic.n_supernodes()).rev() {
-                Supernode::of(symbolic, &self.factor, s).backward(x, &mut self.below);
-            }
-        }
-        true
+    /// Solves A x = b in place: B numbers for each variable.
+    pub(super) fn solve(&mut self, x: &mut [f64]) {
+        Arch::new().dispatch(Solve { cholesky: self, x });
     }
 }
 
-/// Neighbouring columns of L that share their rows below.
-struct Supernode<'a> {
-    start: usize,
-    width: usize,
-    rows_below: &'a [usize],
-    /// Column by column: `width` rows of the diagonal block, then the rows below.
-    values: &'a [f64],
-}
-
-impl<'a> Supernode<'a> {
-    fn of(symbolic: &'a SymbolicSupernodalCholesky<usize>, factor: &'a [f64], s: usize) -> Self {
-        let (start, end) = (symbolic.supernode_begin()[s], symbolic.supernode_end()[s]);
-        let values = symbolic.col_ptr_for_val();
-        Self {
-            start,
-            width: end - start,
-            rows_below: symbolic.supernode(s).pattern(),
-            values: &factor[values[s]..values[s + 1]],
-        }
+/// An order of the top's variables: minimum degree among what couples them, the newest last,
+/// since what comes next is most often coupled with it.
+fn order_of_top<const B: usize>(
+    matrix: &BlockMatrix<B>,
+    top: &[u32],
+    below: &[&[u32]],
+    place: &mut Vec<u32>,
+) -> Vec<u32> {
+    place.clear();
+    place.resize(matrix.variables(), NONE);
+    for (k, &variable) in top.iter().enumerate() {
+        place[variable as usize] = k as u32;
     }
-
-    /// A column's part in the diagonal block, and below it.
-    fn column(&self, k: usize) -> (&'a [f64], &'a [f64]) {
-        let height = self.width + self.rows_below.len();
-        self.values[k * height..(k + 1) * height].split_at(self.width)
-    }
-
-    /// x ← L⁻¹x for these columns.
-    fn forward(&self, x: &mut [f64], sums: &mut Vec<f64>) {
-        sums.clear();
-        sums.resize(self.rows_below.len(), 0.0);
-        let own = &mut x[self.start..self.start + self.width];
-        for k in 0..self.width {
-            let (diagonal, below) = self.column(k);
-            let value = own[k] / diagonal[k];
-            own[k] = value;
-            for (x, l) in own[k + 1..].iter_mut().zip(&diagonal[k + 1..]) {
-                *x -= l * value;
-            }
-            for (sum, l) in sums.iter_mut().zip(below) {
-                *sum += l * value;
+    let mut graph = DenseGraph::new(top.len());
+    for (k, &variable) in top.iter().enumerate() {
+        for (other, ..) in matrix.coupled(variable) {
+            if place[other as usize] != NONE {
+                graph.couple(k, place[other as usize] as usize);
             }
         }
-        for (&row, sum) in self.rows_below.iter().zip(sums.iter()) {
-            x[row] -= sum;
-        }
     }
-
-    /// x ← L⁻ᵀx for these columns.
-    fn backward(&self, x: &mut [f64], below_x: &mut Vec<f64>) {
-        below_x.clear();
-        below_x.extend(self.rows_below.iter().map(|&row| x[row]));
-        let own = &mut x[self.start..self.start + self.width];
-        for k in (0..self.width).rev() {
-            let (diagonal, below) = self.column(k);
-            let inside = dot(&diagonal[k + 1..], &own[k + 1..]);
-            own[k] = (own[k] - inside - dot(below, below_x)) / diagonal[k];
-        }
+    let mut clique = Vec::new();
+    for rows in below {
+        clique.clear();
+        clique.extend(rows.iter().map(|&v| place[v as usize] as usize));
+        graph.couple_all(&clique);
     }
-}
-
-/// Four sums at a time, so that they can share a vector register.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 4;
-    let mut sums = [0.0; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = a_chunks
-        .remainder()
-        .iter()
-        .zip(b_chunks.remainder())
-        .map(|(a, b)| a * b)
-        .sum();
-    for (a, b) in a_chunks.zip(b_chunks) {
-        for k in 0..LANES {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    sums.iter().sum::<f64>() + rest
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn solves_a_small_system_and_refuses_an_indefinite_one() {
-        // [4 1 0; 1 3 1; 0 1 2]
-        let lower = TrianglePattern {
-            column_pointers: vec![0, 2, 4, 5],
-            row_indices: vec![0, 1, 1, 2, 2],
-        };
-        let mut cholesky = SparseCholesky::analyse(lower).unwrap();
-        assert!(cholesky.factorise(&[4.0, 1.0, 3.0, 1.0, 2.0]));
-        let mut two_columns = [6.0, 10.0, 8.0, 4.0, 1.0, 0.0];
-        assert!(cholesky.solve(&mut two_columns, 2));
-        let expected = [1.0, 2.0, 3.0, 1.0, 0.0, 0.0];
-        for (x, e) in two_columns.iter().zip(expected) {
-            assert!((x - e).abs() < 1e-14);
-        }
-        assert!(!cholesky.factorise(&[4.0, 1.0, 3.0, 1.0, -2.0]));
-    }
+    let newest = (0..top.len()).max_by_key(|&k| top[k]).unwrap_or(0);
+    let order = graph.minimum_degree(newest);
+    order.into_iter().map(|k| top[k]).collect()
 }

@@ -6,8 +6,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::block_matrix::{BlockMatrix, Slot};
-use super::cholesky::SparseCholesky;
+use super::block_matrix::BlockMatrix;
+use super::cholesky::BlockCholesky;
 use super::minimise::DAMPING_MIN;
 use super::problem::{Factor, Problem};
 use crate::geometry::{Pose2, wrap_angle};
@@ -37,40 +37,36 @@ pub(super) fn chordal_poses(problem: &Problem) -> Option<Vec<Pose2>> {
 
 /// A linear least squares problem with two numbers for each pose that is not held.
 struct LinearSystem {
-    variable: Vec<Option<usize>>,
-    pairs: Vec<Option<Slot>>,
+    variable: Vec<Option<u32>>,
+    /// For each factor its pair; `None` if an end is held.
+    pairs: Vec<Option<u32>>,
     matrix: BlockMatrix<SIZE>,
     right_hand_side: Vec<f64>,
-    diagonal: Vec<usize>,
-    cholesky: SparseCholesky,
+    cholesky: BlockCholesky<SIZE>,
     next_factor: usize,
 }
 
 impl LinearSystem {
     fn new(problem: &Problem) -> Option<Self> {
-        let (variable, variables) = problem.variables();
-        let pair = |f: &Factor| Some((variable[f.from]?, variable[f.to]?));
-        let coupled: Vec<_> = problem.factors.iter().filter_map(pair).collect();
-        let (matrix, slots, pattern) = BlockMatrix::new(variables, &coupled)?;
-        let mut slots = slots.into_iter();
-        let pairs = problem
-            .factors
-            .iter()
-            .map(|f| pair(f).and_then(|_| slots.next()))
-            .collect();
+        let mut matrix = BlockMatrix::default();
+        let mut variable = vec![None; problem.poses.len()];
+        for pose in problem.elimination_order()? {
+            variable[pose] = Some(matrix.add_variable());
+        }
+        let pair = |f: &Factor| Some(matrix.add_pair(variable[f.from]?, variable[f.to]?));
+        let pairs = problem.factors.iter().map(pair).collect();
         Some(Self {
             variable,
             pairs,
-            right_hand_side: vec![0.0; matrix.dimension()],
-            diagonal: matrix.diagonal_places(),
-            cholesky: SparseCholesky::analyse(pattern)?,
+            right_hand_side: vec![0.0; matrix.variables() * SIZE],
+            cholesky: BlockCholesky::analyse(&matrix, false),
             matrix,
             next_factor: 0,
         })
     }
 
     fn clear(&mut self) {
-        self.matrix.values.fill(0.0);
+        self.matrix.clear();
         self.right_hand_side.fill(0.0);
         self.next_factor = 0;
     }
@@ -80,7 +76,7 @@ impl LinearSystem {
         let weight =
             Matrix2::identity() * (factor.weight * factor.information.matrix()[(2, 2)].max(0.0));
         let held = |k: usize| Vector2::new(poses[k].theta.cos(), poses[k].theta.sin());
-        let turn = Pose2::new(0.0, 0.0, factor.measurement.theta).rotation();
+        let turn = Pose2::new(0.0, 0.0, factor.measurement.pose.theta).rotation();
         self.add(factor, &weight, -turn, Vector2::zeros(), held);
     }
 
@@ -90,11 +86,12 @@ impl LinearSystem {
         let information = factor.information.matrix() * factor.weight;
         let translation = information.fixed_view::<2, 2>(0, 0).into_owned();
         let cross = information.fixed_view::<2, 1>(0, 2).into_owned();
-        let turned = wrap_angle(poses[factor.to].theta - from - factor.measurement.theta);
-        let measured = Pose2::new(0.0, 0.0, factor.measurement.theta)
+        let turned = wrap_angle(poses[factor.to].theta - from - factor.measurement.pose.theta);
+        let measured = Pose2::new(0.0, 0.0, factor.measurement.pose.theta)
             .rotation()
-            .tr_mul(&factor.measurement.translation());
-        let map_from_measured = Pose2::new(0.0, 0.0, from + factor.measurement.theta).rotation();
+            .tr_mul(&factor.measurement.pose.translation());
+        let map_from_measured =
+            Pose2::new(0.0, 0.0, from + factor.measurement.pose.theta).rotation();
         let weight = map_from_measured * translation * map_from_measured.transpose();
         // Completing the square moves the coupling with the angle's error into the target.
         let shift = translation
@@ -114,7 +111,7 @@ impl LinearSystem {
         target: Vector2<f64>,
         held: impl Fn(usize) -> Vector2<f64>,
     ) {
-        let slot = self.pairs[self.next_factor];
+        let pair = self.pairs[self.next_factor];
         self.next_factor += 1;
         let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
         let mut constant = target;
@@ -125,42 +122,33 @@ impl LinearSystem {
             constant -= held(factor.to);
         }
         if let Some(from) = from {
-            self.matrix.add_diagonal(from, &(a.tr_mul(&(weight * a))));
+            self.matrix.diagonal[from as usize] += a.tr_mul(&(weight * a));
             self.add_right(from, &a.tr_mul(&(weight * constant)));
         }
         if let Some(to) = to {
-            self.matrix.add_diagonal(to, weight);
+            self.matrix.diagonal[to as usize] += weight;
             self.add_right(to, &(weight * constant));
         }
-        if let Some(slot) = slot {
-            self.matrix.add_pair(slot, &a.tr_mul(weight));
+        if let Some(pair) = pair {
+            self.matrix.blocks[pair as usize] = a.tr_mul(weight);
         }
     }
 
-    fn add_right(&mut self, variable: usize, part: &Vector2<f64>) {
-        let offset = self.matrix.offset(variable);
+    fn add_right(&mut self, variable: u32, part: &Vector2<f64>) {
+        let offset = variable as usize * SIZE;
         self.right_hand_side[offset] += part.x;
         self.right_hand_side[offset + 1] += part.y;
     }
 
     /// The two numbers of each pose that is not held.
     fn solve(&mut self) -> Option<Vec<(usize, [f64; SIZE])>> {
-        let largest = self
-            .diagonal
-            .iter()
-            .fold(0.0_f64, |max, &k| max.max(self.matrix.values[k]));
-        for &k in &self.diagonal {
-            let entry = &mut self.matrix.values[k];
-            *entry += DAMPING_MIN * entry.max(1e-6 * largest).max(f64::MIN_POSITIVE);
-        }
-        let solved = self.cholesky.factorise(&self.matrix.values)
-            && self.cholesky.solve(&mut self.right_hand_side, 1);
-        if !solved {
+        if !self.cholesky.factorise(&self.matrix, DAMPING_MIN) {
             return None;
         }
+        self.cholesky.solve(&mut self.right_hand_side);
         let pose_variables = self.variable.iter().enumerate();
         let numbers = pose_variables.filter_map(|(pose, &variable)| {
-            let offset = self.matrix.offset(variable?);
+            let offset = variable? as usize * SIZE;
             let [a, b] = [
                 self.right_hand_side[offset],
                 self.right_hand_side[offset + 1],

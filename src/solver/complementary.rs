@@ -9,11 +9,12 @@
 
 use nalgebra::Vector3;
 
+use super::local_error::Frame;
 use super::minimise::DAMPING_MIN;
 use super::normal_equations::{NormalEquations, POSE_SIZE};
 use super::problem::{Factor, Problem};
 use super::region::Region;
-use crate::geometry::{Information, Pose2};
+use crate::geometry::Information;
 use crate::graph::{BlockIndex, PoseGraph};
 
 /// A node whose coordinates the bound's equations hold takes up what is left over. It is nothing
@@ -45,8 +46,8 @@ pub(super) fn least_strains(
     let mut forces = vec![Vector3::zeros(); solved.poses.len()];
     let mut scale = 0.0;
     for factor in &solved.factors {
-        let (from, to) = (&solved.poses[factor.from], &solved.poses[factor.to]);
-        let pull = Pull::of(from, to, &factor.measurement, &factor.information, None);
+        let [from, to] = [factor.from, factor.to].map(|pose| Frame::of(solved.poses[pose]));
+        let pull = Pull::of(&from, &to, &factor.measurement, &factor.information, None);
         scale += pull.from.amax() + pull.to.amax();
         forces[factor.from] += pull.from;
         forces[factor.to] += pull.to;
@@ -54,12 +55,12 @@ pub(super) fn least_strains(
     // Nothing that these edges join was moved.
     for (place, position) in region.edges_out(graph, block) {
         let (edge, (from, to)) = (&graph.edges()[position], graph.ends()[position]);
-        let poses = [from, to].map(|node| graph.nodes()[node].pose);
+        let poses = [from, to].map(|node| Frame::of(graph.nodes()[node].pose));
         let strain = strains_before.get(&position);
         let pull = Pull::of(
             &poses[0],
             &poses[1],
-            &edge.measurement,
+            &Frame::of(edge.measurement),
             &edge.information,
             strain,
         );
@@ -87,11 +88,11 @@ fn strains_for(
     let components = solved.components();
     let loose = Problem {
         held: (0..components.len()).map(|k| components[k] == k).collect(),
-        poses: solved.poses.clone(),
-        factors: solved.factors.clone(),
+        ..solved.clone()
     };
-    let mut equations = NormalEquations::new(&loose)?;
-    equations.linearise(&loose.factors, &loose.poses);
+    let frames: Vec<Frame> = loose.poses.iter().map(|&pose| Frame::of(pose)).collect();
+    let mut equations = NormalEquations::new(&loose, false)?;
+    equations.linearise(&loose, &frames);
     if !equations.factorise(DAMPING_MIN) {
         return None;
     }
@@ -101,9 +102,7 @@ fn strains_for(
             column[at..at + POSE_SIZE].copy_from_slice(force.as_slice());
         }
     }
-    if !equations.solve(&mut column) {
-        return None;
-    }
+    equations.solve(&mut column);
     let shift = |pose: usize| {
         let at = equations.offset(pose);
         at.map_or(Vector3::zeros(), |at| {
@@ -124,8 +123,7 @@ fn strains_for(
         ..
     } in &loose.factors
     {
-        let at =
-            Pose2::edge_error_with_jacobians(&loose.poses[*from], &loose.poses[*to], measurement);
+        let at = Frame::local_error(&frames[*from], &frames[*to], measurement);
         let strain = at.jacobian_from * shift(*from) + at.jacobian_to * shift(*to);
         let stress = information.matrix() * strain;
         forces[*from] -= at.jacobian_from.tr_mul(&stress);
@@ -138,7 +136,7 @@ fn strains_for(
     (balanced && strains.energy.is_finite()).then_some(strains)
 }
 
-/// An edge's part in the gradient at its two ends.
+/// An edge's part in the gradient at its two ends, for steps in their own frames.
 struct Pull {
     from: Vector3<f64>,
     to: Vector3<f64>,
@@ -147,13 +145,13 @@ struct Pull {
 impl Pull {
     /// By its error, less a strain.
     fn of(
-        from: &Pose2,
-        to: &Pose2,
-        measurement: &Pose2,
+        from: &Frame,
+        to: &Frame,
+        measurement: &Frame,
         information: &Information,
         strain: Option<&Vector3<f64>>,
     ) -> Self {
-        let at = Pose2::edge_error_with_jacobians(from, to, measurement);
+        let at = Frame::local_error(from, to, measurement);
         let error = strain.map_or(at.error, |strain| at.error - strain);
         let stress = information.matrix() * error;
         Self {

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
+use super::local_error::Frame;
 use super::minimise::DAMPING_MIN;
 use super::normal_equations::{NormalEquations, POSE_SIZE};
 use super::problem::Problem;
@@ -38,8 +39,9 @@ impl<'a> Marginals<'a> {
     /// Factors a graph at its poses, active edges only; `None` if that cannot be done.
     pub fn of(graph: &'a PoseGraph) -> Option<Self> {
         let problem = Problem::of_graph(graph);
-        let mut equations = NormalEquations::new(&problem)?;
-        equations.linearise(&problem.factors, &problem.poses);
+        let mut equations = NormalEquations::new(&problem, false)?;
+        let frames: Vec<Frame> = problem.poses.iter().map(|&pose| Frame::of(pose)).collect();
+        equations.linearise(&problem, &frames);
         equations.factorise(DAMPING_MIN).then(|| Self {
             graph,
             component: problem.components(),
@@ -84,7 +86,8 @@ impl<'a> Marginals<'a> {
             return None;
         }
         let nodes = self.graph.nodes();
-        let at = Pose2::edge_error_with_jacobians(&nodes[from].pose, &nodes[to].pose, measurement);
+        let frame = |node: usize| Frame::of(nodes[node].pose);
+        let at = Frame::local_error(&frame(from), &frame(to), &Frame::of(*measurement));
         let ends = [(from, at.jacobian_from), (to, at.jacobian_to)];
         let free = ends.map(|(node, jacobian)| Some((self.equations.offset(node)?, jacobian)));
         let dimension = self.equations.dimension();
@@ -97,9 +100,7 @@ impl<'a> Marginals<'a> {
                 }
             }
         }
-        if !self.equations.solve(&mut columns) {
-            return None;
-        }
+        self.equations.solve(&mut columns);
         let mut covariance = Matrix3::zeros();
         for (offset, jacobian) in free.iter().flatten() {
             covariance += jacobian

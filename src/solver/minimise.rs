@@ -1,7 +1,9 @@
 //! Gauss-Newton, with Levenberg-Marquardt damping where a plain step fails.
 
-use super::normal_equations::NormalEquations;
+use super::local_error::Frame;
+use super::normal_equations::{Fit, NormalEquations};
 use super::problem::Problem;
+use super::secants::Secants;
 use super::summary::{SolveOptions, SolveSummary, Termination};
 use crate::geometry::Pose2;
 
@@ -15,10 +17,12 @@ const DAMPING_MAX: f64 = 1e9;
 /// So many plain steps in a row may end above the best cost: where residuals are large,
 /// Gauss-Newton's way to the minimum leads over a ridge that damped steps creep along.
 const STEPS_ABOVE_BEST_MAX: usize = 4;
-/// The factor is kept as long as every step promises less than this part of the one before, …
-const PROMISE_SHRINKS: f64 = 0.1;
-/// … and lowers the cost by what it promised, to within this part.
-const MODEL_TRUE_TO: f64 = 0.1;
+/// The factor is kept once a step promises less than this part of the cost, …
+const PROMISE_SMALL: f64 = 1e-2;
+/// … as long as every step by it promises less than this part of the one before, …
+const PROMISE_SHRINKS: f64 = 0.5;
+/// … and lowers the cost by about what it promised, between this part and its inverse.
+const GAIN_MIN: f64 = 0.25;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
@@ -27,9 +31,13 @@ const DAMPING_DROPPED: f64 = 1e-7;
 #[derive(Default)]
 pub(super) struct Minimiser {
     equations: Option<NormalEquations>,
+    /// Whether problems to come will have more poses and factors.
+    grows: bool,
+    secants: Secants,
     step: Vec<f64>,
-    poses: Vec<Pose2>,
+    frames: Vec<Frame>,
     trial: Vec<Pose2>,
+    trial_frames: Vec<Frame>,
 }
 
 /// Where the descent is, and how it goes on.
@@ -46,6 +54,15 @@ struct Descent {
 }
 
 impl Minimiser {
+    /// For problems each of which has what the one before had, and more. That the optimum found
+    /// before is close to the next is what makes it fast, not right.
+    pub(super) fn for_growing() -> Self {
+        Self {
+            grows: true,
+            ..Self::default()
+        }
+    }
+
     /// Moves the poses that are not held to a minimum of the cost.
     pub(super) fn minimise(
         &mut self,
@@ -66,32 +83,41 @@ impl Minimiser {
         }
         match self.prepare(problem) {
             None => summary.termination = Termination::Unsolvable,
-            Some(equations) if equations.dimension() == 0 => {}
-            Some(mut equations) => {
-                summary.termination = self.descend(&mut equations, problem, options, &mut summary);
+            Some((equations, _)) if equations.dimension() == 0 => {}
+            Some((mut equations, fit)) => {
+                let descent = Descent {
+                    keep_factor: fit == Fit::Factor,
+                    ..Descent::plain()
+                };
+                summary.termination =
+                    self.descend(&mut equations, descent, problem, options, &mut summary);
                 self.equations = Some(equations);
             }
         }
         summary
     }
 
-    fn prepare(&mut self, problem: &Problem) -> Option<NormalEquations> {
-        match self.equations.take() {
-            Some(equations) if equations.fits(problem) => Some(equations),
-            _ => NormalEquations::new(problem),
+    fn prepare(&mut self, problem: &Problem) -> Option<(NormalEquations, Fit)> {
+        if let Some(mut equations) = self.equations.take() {
+            let fit = equations.adapt(problem);
+            if fit != Fit::Other {
+                return Some((equations, fit));
+            }
         }
+        Some((NormalEquations::new(problem, self.grows)?, Fit::Structure))
     }
 
     /// `problem.poses` and `summary.final_cost` are always the best so far.
     fn descend(
         &mut self,
         equations: &mut NormalEquations,
+        mut descent: Descent,
         problem: &mut Problem,
         options: &SolveOptions,
         summary: &mut SolveSummary,
     ) -> Termination {
-        let mut descent = Descent::plain();
-        self.poses.clone_from(&problem.poses);
+        self.secants.clear();
+        self.set_frames(&problem.poses);
         let mut cost_here = summary.final_cost;
         while summary.iterations < options.iterations_max {
             summary.iterations += 1;
@@ -99,8 +125,9 @@ impl Minimiser {
             let (cost, gain) = match promised {
                 None => (f64::INFINITY, 0.0),
                 Some(decrease) => {
-                    equations.apply(&self.poses, &self.step, &mut self.trial);
-                    let cost = problem.cost_at(&self.trial);
+                    let (trial, frames) = (&mut self.trial, &mut self.trial_frames);
+                    equations.apply(&self.frames, &self.step, trial, frames);
+                    let cost = problem.cost_of(frames);
                     (cost, (cost_here - cost) / decrease)
                 }
             };
@@ -116,7 +143,7 @@ impl Minimiser {
                 return termination;
             }
             if descent.accepts(better, cost, gain, promised) {
-                std::mem::swap(&mut self.poses, &mut self.trial);
+                std::mem::swap(&mut self.frames, &mut self.trial_frames);
                 cost_here = cost;
             } else if descent.damping > DAMPING_MAX {
                 return match promised {
@@ -124,11 +151,17 @@ impl Minimiser {
                     Some(_) => Termination::NoProgress,
                 };
             } else {
-                self.poses.clone_from(&problem.poses);
+                self.set_frames(&problem.poses);
                 cost_here = summary.final_cost;
             }
         }
         Termination::IterationLimit
+    }
+
+    fn set_frames(&mut self, poses: &[Pose2]) {
+        self.frames.clear();
+        self.frames
+            .extend(poses.iter().map(|&pose| Frame::of(pose)));
     }
 
     /// Finds the step from the current poses, and the decrease that it promises; `None` if the
@@ -140,14 +173,16 @@ impl Minimiser {
         descent: &Descent,
     ) -> Option<f64> {
         if descent.keep_factor {
-            equations.linearise_gradient(&problem.factors, &self.poses);
+            equations.linearise_gradient(&problem.factors, &self.frames);
+            self.secants.learn(equations.gradient());
         } else {
-            equations.linearise(&problem.factors, &self.poses);
+            self.secants.clear();
+            equations.linearise(problem, &self.frames);
             if !equations.factorise(descent.damping) {
                 return None;
             }
         }
-        equations.step(&mut self.step)
+        equations.step(&mut self.secants, &mut self.step)
     }
 
     /// Only a plain step that ends at the best cost can tell: a damped one is short for another
@@ -190,13 +225,15 @@ impl Descent {
             // Nielsen's rule: the better the quadratic model was, the less damping.
             let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
             let relaxed = self.damping * factor;
-            let shrinks = match (promised, self.last_promise) {
-                (Some(promise), Some(last)) => promise < PROMISE_SHRINKS * last,
-                _ => true,
+            let promise = promised.unwrap_or(f64::INFINITY);
+            let is_near = match self.last_promise {
+                Some(last) if self.keep_factor => promise < PROMISE_SHRINKS * last,
+                None if self.keep_factor => true,
+                _ => promise < PROMISE_SMALL * cost,
             };
             *self = Self {
                 last_promise: promised.filter(|_| plain),
-                keep_factor: plain && shrinks && (gain - 1.0).abs() < MODEL_TRUE_TO,
+                keep_factor: plain && is_near && (GAIN_MIN..=1.0 / GAIN_MIN).contains(&gain),
                 ..Self::plain()
             };
             if relaxed >= DAMPING_DROPPED {

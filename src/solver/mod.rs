@@ -2,17 +2,28 @@
 //!
 //! Only active edges take part. Each connected component's gauge is held by its first node.
 
+mod arena;
+mod assembly;
 mod block_matrix;
 mod cholesky;
+#[cfg(test)]
+mod cholesky_tests;
 mod chordal;
 mod complementary;
+mod dense;
+mod elimination;
+mod front;
+mod local_error;
 mod marginals;
 mod minimise;
+mod multifrontal;
 mod normal_equations;
+mod ordering;
 mod part;
 mod problem;
 mod region;
 mod robust;
+mod secants;
 mod spanning;
 mod summary;
 #[cfg(test)]

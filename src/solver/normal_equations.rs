@@ -1,66 +1,231 @@
 //! H = Σ JᵀΩJ and g = Σ JᵀΩe of a problem, and their solution.
 
-use nalgebra::Vector3;
+use pulp::Arch;
 
-use super::block_matrix::{BlockMatrix, Slot};
-use super::cholesky::SparseCholesky;
+use super::block_matrix::BlockMatrix;
+use super::cholesky::BlockCholesky;
+use super::local_error::Frame;
 use super::problem::{Factor, Problem};
-use crate::geometry::Pose2;
+use super::secants::{Secants, dot};
+use crate::geometry::{Information, Matrix3, Pose2, Vector3};
 
 /// The coordinates of a pose.
 pub(super) const POSE_SIZE: usize = 3;
+/// No variable, no pair.
+const NONE: u32 = u32::MAX;
 
-/// The normal equations of the poses that are not held. The structure (which poses, which
-/// pairs) is analysed once; the numbers may be filled in again and again.
+/// The normal equations of the poses that are not held, for steps in the poses' own frames. The
+/// structure (which poses, which pairs) is analysed once; the numbers may be filled in again and
+/// again.
 pub(super) struct NormalEquations {
-    /// For each pose its variable; `None` if it is held or stands alone.
-    variable: Vec<Option<usize>>,
-    /// For each factor the slot of its pair; `None` if an end is held.
-    pair_slots: Vec<Option<Slot>>,
-    hessian: BlockMatrix<POSE_SIZE>,
-    diagonal: Vec<usize>,
-    damped: Vec<f64>,
+    /// For each pose of the problem its variable.
+    variable: Vec<u32>,
+    /// For each factor of the problem.
+    slots: Vec<Slot>,
+    matrix: BlockMatrix<POSE_SIZE>,
     gradient: Vec<f64>,
-    cholesky: SparseCholesky,
-    held: Vec<bool>,
-    ends: Vec<(usize, usize)>,
+    cholesky: BlockCholesky<POSE_SIZE>,
+    /// By a pose's name its variable, and by a factor's name its place among the known ones.
+    variable_of_name: Vec<u32>,
+    known_of_name: Vec<u32>,
+    known: Vec<Slot>,
+    /// For each known factor what was linearised, if the problem is to grow.
+    numbers: Vec<Numbers>,
+    grows: bool,
+    /// Whether there is a factor of H at some poses, without damping.
+    has_plain_factor: bool,
+}
+
+/// Where a factor's parts of H are: its ends' variables, and their pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Slot {
+    from: u32,
+    to: u32,
+    pair: u32,
+}
+
+/// What a factor's part of H was made from, but for the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Numbers {
+    measurement: Pose2,
+    information: Information,
+    weight: f64,
+}
+
+/// How a problem compares with the one that the equations were made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fit {
+    /// It is of another structure: the equations are of no use.
+    Other,
+    /// Its numbers are others.
+    Structure,
+    /// It is the same, or has more poses and factors, and H is factored at some poses.
+    Factor,
 }
 
 impl NormalEquations {
-    /// Orders and analyses a problem's structure; `None` if memory runs out.
-    pub(super) fn new(problem: &Problem) -> Option<Self> {
-        let (variable, variables) = problem.variables();
-        let pair = |factor: &Factor| Some((variable[factor.from]?, variable[factor.to]?));
-        let pairs: Vec<(usize, usize)> = problem.factors.iter().filter_map(pair).collect();
-        let (hessian, slots, pattern) = BlockMatrix::new(variables, &pairs)?;
-        let mut slots = slots.into_iter();
-        let pair_slots = problem
-            .factors
-            .iter()
-            .map(|factor| pair(factor).and_then(|_| slots.next()))
-            .collect();
-        Some(Self {
-            pair_slots,
-            diagonal: hessian.diagonal_places(),
-            damped: vec![0.0; hessian.values.len()],
-            gradient: vec![0.0; hessian.dimension()],
-            cholesky: SparseCholesky::analyse(pattern)?,
-            hessian,
-            held: problem.held.clone(),
-            ends: problem.factors.iter().map(|f| (f.from, f.to)).collect(),
-            variable,
-        })
+    /// Orders and analyses a problem's structure; `None` if memory runs out. If it is to grow,
+    /// its factorisation takes more memory.
+    pub(super) fn new(problem: &Problem, grows: bool) -> Option<Self> {
+        let mut equations = Self {
+            variable: Vec::new(),
+            slots: Vec::new(),
+            gradient: Vec::new(),
+            cholesky: BlockCholesky::empty(grows),
+            matrix: BlockMatrix::default(),
+            variable_of_name: Vec::new(),
+            known_of_name: Vec::new(),
+            known: Vec::new(),
+            numbers: Vec::new(),
+            grows,
+            has_plain_factor: false,
+        };
+        let names = problem.pose_names.iter().max().map_or(0, |&name| name + 1);
+        equations.variable_of_name.resize(names, NONE);
+        for pose in problem.elimination_order()? {
+            let name = problem.pose_names[pose];
+            equations.variable_of_name[name] = equations.matrix.add_variable();
+        }
+        equations.take_in(problem);
+        equations.cholesky = BlockCholesky::analyse(&equations.matrix, grows);
+        Some(equations)
     }
 
-    /// Whether the structure is this problem's.
-    pub(super) fn fits(&self, problem: &Problem) -> bool {
-        self.held == problem.held
-            && self.ends.len() == problem.factors.len()
-            && self
-                .ends
-                .iter()
-                .zip(&problem.factors)
-                .all(|(&ends, factor)| ends == (factor.from, factor.to))
+    /// Adds what a problem has and the equations have not; the variables and factors that are
+    /// new. Known factors must have the slots that they had.
+    fn take_in(&mut self, problem: &Problem) -> (Vec<u32>, Vec<usize>) {
+        let (mut new_variables, mut new_factors) = (Vec::new(), Vec::new());
+        let free = problem.free();
+        self.variable.clear();
+        for (&name, &free) in problem.pose_names.iter().zip(&free) {
+            if self.variable_of_name.len() <= name {
+                self.variable_of_name.resize(name + 1, NONE);
+            }
+            let variable = &mut self.variable_of_name[name];
+            if free && *variable == NONE {
+                *variable = self.matrix.add_variable();
+                new_variables.push(*variable);
+            }
+            self.variable.push(if free { *variable } else { NONE });
+        }
+        self.gradient
+            .resize(self.matrix.variables() * POSE_SIZE, 0.0);
+        self.slots.clear();
+        for (k, (&name, factor)) in problem
+            .factor_names
+            .iter()
+            .zip(&problem.factors)
+            .enumerate()
+        {
+            if self.known_of_name.len() <= name {
+                self.known_of_name.resize(name + 1, NONE);
+            }
+            let known = self.known_of_name[name];
+            if known != NONE {
+                self.slots.push(self.known[known as usize]);
+                continue;
+            }
+            let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
+            let pair = if from != NONE && to != NONE {
+                self.matrix.add_pair(from, to)
+            } else {
+                NONE
+            };
+            let slot = Slot { from, to, pair };
+            self.known_of_name[name] = self.known.len() as u32;
+            self.known.push(slot);
+            if self.grows {
+                self.numbers.push(Numbers::of(factor));
+            }
+            self.slots.push(slot);
+            new_factors.push(k);
+        }
+        (new_variables, new_factors)
+    }
+
+    /// Makes the equations those of a problem, if it has the structure that they have, or that
+    /// and more.
+    pub(super) fn adapt(&mut self, problem: &Problem) -> Fit {
+        let Some(numbers_are_same) = self.contains_known(problem) else {
+            return Fit::Other;
+        };
+        let (new_variables, new_factors) = self.take_in(problem);
+        if new_variables.is_empty() && new_factors.is_empty() {
+            return if numbers_are_same && self.has_plain_factor {
+                Fit::Factor
+            } else {
+                Fit::Structure
+            };
+        }
+        let mut touched = new_variables;
+        for &k in &new_factors {
+            touched.extend([self.slots[k].from, self.slots[k].to]);
+        }
+        touched.retain(|&variable| variable != NONE);
+        touched.sort_unstable();
+        touched.dedup();
+        let Some(fronts) = self.cholesky.extend(&self.matrix, &touched) else {
+            return Fit::Other;
+        };
+        if !(numbers_are_same && self.has_plain_factor) {
+            self.has_plain_factor = false;
+            return Fit::Structure;
+        }
+        for &k in &new_factors {
+            let factor = &problem.factors[k];
+            let frame = |pose: usize| Frame::of(problem.poses[pose]);
+            let slot = self.slots[k];
+            self.add_factor(factor, slot, &frame(factor.from), &frame(factor.to));
+        }
+        let damping = super::minimise::DAMPING_MIN;
+        self.has_plain_factor = self
+            .cholesky
+            .factorise_fronts(&fronts, &self.matrix, damping);
+        if self.has_plain_factor {
+            Fit::Factor
+        } else {
+            Fit::Structure
+        }
+    }
+
+    /// Whether all that is known is in the problem, with the same poses held, and then whether
+    /// it has the same numbers.
+    fn contains_known(&self, problem: &Problem) -> Option<bool> {
+        let free = problem.free();
+        let mut variables = 0;
+        let variable = |pose: usize| {
+            let name = problem.pose_names[pose];
+            self.variable_of_name.get(name).copied().unwrap_or(NONE)
+        };
+        for (pose, &free) in free.iter().enumerate() {
+            if variable(pose) != NONE {
+                variables += 1;
+                if !free {
+                    return None;
+                }
+            }
+        }
+        let (mut factors, mut numbers_are_same) = (0, true);
+        for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
+            let known = self.known_of_name.get(name).copied().unwrap_or(NONE);
+            if known == NONE {
+                continue;
+            }
+            let slot = self.known[known as usize];
+            let known_or_held = |pose: usize| if free[pose] { variable(pose) } else { NONE };
+            let ends = (known_or_held(factor.from), known_or_held(factor.to));
+            if ends != (slot.from, slot.to)
+                || (slot.from == NONE && free[factor.from])
+                || (slot.to == NONE && free[factor.to])
+            {
+                return None;
+            }
+            factors += 1;
+            let numbers = self.numbers.get(known as usize);
+            numbers_are_same &= numbers.is_some_and(|known| *known == Numbers::of(factor));
+        }
+        let is_all = variables == self.matrix.variables() && factors == self.known.len();
+        is_all.then_some(numbers_are_same)
     }
 
     /// The number of unknown scalars.
@@ -70,113 +235,144 @@ impl NormalEquations {
 
     /// Where a pose's first coordinate stands in a right-hand side; `None` if it is held.
     pub(super) fn offset(&self, pose: usize) -> Option<usize> {
-        Some(self.hessian.offset(self.variable[pose]?))
+        let variable = self.variable[pose];
+        (variable != NONE).then_some(variable as usize * POSE_SIZE)
     }
 
     /// Fills in H and g at these poses.
-    pub(super) fn linearise(&mut self, factors: &[Factor], poses: &[Pose2]) {
-        self.hessian.values.fill(0.0);
+    pub(super) fn linearise(&mut self, problem: &Problem, frames: &[Frame]) {
+        self.has_plain_factor = false;
+        self.matrix.clear();
         self.gradient.fill(0.0);
-        for (factor, &slot) in factors.iter().zip(&self.pair_slots) {
-            let (from, to) = (&poses[factor.from], &poses[factor.to]);
-            let at = Pose2::edge_error_with_jacobians(from, to, &factor.measurement);
-            let information = factor.information.matrix() * factor.weight;
-            let weighted_error = information * at.error;
-            let weighted_to = information * at.jacobian_to;
-            if let Some(variable) = self.variable[factor.from] {
-                let block = at.jacobian_from.tr_mul(&(information * at.jacobian_from));
-                self.hessian.add_diagonal(variable, &block);
-                add_to(
-                    &mut self.gradient,
-                    self.hessian.offset(variable),
-                    &at.jacobian_from.tr_mul(&weighted_error),
-                );
-            }
-            if let Some(variable) = self.variable[factor.to] {
-                let block = at.jacobian_to.tr_mul(&weighted_to);
-                self.hessian.add_diagonal(variable, &block);
-                add_to(
-                    &mut self.gradient,
-                    self.hessian.offset(variable),
-                    &at.jacobian_to.tr_mul(&weighted_error),
-                );
-            }
-            if let Some(slot) = slot {
-                let block = at.jacobian_from.tr_mul(&weighted_to);
-                self.hessian.add_pair(slot, &block);
+        let slots = std::mem::take(&mut self.slots);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (factor, &slot) in problem.factors.iter().zip(&slots) {
+                    self.add_factor(factor, slot, &frames[factor.from], &frames[factor.to]);
+                }
+            },
+        );
+        self.slots = slots;
+        if self.grows {
+            for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
+                self.numbers[self.known_of_name[name] as usize] = Numbers::of(factor);
             }
         }
     }
 
-    /// Fills in g alone at these poses.
-    pub(super) fn linearise_gradient(&mut self, factors: &[Factor], poses: &[Pose2]) {
-        self.gradient.fill(0.0);
-        for factor in factors {
-            let (from, to) = (&poses[factor.from], &poses[factor.to]);
-            let at = Pose2::edge_error_with_jacobians(from, to, &factor.measurement);
-            let weighted = factor.information.matrix() * at.error * factor.weight;
-            let parts = [
-                (factor.from, at.jacobian_from.tr_mul(&weighted)),
-                (factor.to, at.jacobian_to.tr_mul(&weighted)),
-            ];
-            for (pose, part) in parts {
-                if let Some(offset) = self.offset(pose) {
-                    add_to(&mut self.gradient, offset, &part);
-                }
-            }
+    /// Adds a factor's part to H and g.
+    #[inline(always)]
+    fn add_factor(&mut self, factor: &Factor, slot: Slot, from: &Frame, to: &Frame) {
+        let at = Frame::local_error(from, to, &factor.measurement);
+        let part = at.quadratic(&(factor.information.matrix() * factor.weight));
+        if slot.from != NONE {
+            self.add_end(slot.from, &part.from_from, &part.gradient_from);
         }
+        if slot.to != NONE {
+            self.add_end(slot.to, &part.to_to, &part.gradient_to);
+        }
+        if slot.pair != NONE {
+            self.matrix.blocks[slot.pair as usize] = part.from_to;
+        }
+    }
+
+    #[inline(always)]
+    fn add_end(&mut self, variable: u32, block: &Matrix3<f64>, gradient: &Vector3<f64>) {
+        self.matrix.diagonal[variable as usize] += block;
+        add_to(&mut self.gradient, variable, gradient);
+    }
+
+    /// g as it was filled in last.
+    pub(super) fn gradient(&self) -> &[f64] {
+        &self.gradient
+    }
+
+    /// Fills in g alone at these poses.
+    pub(super) fn linearise_gradient(&mut self, factors: &[Factor], frames: &[Frame]) {
+        self.gradient.fill(0.0);
+        let (slots, gradient) = (&self.slots, &mut self.gradient);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (factor, slot) in factors.iter().zip(slots) {
+                    let (from, to) = (&frames[factor.from], &frames[factor.to]);
+                    let at = Frame::local_error(from, to, &factor.measurement);
+                    let weighted = factor.information.matrix() * at.error * factor.weight;
+                    if slot.from != NONE {
+                        add_to(gradient, slot.from, &at.jacobian_from.tr_mul(&weighted));
+                    }
+                    if slot.to != NONE {
+                        add_to(gradient, slot.to, &at.jacobian_to.tr_mul(&weighted));
+                    }
+                }
+            },
+        );
     }
 
     /// Factors H + λ D, where D is H's diagonal, raised where it is next to nothing; `false`
     /// if that is not positive definite.
     pub(super) fn factorise(&mut self, damping: f64) -> bool {
-        self.damped.copy_from_slice(&self.hessian.values);
-        let values = &self.hessian.values;
-        let mean = self.diagonal.iter().map(|&k| values[k].abs()).sum::<f64>()
-            / self.diagonal.len().max(1) as f64;
-        for &k in &self.diagonal {
-            // A coordinate that no edge measures has a zero here and must still get a pivot.
-            self.damped[k] += damping * values[k].abs().max(1e-6 * mean).max(f64::MIN_POSITIVE);
-        }
-        self.cholesky.factorise(&self.damped)
+        let is_done = self.cholesky.factorise(&self.matrix, damping);
+        self.has_plain_factor = is_done && damping <= super::minimise::DAMPING_MIN;
+        is_done
     }
 
-    /// The step −(H + λD)⁻¹ g by the last factor, and the decrease gᵀ(H + λD)⁻¹g of the cost
-    /// that goes with it; `None` if it is not finite.
-    pub(super) fn step(&mut self, step: &mut Vec<f64>) -> Option<f64> {
+    /// The step −(H + λD)⁻¹ g by the last factor, corrected by what later steps have shown, and
+    /// the decrease −gᵀ step of the cost that goes with it; `None` if it is not finite.
+    pub(super) fn step(&mut self, secants: &mut Secants, step: &mut Vec<f64>) -> Option<f64> {
         step.clear();
         step.extend(self.gradient.iter().map(|g| -g));
-        if !self.cholesky.solve(step, 1) {
-            return None;
-        }
-        let decrease: f64 = -step
-            .iter()
-            .zip(&self.gradient)
-            .map(|(s, g)| s * g)
-            .sum::<f64>();
+        secants.before_solve(step);
+        self.cholesky.solve(step);
+        secants.after_solve(step);
+        secants.take(step, &self.gradient);
+        let decrease = -dot(step, &self.gradient);
         (decrease.is_finite() && step.iter().all(|s| s.is_finite())).then_some(decrease)
     }
 
-    /// H⁻¹ times some columns, one after the other, by the last factor; `false` if memory runs
-    /// out.
-    pub(super) fn solve(&mut self, columns: &mut [f64]) -> bool {
-        let count = columns.len() / self.dimension().max(1);
-        self.cholesky.solve(columns, count)
+    /// H⁻¹ times some columns, one after the other, by the last factor.
+    pub(super) fn solve(&mut self, columns: &mut [f64]) {
+        for column in columns.chunks_exact_mut(self.dimension().max(1)) {
+            self.cholesky.solve(column);
+        }
     }
 
-    /// The poses after a step.
-    pub(super) fn apply(&self, poses: &[Pose2], step: &[f64], moved: &mut Vec<Pose2>) {
+    /// The poses after a step, and as frames.
+    pub(super) fn apply(
+        &self,
+        frames: &[Frame],
+        step: &[f64],
+        moved: &mut Vec<Pose2>,
+        moved_frames: &mut Vec<Frame>,
+    ) {
         moved.clear();
-        moved.extend(poses.iter().enumerate().map(|(k, pose)| {
-            self.offset(k).map_or(*pose, |at| {
-                pose.plus(&Vector3::new(step[at], step[at + 1], step[at + 2]))
-            })
-        }));
+        moved_frames.clear();
+        for (k, frame) in frames.iter().enumerate() {
+            let new = match self.offset(k) {
+                Some(at) => Frame::of(frame.step(&step[at..at + POSE_SIZE])),
+                None => *frame,
+            };
+            moved.push(new.pose);
+            moved_frames.push(new);
+        }
     }
 }
 
-fn add_to(gradient: &mut [f64], offset: usize, part: &Vector3<f64>) {
-    for k in 0..POSE_SIZE {
-        gradient[offset + k] += part[k];
+impl Numbers {
+    fn of(factor: &Factor) -> Self {
+        Self {
+            measurement: factor.measurement.pose,
+            information: factor.information,
+            weight: factor.weight,
+        }
+    }
+}
+
+#[inline(always)]
+fn add_to(gradient: &mut [f64], variable: u32, part: &Vector3<f64>) {
+    let at = variable as usize * POSE_SIZE;
+    for (value, part) in gradient[at..at + POSE_SIZE].iter_mut().zip(part.iter()) {
+        *value += part;
     }
 }

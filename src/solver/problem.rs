@@ -1,14 +1,16 @@
 //! A pose graph by places instead of ids: what the minimiser works on.
 
+use super::local_error::Frame;
+use super::ordering::approximate_minimum_degree;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeStatus, PoseGraph};
 
 /// A measured motion between two poses, by their places.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factor {
     pub(super) from: usize,
     pub(super) to: usize,
-    pub(super) measurement: Pose2,
+    pub(super) measurement: Frame,
     pub(super) information: Information,
     /// What the information is multiplied with: 1 but in a robust solve.
     pub(super) weight: f64,
@@ -20,7 +22,7 @@ impl Factor {
         Self {
             from,
             to,
-            measurement: edge.measurement,
+            measurement: Frame::of(edge.measurement),
             information: edge.information,
             weight: 1.0,
         }
@@ -28,7 +30,7 @@ impl Factor {
 
     /// eᵀΩe without the weight.
     pub(super) fn cost(&self, poses: &[Pose2]) -> f64 {
-        let error = Pose2::edge_error(&poses[self.from], &poses[self.to], &self.measurement);
+        let error = Pose2::edge_error(&poses[self.from], &poses[self.to], &self.measurement.pose);
         self.information.squared_norm(&error)
     }
 }
@@ -39,22 +41,29 @@ pub(super) struct Problem {
     pub(super) poses: Vec<Pose2>,
     pub(super) held: Vec<bool>,
     pub(super) factors: Vec<Factor>,
+    /// For each pose the place of its node in the graph, by which it is known again in a later
+    /// problem.
+    pub(super) pose_names: Vec<usize>,
+    /// The same for each factor and its edge.
+    pub(super) factor_names: Vec<usize>,
 }
 
 impl Problem {
     /// All nodes and active edges of a graph; each component's first node is held.
     pub(super) fn of_graph(graph: &PoseGraph) -> Self {
-        let factors = graph
-            .edges()
-            .iter()
-            .zip(graph.ends())
-            .filter(|(edge, _)| edge.status == EdgeStatus::Active)
-            .map(|(edge, &(from, to))| Factor::of_edge(edge, from, to))
-            .collect();
+        let edges = graph.edges().iter().enumerate();
+        let active = edges.filter(|(_, edge)| edge.status == EdgeStatus::Active);
+        let factor_names: Vec<usize> = active.map(|(position, _)| position).collect();
+        let factor = |&position: &usize| {
+            let (from, to) = graph.ends()[position];
+            Factor::of_edge(&graph.edges()[position], from, to)
+        };
         let mut problem = Self {
             poses: graph.nodes().iter().map(|node| node.pose).collect(),
             held: Vec::new(),
-            factors,
+            factors: factor_names.iter().map(factor).collect(),
+            pose_names: (0..graph.nodes().len()).collect(),
+            factor_names,
         };
         problem.hold_first_of_each_component();
         problem
@@ -65,22 +74,29 @@ impl Problem {
         self.held = (0..self.poses.len()).map(|k| components[k] == k).collect();
     }
 
-    /// For each pose its variable, counted from 0, and how many there are; poses that are held
-    /// or have no factor have none.
-    pub(super) fn variables(&self) -> (Vec<Option<usize>>, usize) {
-        let mut touched = vec![false; self.poses.len()];
+    /// Which poses are moved: those that have a factor and are not held.
+    pub(super) fn free(&self) -> Vec<bool> {
+        let mut free = vec![false; self.poses.len()];
         for factor in &self.factors {
-            touched[factor.from] = true;
-            touched[factor.to] = true;
+            free[factor.from] = !self.held[factor.from];
+            free[factor.to] = !self.held[factor.to];
         }
-        let mut count = 0;
-        let mut next = |free: bool| {
-            count += usize::from(free);
-            free.then(|| count - 1)
-        };
-        let poses = touched.iter().zip(&self.held);
-        let variable = poses.map(|(&touched, &held)| next(touched && !held));
-        (variable.collect(), count)
+        free
+    }
+
+    /// The poses that are moved, in an order of elimination that keeps the Cholesky factor
+    /// sparse; `None` if memory runs out.
+    pub(super) fn elimination_order(&self) -> Option<Vec<usize>> {
+        let free = self.free();
+        let poses: Vec<usize> = (0..free.len()).filter(|&k| free[k]).collect();
+        let mut number = vec![0; free.len()];
+        for (k, &pose) in poses.iter().enumerate() {
+            number[pose] = k as u32;
+        }
+        let coupled = self.factors.iter().filter(|f| free[f.from] && free[f.to]);
+        let pairs: Vec<_> = coupled.map(|f| (number[f.from], number[f.to])).collect();
+        let order = approximate_minimum_degree(poses.len(), &pairs)?;
+        Some(order.into_iter().map(|k| poses[k as usize]).collect())
     }
 
     /// For each pose the first pose of its component.
@@ -96,10 +112,21 @@ impl Problem {
 
     /// Σ weight · eᵀΩe.
     pub(super) fn cost_at(&self, poses: &[Pose2]) -> f64 {
-        let factors = self.factors.iter();
-        factors
-            .map(|factor| factor.weight * factor.cost(poses))
-            .sum()
+        let frames: Vec<Frame> = poses.iter().map(|&pose| Frame::of(pose)).collect();
+        self.cost_of(&frames)
+    }
+
+    /// Σ weight · eᵀΩe, given the poses as frames.
+    pub(super) fn cost_of(&self, frames: &[Frame]) -> f64 {
+        let cost = |factor: &Factor| {
+            let (from, to) = (&frames[factor.from], &frames[factor.to]);
+            let error = Frame::error(from, to, &factor.measurement);
+            factor.weight * factor.information.squared_norm(&error)
+        };
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || self.factors.iter().map(cost).sum(),
+        )
     }
 }
 

@@ -81,6 +81,8 @@ impl Region {
             poses: self.nodes.iter().map(pose).collect(),
             held: self.nodes.iter().enumerate().map(held).collect(),
             factors: self.edges.iter().map(factor).collect(),
+            pose_names: self.nodes.clone(),
+            factor_names: self.edges.clone(),
         }
     }
 

@@ -13,7 +13,6 @@ use crate::graph::{Block, BlockIndex, PoseGraph, Standing};
 use crate::ids::{EdgeId, NodeId};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
-#[derive(Default)]
 pub struct Solver {
     whole_blocks: Minimiser,
     parts: Minimiser,
@@ -34,10 +33,20 @@ pub struct TouchedSummary {
     pub moved: Vec<NodeId>,
 }
 
+impl Default for Solver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Solver {
     /// A solver with no memory yet.
     pub fn new() -> Self {
-        Self::default()
+        Self {
+            whole_blocks: Minimiser::for_growing(),
+            parts: Minimiser::default(),
+            limits: Limits::default(),
+        }
     }
 
     /// Solves the biconnected blocks that contain the touched edges, from the poses as they are.
@@ -176,6 +185,8 @@ fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
         factors: factors.collect(),
         poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
         held: (0..nodes.len()).map(|k| k == 0).collect(),
+        pose_names: nodes.clone(),
+        factor_names: edges,
     };
     (problem, nodes)
 }

@@ -76,6 +76,32 @@ fn edges_outside_the_block_keep_their_errors() {
     }
 }
 
+/// What a solver remembers may make it faster, but must not show in what it finds.
+#[test]
+fn memories_of_another_graph_do_no_harm() {
+    let tight = SolveOptions {
+        cost_tolerance: 1e-14,
+        ..SolveOptions::default()
+    };
+    let mut solver = Solver::new();
+    for seed in 0..30 {
+        let mut graph = random_graph(seed, 40, 6);
+        if seed % 3 == 0 {
+            graph.set_edge_status(graph.edges()[12].id, EdgeStatus::Retired);
+        }
+        for round in 0..3 {
+            let id = add_closure(&mut graph, 7 * seed + round);
+            let mut other = graph.clone();
+            let all: Vec<_> = graph.edges().iter().map(|edge| edge.id).collect();
+            solver.solve_touched(&mut graph, &all, &tight);
+            Solver::new().solve_touched(&mut other, &all, &tight);
+            let (a, b) = (graph.cost(), other.cost());
+            assert!((a - b).abs() <= 1e-9 * b + 1e-12, "{seed} {id:?} {a} {b}");
+            assert!(distance(&graph, &other) < 1e-6);
+        }
+    }
+}
+
 #[test]
 fn touched_edges_that_take_no_part_are_passed_over() {
     let mut graph = random_graph(3, 10, 2);

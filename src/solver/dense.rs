@@ -1,0 +1,263 @@
+//! Dense kernels on columns of vectors.
+//!
+//! All matrices are kept by columns, each padded to a multiple of [`PADDING`] rows with zeros, so
+//! that a column is a whole number of vectors whatever the processor.
+
+use pulp::Simd;
+
+/// The longest vector of any supported processor, in numbers.
+pub(super) const PADDING: usize = 8;
+
+/// How many vectors of a column are worked on at a time: with three columns of them, the
+/// products and the factors fill sixteen registers.
+const VECTORS: usize = 4;
+
+/// Factors the first `width` columns of a symmetric matrix of which only these columns are
+/// given: the lower triangle and everything below becomes L, with the *reciprocals* of L's
+/// diagonal on the diagonal. What is above the diagonal is of no use afterwards. `width` is a
+/// multiple of B. `false` if a pivot is not positive.
+#[inline(always)]
+pub(super) fn factor_columns<S: Simd, const B: usize>(
+    simd: S,
+    columns: &mut [f64],
+    stride: usize,
+    width: usize,
+) -> bool {
+    for k in (0..width).step_by(B) {
+        let (done, rest) = columns.split_at_mut(k * stride);
+        let own = &mut rest[..B * stride];
+        let top = k / S::F64_LANES * S::F64_LANES;
+        subtract_products::<S, B>(simd, own, stride, top, done, stride, top, k);
+        let Some(pivot) = cholesky_of_block::<B>(own, stride, k) else {
+            return false;
+        };
+        scale_columns::<S, B>(simd, own, stride, top, &pivot);
+        for (column, l) in pivot.iter().enumerate() {
+            own[column * stride + k..][column..B].copy_from_slice(&l[column..]);
+        }
+    }
+    true
+}
+
+/// Subtracts P Pᵀ from the lower triangle of a symmetric matrix, where P are the rows of some
+/// columns from `first` on. Row r of the matrix is kept at r + `first` − `skipped`.
+#[inline(always)]
+pub(super) fn subtract_square<S: Simd, const B: usize>(
+    simd: S,
+    matrix: &mut [f64],
+    stride: usize,
+    skipped: usize,
+    columns: &[f64],
+    column_stride: usize,
+    first: usize,
+) {
+    // Where nothing is left below the columns, a column of the matrix may have no rows at all.
+    for (k, own) in matrix.chunks_exact_mut((B * stride).max(1)).enumerate() {
+        let row = first + k * B;
+        let top = (row - skipped) / S::F64_LANES * S::F64_LANES;
+        subtract_products::<S, B>(
+            simd,
+            own,
+            stride,
+            top,
+            columns,
+            column_stride,
+            top + skipped,
+            row,
+        );
+    }
+}
+
+/// own[r, c] −= Σ_j columns[r, j] columns[`factor_row` + c, j] for the rows from `top` on, which
+/// are the rows from `column_top` on in `columns`.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn subtract_products<S: Simd, const B: usize>(
+    simd: S,
+    own: &mut [f64],
+    stride: usize,
+    top: usize,
+    columns: &[f64],
+    column_stride: usize,
+    column_top: usize,
+    factor_row: usize,
+) {
+    let lanes = S::F64_LANES;
+    let vectors = (stride - top) / lanes;
+    let mut at = 0;
+    macro_rules! rows {
+        ($count:expr) => {
+            subtract_products_of_rows::<S, B, { $count }>(
+                simd,
+                own,
+                stride,
+                top + at * lanes,
+                columns,
+                column_stride,
+                column_top + at * lanes,
+                factor_row,
+            )
+        };
+    }
+    while vectors - at >= VECTORS {
+        rows!(VECTORS);
+        at += VECTORS;
+    }
+    match vectors - at {
+        3 => rows!(3),
+        2 => rows!(2),
+        1 => rows!(1),
+        _ => {}
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn subtract_products_of_rows<S: Simd, const B: usize, const V: usize>(
+    simd: S,
+    own: &mut [f64],
+    stride: usize,
+    top: usize,
+    columns: &[f64],
+    column_stride: usize,
+    column_top: usize,
+    factor_row: usize,
+) {
+    let rows = V * S::F64_LANES;
+    let mut sums = [[simd.splat_f64s(0.0); V]; B];
+    for column in columns.chunks_exact(column_stride) {
+        let values = S::as_simd_f64s(&column[column_top..column_top + rows]).0;
+        let factors = &column[factor_row..factor_row + B];
+        for b in 0..B {
+            let factor = simd.splat_f64s(factors[b]);
+            for v in 0..V {
+                sums[b][v] = simd.mul_add_e_f64s(factor, values[v], sums[b][v]);
+            }
+        }
+    }
+    for b in 0..B {
+        let own = &mut own[b * stride + top..b * stride + top + rows];
+        let own = S::as_mut_simd_f64s(own).0;
+        for v in 0..V {
+            own[v] = simd.sub_f64s(own[v], sums[b][v]);
+        }
+    }
+}
+
+/// L of the block at row k, by columns, reciprocals on its diagonal.
+#[inline(always)]
+fn cholesky_of_block<const B: usize>(
+    own: &[f64],
+    stride: usize,
+    k: usize,
+) -> Option<[[f64; B]; B]> {
+    let mut l = [[0.0; B]; B];
+    for c in 0..B {
+        for r in c..B {
+            let mut value = own[c * stride + k + r];
+            for column in &l[..c] {
+                value -= column[r] * column[c];
+            }
+            if r == c {
+                // A pivot that is not a number is refused too.
+                if !(value > 0.0 && value.is_finite()) {
+                    return None;
+                }
+                l[c][c] = 1.0 / value.sqrt();
+            } else {
+                l[c][r] = value * l[c][c];
+            }
+        }
+    }
+    Some(l)
+}
+
+/// own ← own L⁻ᵀ for the rows from `top` on.
+#[inline(always)]
+fn scale_columns<S: Simd, const B: usize>(
+    simd: S,
+    own: &mut [f64],
+    stride: usize,
+    top: usize,
+    l: &[[f64; B]; B],
+) {
+    for (c, pivot) in l.iter().enumerate() {
+        let (done, rest) = own.split_at_mut(c * stride);
+        let inverse = simd.splat_f64s(pivot[c]);
+        let target = S::as_mut_simd_f64s(&mut rest[top..stride]).0;
+        for value in target.iter_mut() {
+            *value = simd.mul_f64s(*value, inverse);
+        }
+        for (column, before) in done.chunks_exact(stride).zip(l) {
+            let factor = simd.splat_f64s(before[c] * pivot[c]);
+            let source = S::as_simd_f64s(&column[top..]).0;
+            for (value, source) in target.iter_mut().zip(source) {
+                *value = simd.negate_mul_add_e_f64s(factor, *source, *value);
+            }
+        }
+    }
+}
+
+/// Solves L x = y for the columns' own rows, the first in y, and subtracts L x from the rows
+/// below. What is left of y's own rows is of no use.
+#[inline(always)]
+pub(super) fn forward<S: Simd, const B: usize>(
+    simd: S,
+    columns: &[f64],
+    stride: usize,
+    y: &mut [f64],
+    x: &mut [f64],
+) {
+    for (block, own) in columns.chunks_exact(B * stride).enumerate() {
+        let k = block * B;
+        let mut solved = [0.0; B];
+        for c in 0..B {
+            let mut value = y[k + c];
+            for j in 0..c {
+                value -= own[j * stride + k + c] * solved[j];
+            }
+            solved[c] = value * own[c * stride + k + c];
+        }
+        x[k..k + B].copy_from_slice(&solved);
+        let top = (k + B) / S::F64_LANES * S::F64_LANES;
+        let below = S::as_mut_simd_f64s(&mut y[top..stride]).0;
+        for c in 0..B {
+            let factor = simd.splat_f64s(solved[c]);
+            let column = S::as_simd_f64s(&own[c * stride + top..(c + 1) * stride]).0;
+            for (value, l) in below.iter_mut().zip(column) {
+                *value = simd.negate_mul_add_e_f64s(factor, *l, *value);
+            }
+        }
+    }
+}
+
+/// Solves Lᵀ y = x for the columns' own rows, the first in y, given y below them. y's own rows
+/// must be zero at first.
+#[inline(always)]
+pub(super) fn backward<S: Simd, const B: usize>(
+    simd: S,
+    columns: &[f64],
+    stride: usize,
+    y: &mut [f64],
+    x: &[f64],
+) {
+    for (block, own) in columns.chunks_exact(B * stride).enumerate().rev() {
+        let k = block * B;
+        let top = (k + B) / S::F64_LANES * S::F64_LANES;
+        let mut sums = [simd.splat_f64s(0.0); B];
+        let below = S::as_simd_f64s(&y[top..stride]).0;
+        for c in 0..B {
+            let column = S::as_simd_f64s(&own[c * stride + top..(c + 1) * stride]).0;
+            for (value, l) in below.iter().zip(column) {
+                sums[c] = simd.mul_add_e_f64s(*value, *l, sums[c]);
+            }
+        }
+        for c in (0..B).rev() {
+            let mut value = x[k + c] - simd.reduce_sum_f64s(sums[c]);
+            for r in c + 1..B {
+                value -= own[c * stride + k + r] * y[k + r];
+            }
+            y[k + c] = value * own[c * stride + k + c];
+        }
+    }
+}
