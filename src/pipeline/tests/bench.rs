@@ -9,7 +9,7 @@ use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
 use super::super::workspace::Workspace;
-use super::super::{Decisions, Order};
+use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding};
 use crate::formats::g2o::write_g2o;
 use crate::formats::{Look, MapPicture};
@@ -54,7 +54,7 @@ impl Bench {
     async fn open(directory: TempDir) -> Self {
         let data_dir = directory.path().to_path_buf();
         let store = Store::open(StoreOptions { data_dir }).await.unwrap();
-        let engine = Engine::new(&store).unwrap();
+        let engine = Engine::new(&store, PipelineOptions::default()).unwrap();
         Self {
             decisions: Decisions::new(engine.clone()),
             engine,
