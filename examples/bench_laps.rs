@@ -1,11 +1,13 @@
 //! What a lap costs after many laps.
 //!
-//! `cargo run --release --example bench_laps -- [LAPS [DIRECTORY]]` drives one route through a
+//! `cargo run --release --example bench_laps -- [LAPS [DIRECTORY [STRETCHES]]]` drives one route through a
 //! simulated hall, 500 laps if no number is given, by 20 vehicles in turn, each lap a trip of its
 //! own. Every lap goes through the store and the workers of the service. It prints a line every
 //! ten laps, writes `laps.csv` and `laps.svg` into the directory (`target/laps` if none is given),
 //! and ends with an error if the change that is made before the last lap is not found, or if
 //! anything else was.
+//!
+//! So many of the newest STRETCHES stay in the map as the service lets stay if no number is given.
 //!
 //! A lap's time is the processor time of the whole process from the upload to the commit of its
 //! result, all threads together; making the lap up is not counted.
@@ -60,10 +62,14 @@ async fn main() -> anyhow::Result<()> {
     let laps = laps.unwrap_or(LAPS);
     let directory = args.next().map_or("target/laps".into(), PathBuf::from);
     std::fs::create_dir_all(&directory)?;
+    let mut options = PipelineOptions::default();
+    if let Some(stretches) = args.next() {
+        options.active_stretches = stretches.parse()?;
+    }
     let data = tempfile::tempdir()?;
     let stopping = CancellationToken::new();
     let bench = Bench::new(laps, data.path().to_owned()).await?;
-    let pipeline = pipeline::start(&bench.store, PipelineOptions::default(), &stopping)?;
+    let pipeline = pipeline::start(&bench.store, options, &stopping)?;
 
     let mut driven = Vec::with_capacity(laps);
     for lap in 0..laps {
@@ -188,7 +194,11 @@ impl Bench {
         ))?;
         let objects = self.scene.objects.iter();
         let mut added = objects.filter(|object| object.is_there(laps - 1) && !object.is_there(0));
-        let (place, _) = added.next().context("nothing was changed")?.shape.bounding_circle();
+        let (place, _) = added
+            .next()
+            .context("nothing was changed")?
+            .shape
+            .bounding_circle();
         let filter = AlertFilter::default();
         let alerts = self.store.alert_page(&filter, None, 100).await?;
         let is_true = |alert: &&AlertRecord| {
@@ -201,7 +211,10 @@ impl Bench {
         }
         say(&format!("{} alerts, {found} of the change", alerts.len()))?;
         ensure!(found > 0, "the change of the last lap was not found");
-        ensure!(alerts.iter().all(|a| is_true(&a)), "something else was told");
+        ensure!(
+            alerts.iter().all(|a| is_true(&a)),
+            "something else was told"
+        );
         Ok(())
     }
 }
@@ -230,7 +243,10 @@ fn report_ratio(driven: &[Lap]) -> anyhow::Result<()> {
     if driven.len() < 220 {
         return say("too few laps for a ratio: the last hundred to laps 20 to 120");
     }
-    let (early, late) = (median(&driven[20..120]), median(&driven[driven.len() - 100..]));
+    let (early, late) = (
+        median(&driven[20..120]),
+        median(&driven[driven.len() - 100..]),
+    );
     say(&format!(
         "median lap: {early:.1} ms in laps 20 to 120, {late:.1} ms in the last hundred: ratio {:.3}",
         late / early
@@ -270,14 +286,18 @@ fn plots(driven: &[Lap]) -> Vec<Plot> {
                 label: String::new(),
                 colour: "#1f5fa8",
                 joined,
-                points: points.map(|(k, lap)| ((k + 1) as f64, value(lap))).collect(),
+                points: points
+                    .map(|(k, lap)| ((k + 1) as f64, value(lap)))
+                    .collect(),
             }],
             guides: Vec::new(),
         }
     };
     vec![
         plot("Processor time of a lap", "ms", false, |lap| lap.cpu_ms),
-        plot("Nodes in the active graph", "nodes", true, |lap| lap.active_nodes as f64),
+        plot("Nodes in the active graph", "nodes", true, |lap| {
+            lap.active_nodes as f64
+        }),
         plot("Resident memory", "MB", true, |lap| lap.rss_mb),
         plot("Database", "MB", true, |lap| lap.database_mb),
     ]
@@ -286,7 +306,9 @@ fn plots(driven: &[Lap]) -> Vec<Plot> {
 /// Processor time of the process so far: fields 14 and 15 of its `stat`, hundredths of a second.
 fn cpu_ms() -> anyhow::Result<f64> {
     let stat = std::fs::read_to_string("/proc/self/stat")?;
-    let (_, after_name) = stat.rsplit_once(')').context("no name in /proc/self/stat")?;
+    let (_, after_name) = stat
+        .rsplit_once(')')
+        .context("no name in /proc/self/stat")?;
     let ticks = after_name.split_whitespace().skip(11).take(2);
     let ticks: Result<Vec<f64>, _> = ticks.map(str::parse::<f64>).collect();
     Ok(10.0 * ticks?.iter().sum::<f64>())
@@ -295,7 +317,10 @@ fn cpu_ms() -> anyhow::Result<f64> {
 /// Resident memory of the process: pages of 4 KiB.
 fn rss_mb() -> anyhow::Result<f64> {
     let statm = std::fs::read_to_string("/proc/self/statm")?;
-    let pages = statm.split_whitespace().nth(1).context("no second field in statm")?;
+    let pages = statm
+        .split_whitespace()
+        .nth(1)
+        .context("no second field in statm")?;
     Ok(pages.parse::<f64>()? * 4096.0 / 1e6)
 }
 

@@ -11,8 +11,9 @@ use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 use crate::solver::SolveOptions;
 
-/// So many of the newest stretches stay in a map.
-pub const ACTIVE_STRETCHES: usize = 40;
+/// So many of the newest stretches stay in a map: enough that a fleet of ten is in it twice, and
+/// few enough that a lap costs no more than the twentieth.
+pub const ACTIVE_STRETCHES: usize = 20;
 /// What a trip needs of itself to go on: its newest nodes.
 pub const TRIP_TAIL: usize = 32;
 /// A trip that goes on for longer counts as several stretches: ten minutes, nanoseconds.
@@ -197,4 +198,4 @@ fn explore(
 }
 
 #[cfg(test)]
-mod tests {}
+mod tests;

@@ -115,7 +115,7 @@ impl Worker {
         let route = &job.route_id;
         let _turn = self.engine.turn(route).await;
         for _ in 0..COMPUTATIONS_MAX {
-            let (workspace, result) = self.compute(&job).await?;
+            let (workspace, result) = compute(&self.engine, &job).await?;
             let base_revision = result.base_revision;
             match self.engine.store.apply_result(result).await? {
                 Applied::Committed => {
@@ -132,25 +132,29 @@ impl Worker {
         Err(anyhow!("the route has moved on meanwhile"))
     }
 
-    async fn compute(&self, job: &Arc<ClaimedJob>) -> anyhow::Result<(Workspace, JobResult)> {
-        let Engine { store, options, .. } = &self.engine;
-        let trip = job.entries.first().map(|entry| entry.batch.trip_id.clone());
-        let trip = trip.context("a job without batches")?;
-        let recalled = recall_trip(store, &job.route_id, &trip).await?;
-        let mut workspace = self.engine.workspaces.take(store, &job.route_id).await?;
-        let (own, stretches) = (Arc::clone(job), options.active_stretches);
-        let work = move || {
-            solve_recalled(&mut workspace.map, &recalled);
-            settle(&mut workspace, &trip, stretches)?;
-            process(workspace, &own)
-        };
-        self.engine.compute(work).await?
-    }
-
     async fn is_at(&self, route: &RouteId, revision: i64) -> Result<bool, StoreError> {
         let route = self.engine.store.route(route).await?;
         Ok(route.is_none_or(|route| route.revision == revision))
     }
+}
+
+/// Loads what a job needs and computes it, after what has settled has left the map.
+pub(super) async fn compute(
+    engine: &Engine,
+    job: &Arc<ClaimedJob>,
+) -> anyhow::Result<(Workspace, JobResult)> {
+    let Engine { store, options, .. } = engine;
+    let trip = job.entries.first().map(|entry| entry.batch.trip_id.clone());
+    let trip = trip.context("a job without batches")?;
+    let recalled = recall_trip(store, &job.route_id, &trip).await?;
+    let mut workspace = engine.workspaces.take(store, &job.route_id).await?;
+    let (own, stretches) = (Arc::clone(job), options.active_stretches);
+    let work = move || {
+        solve_recalled(&mut workspace.map, &recalled);
+        settle(&mut workspace, &trip, stretches)?;
+        process(workspace, &own)
+    };
+    engine.compute(work).await?
 }
 
 /// Whether the store was in the way, and not the batch.

@@ -141,7 +141,7 @@ impl Workspace {
     }
 
     /// About how much memory it takes, bytes.
-    fn size_bytes(&self) -> usize {
+    pub fn size_bytes(&self) -> usize {
         let named = |a: &AlertRecord| {
             let evidence = &a.evidence;
             size_of_val(evidence.nodes.as_slice())
@@ -276,6 +276,13 @@ impl Workspaces {
             total -= kept.remove(0).bytes;
         }
         tell(&kept);
+    }
+
+    /// The routes whose maps are here, the one longest unused first.
+    #[cfg(test)]
+    pub fn held(&self) -> Vec<String> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().map(|kept| kept.route.to_string()).collect()
     }
 
     fn remove(&self, route: &RouteId) -> Option<Workspace> {

@@ -115,10 +115,7 @@ pub(super) async fn among(
 }
 
 /// How many nodes take part in the optimisation.
-pub(super) async fn count_active(
-    readers: &SqlitePool,
-    route: &RouteId,
-) -> Result<i64, StoreError> {
+pub(super) async fn count_active(readers: &SqlitePool, route: &RouteId) -> Result<i64, StoreError> {
     let count = sqlx::query_scalar(
         "SELECT count(*) FROM routes JOIN nodes USING (route_key) \
          WHERE routes.id = ? AND nodes.active = 1",

@@ -176,6 +176,7 @@ fn node(id: i64) -> NodeWithScan {
             reference: true,
             active: true,
             subgraph_id: Some(1),
+            trip_order: 0,
         },
         scan: encode_scan(&scan).unwrap(),
     }
