@@ -245,7 +245,7 @@ impl Store {
         named(journal::batch(&self.shared.readers, route, id).await)
     }
 
-    /// One upload with its body.
+    /// One upload with its body; `None` also if the body was deleted when its time was over.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`] with [`Corruption::Body`] if the body has lost its checksum.
