@@ -9,7 +9,7 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
-use crate::solver::SolveOptions;
+use crate::solver::{SolveOptions, Solver};
 
 /// So many of the newest stretches stay in a map: enough that a fleet of ten is in it twice, and
 /// few enough that a lap costs no more than the twentieth.
@@ -121,6 +121,8 @@ impl RouteMap {
         for (edge, _) in &leaving_edges {
             self.contradictions.remove(edge);
         }
+        // What a solver remembers goes by places in the graph.
+        self.solver = Solver::default();
         let touched: Vec<EdgeId> = around.into_iter().collect();
         let options = SolveOptions::default();
         self.solver

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 
-use super::saved::{changed_edges, changed_nodes, count_known, edges_of, hold_still, nodes_of};
+use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
@@ -50,9 +50,8 @@ pub(super) fn of_extension(
         let (trip, vehicle) = (origin.drive.trip.clone(), origin.vehicle_id.clone());
         workspace.vehicles.insert(trip, vehicle);
     }
-    hold_still(&mut workspace.map, &workspace.saved_nodes);
     let nodes_now = nodes_of(&workspace.map);
-    let edges_now = edges_of(&workspace.map, &workspace.saved_edges);
+    let edges_now = edges_of(&workspace.map);
     let old_nodes = count_known(&workspace.saved_nodes, &nodes_now, |node| node.id);
     let old_edges = count_known(&workspace.saved_edges, &edges_now, |edge| edge.id);
     let closures: BTreeMap<EdgeId, &Closure> =
@@ -100,7 +99,7 @@ pub(super) fn of_extension(
 /// what is saved is brought up to date.
 pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<EdgeChange>) {
     let nodes_now = nodes_of(&workspace.map);
-    let edges_now = edges_of(&workspace.map, &workspace.saved_edges);
+    let edges_now = edges_of(&workspace.map);
     let changed_nodes = changed_nodes(&workspace.saved_nodes, &nodes_now);
     let changed_edges = changed_edges(&workspace.saved_edges, &edges_now);
     workspace.saved_nodes = nodes_now;
