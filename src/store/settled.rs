@@ -107,8 +107,8 @@ pub(super) async fn among(
          ORDER BY node_id",
     )
     .bind(route.as_str())
-    .bind(json_text(&nodes)?)
-    .bind(json_text(&edges)?)
+    .bind(json_text(nodes)?)
+    .bind(json_text(edges)?)
     .fetch_all(readers)
     .await?;
     Ok(ids.into_iter().map(NodeId).collect())
