@@ -133,4 +133,14 @@ mod tests {
             assert!(args(listen, true).app_config().is_ok());
         }
     }
+
+    #[test]
+    fn memory_is_told_in_mebibytes_and_time_in_days() {
+        let kept = args("127.0.0.1:0", false).app_config().unwrap().pipeline;
+        assert_eq!(kept.map_memory_bytes, 64 * 1024 * 1024);
+        assert_eq!(kept.keep_bodies, Some(Duration::from_secs(172_800)));
+        let defaults = PipelineOptions::default();
+        assert_eq!(kept.active_stretches, defaults.active_stretches);
+        assert_eq!(defaults.keep_bodies, None);
+    }
 }

@@ -205,3 +205,40 @@ async fn many_bodies_are_deleted_in_steps() {
     }
     assert_eq!(steps, [32, 8, 0]);
 }
+
+/// The step from a database of the version before: what is in the file of the migration numbers
+/// the nodes of every trip.
+#[tokio::test]
+async fn nodes_from_before_are_numbered_within_their_trips() {
+    let fixture = Fixture::new().await;
+    for (batch, trip, sequence) in [
+        ("a0", "a", 0),
+        ("b0", "b", 0),
+        ("a1", "a", 1),
+        ("b1", "b", 1),
+    ] {
+        fixture.journal(upload(batch, trip, sequence)).await;
+        let job = fixture.claim(0).await.unwrap();
+        let chain = fixture.chain(&job, 3).await;
+        fixture.store.apply_result(chain).await.unwrap();
+    }
+    let mut raw = fixture.raw().await;
+    let migration = include_str!("../../migrations/0004_settled.sql");
+    let numbering = migration
+        .split_inclusive(';')
+        .find(|sql| sql.contains("UPDATE nodes"));
+    sqlx::query("UPDATE nodes SET trip_order = 0")
+        .execute(&mut raw)
+        .await
+        .unwrap();
+    sqlx::query(numbering.unwrap())
+        .execute(&mut raw)
+        .await
+        .unwrap();
+    for trip in ["a", "b"] {
+        let trip = TripId::new(trip).unwrap();
+        let nodes = fixture.store.trip_nodes(&route(), &trip).await.unwrap();
+        let orders: Vec<u32> = nodes.iter().map(|node| node.trip_order).collect();
+        assert_eq!(orders, [0, 1, 2, 3, 4, 5]);
+    }
+}
