@@ -11,9 +11,9 @@ use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 use crate::solver::{SolveOptions, Solver};
 
-/// So many of the newest stretches stay in a map: enough that a fleet of ten is in it twice, and
-/// few enough that a lap costs no more than the twentieth.
-pub const ACTIVE_STRETCHES: usize = 20;
+/// So many of the newest stretches stay in a map. What is decided about a change is decided within
+/// a few laps by the references and these; every closure's solve costs as much as there are.
+pub const ACTIVE_STRETCHES: usize = 10;
 /// What a trip needs of itself to go on: its newest nodes.
 pub const TRIP_TAIL: usize = 32;
 /// A trip that goes on for longer counts as several stretches: ten minutes, nanoseconds.
