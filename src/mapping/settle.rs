@@ -79,7 +79,11 @@ impl RouteMap {
     }
 
     fn stretches(&self) -> Vec<Stretch> {
-        let span = |k: &usize| self.keyframes[*k].stamp.0.div_euclid(STRETCH_NS);
+        let span = |k: &usize| {
+            let keyframe = &self.keyframes[*k];
+            let since_ns = keyframe.stamp.0.saturating_add(phase_ns(&keyframe.trip));
+            since_ns.div_euclid(STRETCH_NS)
+        };
         let stretch = |places: &[usize]| {
             let stamps = || places.iter().map(|&k| self.keyframes[k].stamp);
             Some(Stretch {
@@ -137,6 +141,14 @@ impl RouteMap {
         let contradictions = self.contradictions.values().map(|c| c.size_bytes());
         keyframes + edges + contradictions.sum::<usize>()
     }
+}
+
+/// When a trip's stretches begin, nanoseconds after a full stretch of the clock: a fleet's do not
+/// begin all at once, so that nobody's leaves who is only waiting for its next batch.
+fn phase_ns(trip: &TripId) -> i64 {
+    let mix = |sum: u64, byte: u8| (sum ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+    let mixed = trip.as_str().bytes().fold(0xcbf2_9ce4_8422_2325, mix);
+    (mixed % STRETCH_NS.unsigned_abs()).cast_signed()
 }
 
 /// An edge in the graph, in its indices, and a share of the solver's memory.

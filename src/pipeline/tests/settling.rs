@@ -41,9 +41,11 @@ async fn what_has_settled_leaves_the_map_and_stays_in_the_store() {
     }
     let late = bench.state().await;
     assert!(late.nodes.len() > 2 * early.nodes.len());
-    // The leave-takings are a little apart; nothing else makes the number go up and down.
-    let (least, most) = (active.iter().min().unwrap(), active.iter().max().unwrap());
-    assert!(most - least < 40, "{active:?}");
+    // It goes up and down by a lap or two, and no higher for it.
+    let most = active.iter().max().unwrap();
+    let lap_nodes = (late.nodes.len() - early.nodes.len()) as i64 / 7;
+    let references = late.nodes.iter().filter(|node| node.reference).count() as i64;
+    assert!(*most < references + 6 * lap_nodes, "{active:?}");
     let late_nodes = by_id(&late.nodes);
     let mut settled = 0;
     for node in &early.nodes {
