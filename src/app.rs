@@ -52,10 +52,14 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let drain_timeout = config.limits.drain_timeout;
 
     // The one place where background tasks start. Each ends soon after `stopping` is cancelled.
-    let pipeline = pipeline::start(&store, &stopping)?;
+    let pipeline = pipeline::start(&store, config.pipeline, &stopping)?;
     let mut background = pipeline.tasks;
     let upkeep_metrics = metrics.clone();
-    let upkeep = move || upkeep_metrics.run_upkeep();
+    let upkeep_store = store.clone();
+    let upkeep = move || {
+        metrics::gauge!("mapshift_database_bytes").set(upkeep_store.file_bytes() as f64);
+        upkeep_metrics.run_upkeep();
+    };
     let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
     background.push(tokio::spawn(upkeep));
 

@@ -2,10 +2,12 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::ValueEnum;
 
 use crate::api::Limits;
+use crate::pipeline::PipelineOptions;
 
 /// Settings of `serve`. Each can be a flag or a variable; the flag wins.
 #[derive(Debug, Clone, clap::Args)]
@@ -16,6 +18,12 @@ pub struct ServiceArgs {
     /// Directory that holds the database; made if it is missing.
     #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
     pub data: PathBuf,
+    /// Memory for maps between their batches, MiB; those longest unused make room.
+    #[arg(long, env = "MAPSHIFT_MAP_MEMORY_MB", default_value_t = 1024)]
+    pub map_memory_mb: usize,
+    /// Delete uploaded bodies so many days after they were merged; kept for ever if left out.
+    #[arg(long, env = "MAPSHIFT_KEEP_BODIES_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub keep_bodies_days: Option<u32>,
     /// Form of the log on standard error.
     #[arg(long, env = "MAPSHIFT_LOG_FORMAT", default_value = "text")]
     pub log_format: LogFormat,
@@ -45,6 +53,8 @@ pub struct AppConfig {
     pub data_dir: PathBuf,
     /// How much is taken on.
     pub limits: Limits,
+    /// How much is kept.
+    pub pipeline: PipelineOptions,
 }
 
 /// Why settings are refused.
@@ -70,7 +80,19 @@ impl ServiceArgs {
             listen: self.listen,
             data_dir: self.data.clone(),
             limits: Limits::default(),
+            pipeline: self.pipeline_options(),
         })
+    }
+}
+
+impl ServiceArgs {
+    fn pipeline_options(&self) -> PipelineOptions {
+        let days = |days: u32| Duration::from_secs(u64::from(days) * 24 * 60 * 60);
+        PipelineOptions {
+            map_memory_bytes: self.map_memory_mb.saturating_mul(1 << 20),
+            keep_bodies: self.keep_bodies_days.map(days),
+            ..PipelineOptions::default()
+        }
     }
 }
 
@@ -87,6 +109,8 @@ mod tests {
         ServiceArgs {
             listen: listen.parse().unwrap(),
             data: "data".into(),
+            map_memory_mb: 64,
+            keep_bodies_days: Some(2),
             log_format: LogFormat::Text,
             log: "info".into(),
             insecure_open_to_network,
@@ -108,5 +132,15 @@ mod tests {
             assert!(error.to_string().contains("--insecure-open-to-network"));
             assert!(args(listen, true).app_config().is_ok());
         }
+    }
+
+    #[test]
+    fn memory_is_told_in_mebibytes_and_time_in_days() {
+        let kept = args("127.0.0.1:0", false).app_config().unwrap().pipeline;
+        assert_eq!(kept.map_memory_bytes, 64 * 1024 * 1024);
+        assert_eq!(kept.keep_bodies, Some(Duration::from_secs(172_800)));
+        let defaults = PipelineOptions::default();
+        assert_eq!(kept.active_stretches, defaults.active_stretches);
+        assert_eq!(defaults.keep_bodies, None);
     }
 }

@@ -57,5 +57,29 @@ fn install() -> anyhow::Result<PrometheusHandle> {
         "Batches that wait to be processed"
     );
     metrics::describe_gauge!("mapshift_connections", "Open connections");
+    describe_what_is_kept();
     Ok(handle)
+}
+
+fn describe_what_is_kept() {
+    let bytes = metrics::Unit::Bytes;
+    metrics::describe_gauge!(
+        "mapshift_maps_in_memory",
+        "Maps kept in memory between batches"
+    );
+    metrics::describe_gauge!(
+        "mapshift_maps_in_memory_bytes",
+        bytes,
+        "What they take, about"
+    );
+    metrics::describe_gauge!("mapshift_database_bytes", bytes, "Length of the database");
+    metrics::describe_counter!(
+        "mapshift_bodies_deleted_total",
+        "Bodies of uploads deleted when their time was over"
+    );
+    metrics::describe_counter!(
+        "mapshift_bodies_deleted_bytes_total",
+        bytes,
+        "Length of those bodies, compressed"
+    );
 }

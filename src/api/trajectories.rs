@@ -138,6 +138,7 @@ mod tests {
             reference: true,
             active: false,
             subgraph_id: None,
+            trip_order: 0,
         };
         let text = tum(&[node]);
         assert_eq!(

@@ -72,10 +72,15 @@ async fn demo(args: &Args) -> anyhow::Result<()> {
     driven.map(|_| ())
 }
 
+/// Room for the one map of the demonstration.
+const MAP_MEMORY_MB: usize = 256;
+
 async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<RunningApp> {
     let settings = ServiceArgs {
         listen,
         data: data.to_owned(),
+        map_memory_mb: MAP_MEMORY_MB,
+        keep_bodies_days: None,
         log_format: LogFormat::Text,
         log: String::new(),
         insecure_open_to_network: false,

@@ -30,6 +30,13 @@ pub(super) struct Contradictions {
 }
 
 impl Contradictions {
+    /// About how much memory they take, bytes.
+    pub fn size_bytes(&self) -> usize {
+        size_of::<Self>()
+            + size_of_val(self.new_in_old.as_slice())
+            + size_of_val(self.old_in_new.as_slice())
+    }
+
     /// Of two scans that were matched.
     pub fn between(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> Self {
         Self {
@@ -121,23 +128,28 @@ impl RouteMap {
 
     fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {
         let nodes = self.graph.nodes();
-        let poses: Vec<TiedPose> = self.trips[trip]
-            .iter()
-            .map(|&k| TiedPose {
-                node: nodes[k].id,
-                stamp: self.keyframes[k].stamp,
-                pose: nodes[k].pose,
-                tied: self
-                    .graph
-                    .incident(k)
-                    .iter()
-                    .any(|&edge| self.ties(edge, k)),
-            })
-            .collect();
         let others = self.keyframes.iter().zip(nodes);
         let others = others.filter(|(keyframe, _)| keyframe.reference && keyframe.trip != *trip);
         let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
-        mismatches(trip, &poses, &references)
+        let order = |k: &usize| self.keyframes[*k].trip_order;
+        // Keyframes on both sides of others that have left are no run.
+        let runs = self.trips[trip].chunk_by(|a, b| order(a) + 1 == order(b));
+        let found = runs.flat_map(|run| {
+            let poses: Vec<TiedPose> = run.iter().map(|&k| self.tied_pose(k)).collect();
+            mismatches(trip, &poses, &references)
+        });
+        found.collect()
+    }
+
+    fn tied_pose(&self, k: usize) -> TiedPose {
+        let node = self.graph.nodes()[k];
+        let mut incident = self.graph.incident(k).iter();
+        TiedPose {
+            node: node.id,
+            stamp: self.keyframes[k].stamp,
+            pose: node.pose,
+            tied: incident.any(|&edge| self.ties(edge, k)),
+        }
     }
 
     /// Whether an edge is a closure from an older node to node `k`.
@@ -149,8 +161,9 @@ impl RouteMap {
         let nodes = self.graph.nodes();
         let mut looks = Vec::with_capacity(nodes.len());
         for (trip, places) in self.trips.values().enumerate() {
-            for (order, &k) in places.iter().enumerate() {
+            for &k in places {
                 let keyframe = &self.keyframes[k];
+                let order = keyframe.trip_order as usize;
                 let look = Look::new(
                     keyframe.node,
                     (trip, order),

@@ -11,6 +11,8 @@ pub struct Keyframe {
     pub node: NodeId,
     /// The trip it belongs to.
     pub trip: TripId,
+    /// Its place in its trip: 0, 1, 2 … Others of the trip may have left the map.
+    pub trip_order: u32,
     /// When the scan was taken.
     pub stamp: StampNs,
     /// Pose of the base in the vehicle's own odometry frame.
@@ -27,7 +29,8 @@ pub struct Keyframe {
 }
 
 impl Keyframe {
-    /// Projects the scan; the keyframe is no reference and has not drifted.
+    /// Projects the scan; the keyframe is no reference, has not drifted, and is its trip's first
+    /// until a map puts it behind others.
     pub fn new(
         node: NodeId,
         trip: TripId,
@@ -39,6 +42,7 @@ impl Keyframe {
         Self {
             node,
             trip,
+            trip_order: 0,
             stamp,
             odom_from_base,
             reference: false,
@@ -47,4 +51,15 @@ impl Keyframe {
             points,
         }
     }
+
+    /// About how much memory it takes, bytes.
+    pub(super) fn size_bytes(&self) -> usize {
+        size_of::<Self>()
+            + size_of_val(self.points.as_slice())
+            + size_of_val(self.scan.ticks())
+            + NODE_BYTES
+    }
 }
+
+/// A node in the graph and in its indices.
+const NODE_BYTES: usize = 256;

@@ -15,6 +15,7 @@ mod odometry;
 mod partners;
 mod restate;
 mod route_map;
+mod settle;
 
 pub use anchor::AnchorError;
 pub use closure::{Closure, ClosureRule};
@@ -23,3 +24,4 @@ pub use evidence::Scope;
 pub use extend::{Extension, NotExtended};
 pub use keyframe::Keyframe;
 pub use route_map::{RouteMap, Weighting};
+pub use settle::{ACTIVE_STRETCHES, Stay, TRIP_TAIL};

@@ -32,7 +32,7 @@ impl RouteMap {
     }
 
     /// Every edge of the sub-graphs that some edges belong to.
-    fn edges_around(&self, changes: &[(EdgeId, EdgeStatus)]) -> BTreeSet<EdgeId> {
+    pub(super) fn edges_around(&self, changes: &[(EdgeId, EdgeStatus)]) -> BTreeSet<EdgeId> {
         let blocks = self.graph.blocks();
         let positions = changes
             .iter()

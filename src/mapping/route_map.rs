@@ -128,15 +128,17 @@ impl RouteMap {
     pub(super) fn insert_keyframe(
         &mut self,
         pose: Pose2,
-        keyframe: Keyframe,
+        mut keyframe: Keyframe,
     ) -> Result<usize, GraphError> {
         let index = self.keyframes.len();
         let id = keyframe.node;
         self.graph.add_node(Node { id, pose })?;
-        self.trips
-            .entry(keyframe.trip.clone())
-            .or_default()
-            .push(index);
+        let trip = self.trips.entry(keyframe.trip.clone()).or_default();
+        if let Some(&before) = trip.last() {
+            let next = self.keyframes[before].trip_order + 1;
+            keyframe.trip_order = keyframe.trip_order.max(next);
+        }
+        trip.push(index);
         self.keyframes.push(keyframe);
         Ok(index)
     }

@@ -29,6 +29,14 @@ pub(super) struct Undo {
     after: [u8; 32],
 }
 
+impl Undo {
+    /// The nodes and edges that it restores.
+    pub(super) fn named(&self) -> (Vec<NodeId>, Vec<EdgeId>) {
+        let nodes = self.references.iter().map(|(node, _)| *node);
+        (nodes.collect(), self.retired.clone())
+    }
+}
+
 /// Takes the change that an alert tells of into the map, as its next version.
 ///
 /// Its closures are retired; of its nodes those that show the new state become references in the

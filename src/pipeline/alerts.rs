@@ -128,12 +128,9 @@ struct Residuals {
 
 impl Residuals {
     fn of(workspace: &Workspace) -> Self {
-        let edges = workspace.saved_edges.iter();
         Self {
             closures: workspace.closures_by_subgraph(),
-            subgraph_of: edges
-                .filter_map(|edge| Some((edge.id, edge.subgraph_id?)))
-                .collect(),
+            subgraph_of: workspace.subgraph_of_edges(),
             series: BTreeMap::new(),
         }
     }

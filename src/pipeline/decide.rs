@@ -4,9 +4,10 @@ use anyhow::anyhow;
 
 use super::accept::{accept, read_undo, undo};
 use super::engine::{Engine, now};
+use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
-use crate::ids::AlertId;
+use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
 /// A decision is computed anew so often while batches or other decisions come in between.
@@ -130,18 +131,23 @@ impl Decisions {
     ) -> Result<Option<AlertRecord>, DecisionError> {
         let route = alert.route_id.clone();
         let _turn = self.engine.turn(&route).await;
-        let workspaces = &self.engine.workspaces;
-        let taken = workspaces.take(&self.engine.store, &route).await;
-        let workspace = taken.map_err(of_computation)?;
+        let Engine {
+            store, workspaces, ..
+        } = &self.engine;
         let undo = match order.action {
-            AlertAction::Undo => self.engine.store.acceptance(alert.id).await?,
+            AlertAction::Undo => store.acceptance(alert.id).await?,
             _ => None,
         };
         let undo = undo.map(|acceptance| acceptance.undo);
+        let (nodes, edges) = named(&alert, undo.as_deref()).map_err(of_computation)?;
+        let recalled = recall_named(store, &route, &nodes, &edges).await?;
+        let taken = workspaces.take(store, &route).await;
+        let mut workspace = taken.map_err(of_computation)?;
         let own = order.clone();
-        let computed = self
-            .engine
-            .compute(move || compute(workspace, &alert, &own, undo.as_deref()));
+        let computed = self.engine.compute(move || {
+            solve_recalled(&mut workspace.map, &recalled);
+            compute(workspace, &alert, &own, undo.as_deref())
+        });
         let computed = computed.await.and_then(|computed| computed);
         let Computed {
             mut workspace,
@@ -162,6 +168,17 @@ impl Decisions {
 pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
     let is_change = alert.evidence.kind != ChangeKind::VehicleSuspect;
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
+}
+
+/// The nodes and edges of which a map needs what may have left it, to take a change in or out.
+fn named(
+    alert: &AlertRecord,
+    undo_bytes: Option<&[u8]>,
+) -> anyhow::Result<(Vec<NodeId>, Vec<EdgeId>)> {
+    match undo_bytes {
+        Some(bytes) => Ok(read_undo(bytes)?.named()),
+        None => Ok((Vec::new(), alert.evidence.edges.clone())),
+    }
 }
 
 fn compute(

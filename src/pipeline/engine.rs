@@ -8,6 +8,7 @@ use anyhow::{Context, anyhow};
 use jiff::Timestamp;
 use tokio::sync::{OwnedMutexGuard, oneshot};
 
+use super::options::PipelineOptions;
 use super::workspace::Workspaces;
 use crate::ids::RouteId;
 use crate::store::Store;
@@ -17,6 +18,7 @@ use crate::store::Store;
 pub(super) struct Engine {
     pub store: Store,
     pub workspaces: Arc<Workspaces>,
+    pub options: PipelineOptions,
     pool: Arc<rayon::ThreadPool>,
     turns: Arc<Turns>,
 }
@@ -26,7 +28,7 @@ impl Engine {
     ///
     /// # Errors
     /// If the threads cannot be had.
-    pub fn new(store: &Store) -> anyhow::Result<Self> {
+    pub fn new(store: &Store, options: PipelineOptions) -> anyhow::Result<Self> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(Self::threads())
             .thread_name(|k| format!("map-{k}"))
@@ -34,7 +36,8 @@ impl Engine {
             .context("cannot start the worker threads")?;
         Ok(Self {
             store: store.clone(),
-            workspaces: Arc::new(Workspaces::default()),
+            workspaces: Arc::new(Workspaces::new(options.map_memory_bytes)),
+            options,
             pool: Arc::new(pool),
             turns: Arc::new(Turns::default()),
         })

@@ -10,13 +10,18 @@ mod alerts;
 mod decide;
 mod engine;
 mod findings;
+mod options;
 mod process;
 mod result;
+mod retention;
+mod saved;
+mod settle;
 mod stage;
 mod worker;
 mod workspace;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
+pub use options::PipelineOptions;
 
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -37,8 +42,12 @@ pub struct Pipeline {
 ///
 /// # Errors
 /// If the threads cannot be had.
-pub fn start(store: &Store, stopping: &CancellationToken) -> anyhow::Result<Pipeline> {
-    let engine = Engine::new(store)?;
+pub fn start(
+    store: &Store,
+    options: PipelineOptions,
+    stopping: &CancellationToken,
+) -> anyhow::Result<Pipeline> {
+    let engine = Engine::new(store, options)?;
     Ok(Pipeline {
         tasks: worker::start(&engine, stopping),
         decisions: Decisions::new(engine),

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 
+use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
-use crate::graph::{Blocks, Edge};
+use crate::graph::Edge;
 use crate::ids::{BatchId, EdgeId, NodeId, VehicleId};
 use crate::mapping::{Closure, Drive, Extension, RouteMap};
 use crate::scan::encode_scan;
@@ -49,9 +50,10 @@ pub(super) fn of_extension(
         let (trip, vehicle) = (origin.drive.trip.clone(), origin.vehicle_id.clone());
         workspace.vehicles.insert(trip, vehicle);
     }
-    let (nodes_now, edges_now) = state_of(&workspace.map);
-    let old_nodes = workspace.saved_nodes.len();
-    let old_edges = workspace.saved_edges.len();
+    let nodes_now = nodes_of(&workspace.map);
+    let edges_now = edges_of(&workspace.map);
+    let old_nodes = count_known(&workspace.saved_nodes, &nodes_now, |node| node.id);
+    let old_edges = count_known(&workspace.saved_edges, &edges_now, |edge| edge.id);
     let closures: BTreeMap<EdgeId, &Closure> =
         extension.closures.iter().map(|c| (c.edge, c)).collect();
     let new_nodes = nodes_now[old_nodes..]
@@ -76,8 +78,8 @@ pub(super) fn of_extension(
         outcomes: Vec::new(),
         nodes: new_nodes.collect::<Result<_, _>>()?,
         edges: new_edges.collect(),
-        changed_nodes: differing(&workspace.saved_nodes, &nodes_now),
-        changed_edges: differing(&workspace.saved_edges, &edges_now),
+        changed_nodes: changed_nodes(&workspace.saved_nodes, &nodes_now),
+        changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
         stage: workspace.stage,
         processed_at: Timestamp::now(),
@@ -96,47 +98,13 @@ pub(super) fn of_extension(
 /// What has changed since the workspace was last saved, no node or edge being new; its record of
 /// what is saved is brought up to date.
 pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<EdgeChange>) {
-    let (nodes_now, edges_now) = state_of(&workspace.map);
-    let changed_nodes = differing(&workspace.saved_nodes, &nodes_now);
-    let changed_edges = differing(&workspace.saved_edges, &edges_now);
+    let nodes_now = nodes_of(&workspace.map);
+    let edges_now = edges_of(&workspace.map);
+    let changed_nodes = changed_nodes(&workspace.saved_nodes, &nodes_now);
+    let changed_edges = changed_edges(&workspace.saved_edges, &edges_now);
     workspace.saved_nodes = nodes_now;
     workspace.saved_edges = edges_now;
     (changed_nodes, changed_edges)
-}
-
-/// The part of every node and edge that a solve changes, in the order of the graph.
-fn state_of(map: &RouteMap) -> (Vec<NodeChange>, Vec<EdgeChange>) {
-    let graph = map.graph();
-    let blocks = Blocks::of(graph);
-    let with_keyframes = graph.nodes().iter().zip(map.keyframes());
-    let nodes = with_keyframes.map(|(node, keyframe)| NodeChange {
-        id: node.id,
-        pose: node.pose,
-        subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
-        reference: keyframe.reference,
-        active: true,
-    });
-    let edges = graph
-        .edges()
-        .iter()
-        .enumerate()
-        .map(|(position, edge)| EdgeChange {
-            id: edge.id,
-            status: edge.status,
-            residual: graph
-                .error_of(edge)
-                .map_or(0.0, |error| edge.information.squared_norm(&error)),
-            subgraph_id: blocks.subgraph_of_edge(position).map(|id| id.0),
-        });
-    (nodes.collect(), edges.collect())
-}
-
-fn differing<T: PartialEq + Copy>(before: &[T], now: &[T]) -> Vec<T> {
-    let pairs = before.iter().zip(now);
-    pairs
-        .filter(|(old, new)| old != new)
-        .map(|(_, new)| *new)
-        .collect()
 }
 
 fn node_record(
@@ -159,6 +127,7 @@ fn node_record(
         reference: state.reference,
         active: state.active,
         subgraph_id: state.subgraph_id,
+        trip_order: keyframe.trip_order,
     };
     let scan = encode_scan(&keyframe.scan)?;
     Ok(NodeWithScan { node, scan })

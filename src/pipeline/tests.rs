@@ -4,3 +4,5 @@ mod accepting;
 mod bench;
 mod deciding;
 mod folding;
+mod memory;
+mod settling;

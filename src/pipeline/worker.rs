@@ -3,15 +3,18 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use jiff::Timestamp;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::engine::Engine;
 use super::process::process;
+use super::retention::delete_bodies;
+use super::settle::{recall_trip, settle, solve_recalled};
+use super::workspace::Workspace;
 use crate::ids::RouteId;
-use crate::store::{Applied, ClaimedJob, Store, StoreError};
+use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);
@@ -22,7 +25,8 @@ const LOOK: Duration = Duration::from_secs(1);
 /// How often held batches are looked through.
 const RELEASE: Duration = Duration::from_secs(5);
 
-/// Starts as many workers as there are cores, and the task that releases held batches. They end
+/// Starts as many workers as there are cores, the task that releases held batches, and the one
+/// that deletes old bodies. They end
 /// soon after `stopping` is cancelled; a batch under way is finished
 /// first, unless the drain time ends before it; then it is claimed again at the next start.
 pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHandle<()>> {
@@ -34,6 +38,10 @@ pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHa
         .collect();
     let store = engine.store.clone();
     tasks.push(tokio::spawn(release_held(store, stopping.clone())));
+    if let Some(kept) = engine.options.keep_bodies {
+        let store = engine.store.clone();
+        tasks.push(tokio::spawn(delete_bodies(store, kept, stopping.clone())));
+    }
     tasks
 }
 
@@ -107,14 +115,7 @@ impl Worker {
         let route = &job.route_id;
         let _turn = self.engine.turn(route).await;
         for _ in 0..COMPUTATIONS_MAX {
-            let workspace = self
-                .engine
-                .workspaces
-                .take(&self.engine.store, route)
-                .await?;
-            let own = Arc::clone(&job);
-            let computed = self.engine.compute(move || process(workspace, &own));
-            let (workspace, result) = computed.await??;
+            let (workspace, result) = compute(&self.engine, &job).await?;
             let base_revision = result.base_revision;
             match self.engine.store.apply_result(result).await? {
                 Applied::Committed => {
@@ -135,6 +136,25 @@ impl Worker {
         let route = self.engine.store.route(route).await?;
         Ok(route.is_none_or(|route| route.revision == revision))
     }
+}
+
+/// Loads what a job needs and computes it, after what has settled has left the map.
+pub(super) async fn compute(
+    engine: &Engine,
+    job: &Arc<ClaimedJob>,
+) -> anyhow::Result<(Workspace, JobResult)> {
+    let Engine { store, options, .. } = engine;
+    let trip = job.entries.first().map(|entry| entry.batch.trip_id.clone());
+    let trip = trip.context("a job without batches")?;
+    let recalled = recall_trip(store, &job.route_id, &trip).await?;
+    let mut workspace = engine.workspaces.take(store, &job.route_id).await?;
+    let (own, stretches) = (Arc::clone(job), options.active_stretches);
+    let work = move || {
+        solve_recalled(&mut workspace.map, &recalled);
+        settle(&mut workspace, &trip, stretches)?;
+        process(workspace, &own)
+    };
+    engine.compute(work).await?
 }
 
 /// Whether the store was in the way, and not the batch.

@@ -7,16 +7,13 @@ use anyhow::{Context, anyhow};
 
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
-use crate::ids::{EdgeId, RouteId, TripId, VehicleId};
+use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
 use crate::mapping::{Keyframe, RouteMap, Weighting};
 use crate::scan::decode_scan;
 use crate::store::{
     AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, NodeChange, NodeWithScan,
-    RouteGraph, Stage, Store,
+    RouteGraph, SettledClosure, Stage, Store,
 };
-
-/// Most maps that are kept in memory between batches.
-const KEPT_MAX: usize = 16;
 
 /// A route's map with what the store has of it.
 pub(super) struct Workspace {
@@ -30,9 +27,11 @@ pub(super) struct Workspace {
     pub saved_nodes: Vec<NodeChange>,
     /// What the store has of each edge, in the order of the graph.
     pub saved_edges: Vec<EdgeChange>,
-    /// ΔF of every closure, in the order of insertion.
+    /// ΔF of every closure in the map, in the order of insertion.
     pub closures: Vec<ClosureSample>,
-    /// Whose each trip is.
+    /// The first closures that are not in the map any more, in the order of insertion.
+    pub settled_closures: Vec<SettledClosure>,
+    /// Whose each trip with a node in the map is.
     pub vehicles: BTreeMap<TripId, VehicleId>,
     pub map_version: i64,
     /// Every alert of the route, the oldest first.
@@ -89,6 +88,7 @@ impl Workspace {
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
             closures: closures.collect(),
+            settled_closures: graph.settled_closures,
             vehicles: graph.nodes.iter().map(driver_of).collect(),
             map_version: graph.map_version,
             alerts: graph.alerts,
@@ -96,32 +96,71 @@ impl Workspace {
         })
     }
 
-    /// The closures of each block that its residual series counts, in the order of insertion.
-    pub fn closures_by_subgraph(&self) -> BTreeMap<i64, Vec<ClosureSample>> {
-        let subgraph_of: BTreeMap<EdgeId, i64> = self
-            .saved_edges
-            .iter()
+    /// The block of each edge in the map that lies in one.
+    pub fn subgraph_of_edges(&self) -> BTreeMap<EdgeId, i64> {
+        let edges = self.saved_edges.iter();
+        edges
             .filter_map(|edge| Some((edge.id, edge.subgraph_id?)))
-            .collect();
+            .collect()
+    }
+
+    /// The closures of each block that its residual series counts, in the order of insertion.
+    ///
+    /// Of those that have left the map the first are among them, so that a series begins where it
+    /// began; the later ones are not.
+    pub fn closures_by_subgraph(&self) -> BTreeMap<i64, Vec<ClosureSample>> {
+        let subgraphs = self.subgraph_of_edges();
         let mut closures: BTreeMap<i64, Vec<ClosureSample>> = BTreeMap::new();
+        for settled in &self.settled_closures {
+            if let Some(subgraph) = settled.subgraph_id
+                && self.is_in_baseline(settled.id, settled.from, settled.to)
+            {
+                closures.entry(subgraph).or_default().push(ClosureSample {
+                    edge_id: settled.id,
+                    delta_f: settled.delta_f,
+                });
+            }
+        }
         for closure in &self.closures {
-            if let Some(&subgraph) = subgraph_of.get(&closure.edge_id)
-                && self.is_in_baseline(closure.edge_id)
+            if let Some(&subgraph) = subgraphs.get(&closure.edge_id)
+                && let Some(edge) = self.map.graph().edge(closure.edge_id)
+                && self.is_in_baseline(edge.id, edge.from, edge.to)
             {
                 closures.entry(subgraph).or_default().push(*closure);
             }
         }
+        for samples in closures.values_mut() {
+            samples.sort_by_key(|sample| sample.edge_id);
+        }
         closures
     }
 
-    fn is_in_baseline(&self, edge: EdgeId) -> bool {
-        let Some(edge) = self.map.graph().edge(edge) else {
-            return false;
-        };
-        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
+    fn is_in_baseline(&self, edge: EdgeId, from: NodeId, to: NodeId) -> bool {
+        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge, from, to);
         !self.accepted.iter().any(has_left)
     }
+
+    /// About how much memory it takes, bytes.
+    pub fn size_bytes(&self) -> usize {
+        let named = |a: &AlertRecord| {
+            let evidence = &a.evidence;
+            size_of_val(evidence.nodes.as_slice())
+                + size_of_val(evidence.edges.as_slice())
+                + NAME_BYTES * evidence.trips.len()
+        };
+        let alerts: usize = self.alerts.iter().map(|a| size_of_val(a) + named(a)).sum();
+        self.map.size_bytes()
+            + size_of_val(self.saved_nodes.as_slice())
+            + size_of_val(self.saved_edges.as_slice())
+            + size_of_val(self.closures.as_slice())
+            + size_of_val(self.settled_closures.as_slice())
+            + NAME_BYTES * 2 * self.vehicles.len()
+            + alerts
+    }
 }
+
+/// A name of a trip or a vehicle.
+const NAME_BYTES: usize = 64;
 
 fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     let node = &record.node;
@@ -131,6 +170,7 @@ fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     let mut keyframe = Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan);
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
+    keyframe.trip_order = node.trip_order;
     Ok(keyframe)
 }
 
@@ -172,12 +212,27 @@ fn edge_change_of(record: &EdgeRecord) -> EdgeChange {
 
 /// The maps between batches. A map is out of here while a worker has it, and never comes back
 /// from a failed attempt.
-#[derive(Default)]
 pub(super) struct Workspaces {
-    kept: Mutex<Vec<(RouteId, Workspace)>>,
+    /// The one longest unused first.
+    kept: Mutex<Vec<Kept>>,
+    bytes_max: usize,
+}
+
+struct Kept {
+    route: RouteId,
+    workspace: Workspace,
+    bytes: usize,
 }
 
 impl Workspaces {
+    /// Keeps maps as long as they take no more than `bytes_max` together.
+    pub fn new(bytes_max: usize) -> Self {
+        Self {
+            kept: Mutex::default(),
+            bytes_max,
+        }
+    }
+
     /// The route's map, from memory if it is up to date, else from the store.
     pub async fn take(&self, store: &Store, route: &RouteId) -> anyhow::Result<Workspace> {
         let record = store.route(route).await?;
@@ -196,8 +251,8 @@ impl Workspaces {
     /// Brings a map in memory up to date after a decision that leaves the graph alone.
     pub fn note_decision(&self, base_revision: i64, alert: &AlertRecord) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let of_route = kept.iter_mut().find(|(id, _)| *id == alert.route_id);
-        if let Some((_, workspace)) = of_route
+        let of_route = kept.iter_mut().find(|kept| kept.route == alert.route_id);
+        if let Some(Kept { workspace, .. }) = of_route
             && workspace.revision == base_revision
         {
             workspace.revision += 1;
@@ -205,19 +260,42 @@ impl Workspaces {
         }
     }
 
-    /// Keeps a map whose changes are committed; the one longest unused makes room.
+    /// Keeps a map whose changes are committed; those longest unused make room. The last one stays
+    /// however large it is: it was in memory a moment ago.
     pub fn put_back(&self, route: RouteId, workspace: Workspace) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.retain(|(other, _)| *other != route);
-        if kept.len() >= KEPT_MAX {
-            kept.remove(0);
+        kept.retain(|other| other.route != route);
+        let bytes = workspace.size_bytes();
+        kept.push(Kept {
+            route,
+            workspace,
+            bytes,
+        });
+        let mut total: usize = kept.iter().map(|kept| kept.bytes).sum();
+        while total > self.bytes_max && kept.len() > 1 {
+            total -= kept.remove(0).bytes;
         }
-        kept.push((route, workspace));
+        tell(&kept);
+    }
+
+    /// The routes whose maps are here, the one longest unused first.
+    #[cfg(test)]
+    pub fn held(&self) -> Vec<String> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().map(|kept| kept.route.to_string()).collect()
     }
 
     fn remove(&self, route: &RouteId) -> Option<Workspace> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = kept.iter().position(|(other, _)| other == route)?;
-        Some(kept.remove(place).1)
+        let place = kept.iter().position(|kept| kept.route == *route)?;
+        let workspace = kept.remove(place).workspace;
+        tell(&kept);
+        Some(workspace)
     }
+}
+
+fn tell(kept: &[Kept]) {
+    let bytes: usize = kept.iter().map(|kept| kept.bytes).sum();
+    metrics::gauge!("mapshift_maps_in_memory").set(kept.len() as f64);
+    metrics::gauge!("mapshift_maps_in_memory_bytes").set(bytes as f64);
 }

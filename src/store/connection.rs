@@ -45,6 +45,12 @@ impl Database {
         std::fs::metadata(path).map_or(0, |log| log.len())
     }
 
+    /// Length of the database and its write-ahead log.
+    pub(super) fn file_bytes(&self) -> u64 {
+        let database = std::fs::metadata(&self.path).map_or(0, |file| file.len());
+        database + self.wal_bytes()
+    }
+
     /// The connection that writes; there is one at a time.
     ///
     /// # Errors

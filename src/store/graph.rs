@@ -10,12 +10,14 @@ use super::columns::{information, name, pose, text};
 use super::error::{Corruption, StoreError};
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
+use super::settled;
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
 macro_rules! node_columns {
     () => {
         "nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, stamp_ns, \
-         x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id "
+         x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, \
+         trip_order "
     };
 }
 
@@ -46,26 +48,31 @@ macro_rules! select_nodes_with_scans {
 }
 
 macro_rules! select_edges {
-    ($rest:literal) => {
+    ($from:literal, $rest:literal) => {
         concat!(
             "SELECT edges.edge_id, from_node, to_node, kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
-             residual, subgraph_id, closures.x AS all_x, closures.y AS all_y, \
+             residual, edges.subgraph_id, closures.x AS all_x, closures.y AS all_y, \
              closures.theta AS all_theta, closures.info_xx AS all_xx, \
              closures.info_xy AS all_xy, closures.info_xt AS all_xt, \
              closures.info_yy AS all_yy, closures.info_yt AS all_yt, \
              closures.info_tt AS all_tt, overlap, inlier_share, rmse_m, delta_f, \
              all_points_residual \
-             FROM routes JOIN edges USING (route_key) \
-             JOIN batches ON batches.batch_key = edges.batch_key \
+             FROM routes ",
+            $from,
+            " JOIN batches ON batches.batch_key = edges.batch_key \
              LEFT JOIN closures ON closures.route_key = edges.route_key \
                  AND closures.edge_id = edges.edge_id \
              WHERE routes.id = ? ",
             $rest
         )
     };
+    ($rest:literal) => {
+        select_edges!("JOIN edges USING (route_key)", $rest)
+    };
 }
+pub(super) use select_edges;
 
 /// A route's graph, read at one instant.
 pub(super) async fn load(
@@ -95,14 +102,14 @@ async fn load_snapshot(
     .fetch_optional(&mut *snapshot)
     .await?;
     let Some(row) = row else { return Ok(None) };
-    let nodes = sqlx::query(select_nodes_with_scans!("ORDER BY nodes.node_id"))
-        .bind(route.as_str())
-        .fetch_all(&mut *snapshot)
-        .await?;
-    let edges = sqlx::query(select_edges!("ORDER BY edges.edge_id"))
-        .bind(route.as_str())
-        .fetch_all(&mut *snapshot)
-        .await?;
+    let nodes = sqlx::query(select_nodes_with_scans!(
+        "AND nodes.active = 1 ORDER BY nodes.node_id"
+    ))
+    .bind(route.as_str())
+    .fetch_all(&mut *snapshot)
+    .await?;
+    let edges = settled::active_edges(&mut snapshot, route).await?;
+    let settled_closures = settled::first_closures(&mut snapshot, route).await?;
     let alerts = alerts::route_alerts(&mut snapshot, route).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     snapshot.commit().await?;
@@ -114,7 +121,8 @@ async fn load_snapshot(
         next_node_id: NodeId(row.try_get("next_node_id")?),
         next_edge_id: EdgeId(row.try_get("next_edge_id")?),
         nodes: nodes.iter().map(with_scan).collect::<Result<_, _>>()?,
-        edges: edges.iter().map(edge_of).collect::<Result<_, _>>()?,
+        edges,
+        settled_closures,
         map_version: row.try_get("map_version")?,
         alerts,
         accepted,
@@ -278,6 +286,7 @@ fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
         reference: row.try_get("reference")?,
         active: row.try_get("active")?,
         subgraph_id: row.try_get("subgraph_id")?,
+        trip_order: row.try_get("trip_order")?,
     })
 }
 
@@ -297,7 +306,7 @@ fn scan_of(row: &SqliteRow, route: &RouteId, node_id: NodeId) -> Result<Vec<u8>,
     Err(StoreError::Corrupt(Corruption::Scan { route_id, node_id }))
 }
 
-fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
+pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
     let columns = [
         "info_xx", "info_xy", "info_xt", "info_yy", "info_yt", "info_tt",
     ];

@@ -27,7 +27,7 @@ pub(super) async fn insert_nodes(
     for rows in nodes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
-             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id) ",
+             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order) ",
         );
         query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
             values
@@ -41,7 +41,8 @@ pub(super) async fn insert_nodes(
                 .push_bind(node.drift_m)
                 .push_bind(node.reference)
                 .push_bind(node.active)
-                .push_bind(node.subgraph_id);
+                .push_bind(node.subgraph_id)
+                .push_bind(node.trip_order);
         });
         query.build().execute(&mut *transaction).await?;
         insert_scans(transaction, route_key, rows).await?;

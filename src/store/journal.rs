@@ -199,7 +199,7 @@ pub(super) async fn entry(
     id: &BatchId,
 ) -> Result<Option<JournalEntry>, StoreError> {
     let row = sqlx::query(select_batches!(
-        ", body, body_bytes, body_sha256",
+        ", body, body_bytes, body_sha256, body_kept",
         "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = ? AND batches.id = ?"
     ))
     .bind(route.as_str())
@@ -207,6 +207,9 @@ pub(super) async fn entry(
     .fetch_optional(readers)
     .await?;
     let Some(row) = row else { return Ok(None) };
+    if !row.try_get::<bool, _>("body_kept")? {
+        return Ok(None);
+    }
     let batch = batch_of(&row)?;
     let compressed: Option<Vec<u8>> = row.try_get("body")?;
     let bytes: i64 = row.try_get("body_bytes")?;

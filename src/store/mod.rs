@@ -27,7 +27,9 @@ mod map_versions;
 mod records;
 mod request;
 mod results;
+mod retention;
 mod routes;
+mod settled;
 mod trips;
 mod writer;
 
@@ -67,6 +69,7 @@ pub struct Store {
 }
 
 struct Shared {
+    database: Database,
     outbox: Outbox,
     readers: SqlitePool,
     health: watch::Receiver<Health>,
@@ -109,7 +112,7 @@ impl Store {
         let jobs = Arc::new(Notify::new());
         let shutdown = CancellationToken::new();
         let writer = Writer {
-            database,
+            database: database.clone(),
             connection: Some(connection),
             inbox,
             health: health_sender,
@@ -118,6 +121,7 @@ impl Store {
             lock: Arc::clone(&lock),
         };
         let shared = Shared {
+            database,
             outbox,
             readers,
             health,
@@ -241,7 +245,7 @@ impl Store {
         named(journal::batch(&self.shared.readers, route, id).await)
     }
 
-    /// One upload with its body.
+    /// One upload with its body; `None` also if the body was deleted when its time was over.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`] with [`Corruption::Body`] if the body has lost its checksum.
@@ -359,12 +363,74 @@ impl Store {
         self.work(gaps::ReleaseOverdue { now }).await
     }
 
-    /// A route's graph, read at one instant.
+    /// Deletes the bodies of batches that were merged before a time, at most a few of them. Bodies
+    /// of batches that are not in the map are kept.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_bodies(&self, before: Timestamp) -> Result<DeletedBodies, StoreError> {
+        self.work(retention::DeleteBodies { before }).await
+    }
+
+    /// How long the database is on the disk, bytes, its log included.
+    pub fn file_bytes(&self) -> u64 {
+        self.shared.database.file_bytes()
+    }
+
+    /// A route's active graph, read at one instant.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
     pub async fn load_graph(&self, route: &RouteId) -> Result<Option<RouteGraph>, StoreError> {
         named(graph::load(&self.shared.readers, route).await)
+    }
+
+    /// The nodes that have left the active graph among the last `tail` of a trip.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn settled_tail(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+        tail: usize,
+    ) -> Result<Vec<NodeId>, StoreError> {
+        named(settled::tail(&self.shared.readers, route, trip, tail).await)
+    }
+
+    /// The nodes that have left the active graph among some nodes and the ends of some edges.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn settled_among(
+        &self,
+        route: &RouteId,
+        nodes: &[NodeId],
+        edges: &[EdgeId],
+    ) -> Result<Vec<NodeId>, StoreError> {
+        named(settled::among(&self.shared.readers, route, nodes, edges).await)
+    }
+
+    /// Takes nodes back into the active graph, where they were, with their edges to other active
+    /// nodes. The route's revision is raised if any had left.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn recall_nodes(
+        &self,
+        route: &RouteId,
+        nodes: Vec<NodeId>,
+    ) -> Result<(), StoreError> {
+        let route = route.clone();
+        self.work(settled::Recall { route, nodes }).await
+    }
+
+    /// How many nodes a route's active graph has.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn active_nodes(&self, route: &RouteId) -> Result<i64, StoreError> {
+        named(settled::count_active(&self.shared.readers, route).await)
     }
 
     /// Every node, by id.

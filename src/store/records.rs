@@ -254,10 +254,13 @@ pub struct NodeRecord {
     pub drift_m: f64,
     /// Whether later laps are tied to it.
     pub reference: bool,
-    /// Whether it takes part in the optimisation.
+    /// Whether it takes part in the optimisation: its drive has not settled, or later laps still
+    /// need it.
     pub active: bool,
     /// The block of the graph it lies in; `None` outside every block with a loop closure.
     pub subgraph_id: Option<i64>,
+    /// Its place in its trip: 0, 1, 2 …
+    pub trip_order: u32,
 }
 
 /// A node with its scan.
@@ -411,14 +414,44 @@ pub struct RouteGraph {
     pub next_node_id: NodeId,
     /// The lowest id that no edge ever had; new edges take ids from here on.
     pub next_edge_id: EdgeId,
-    /// Every node by id, with scans.
+    /// Every active node by id, with scans.
     pub nodes: Vec<NodeWithScan>,
-    /// Every edge by id.
+    /// Every edge between two of them, by id.
     pub edges: Vec<EdgeRecord>,
+    /// Of the closures between other nodes the first [`SETTLED_CLOSURES_MAX`], by id: what the
+    /// series of residuals began with.
+    pub settled_closures: Vec<SettledClosure>,
     /// The version of the map.
     pub map_version: i64,
     /// Every alert, the oldest first.
     pub alerts: Vec<AlertRecord>,
     /// Every change that the map has taken in, in the order of acceptance.
     pub accepted: Vec<AcceptedChange>,
+}
+
+/// Most closures that are remembered in a worker's map after their nodes have left it.
+pub const SETTLED_CLOSURES_MAX: usize = 1_000;
+
+/// A closure of which a node has left the active graph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SettledClosure {
+    /// The edge.
+    pub id: EdgeId,
+    /// Its older node.
+    pub from: NodeId,
+    /// Its newer node.
+    pub to: NodeId,
+    /// The block of the graph it lay in last.
+    pub subgraph_id: Option<i64>,
+    /// What it added to the optimum F when it was inserted (paper: ΔF).
+    pub delta_f: f64,
+}
+
+/// Bodies that were deleted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct DeletedBodies {
+    /// How many.
+    pub bodies: u64,
+    /// How long they were together, compressed.
+    pub bytes: u64,
 }

@@ -132,6 +132,7 @@ fn node(id: i64) -> NodeWithScan {
             reference: id < 3,
             active: true,
             subgraph_id: Some(1),
+            trip_order: 0,
         },
         scan: encode_scan(&look_around(&pose(id), id == 3)).unwrap(),
     }

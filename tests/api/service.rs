@@ -11,6 +11,7 @@ use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::pipeline::PipelineOptions;
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
     Applied, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord, JobResult, NewBatch, NodeRecord,
@@ -48,6 +49,7 @@ impl Service {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
             limits,
+            pipeline: PipelineOptions::default(),
         };
         let app = app::start(config).await.unwrap();
         Self {
@@ -174,6 +176,7 @@ fn node(id: i64) -> NodeWithScan {
             reference: true,
             active: true,
             subgraph_id: Some(1),
+            trip_order: 0,
         },
         scan: encode_scan(&scan).unwrap(),
     }

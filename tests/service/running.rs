@@ -5,6 +5,7 @@ use std::path::Path;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
+use mapshift::pipeline::PipelineOptions;
 use tempfile::TempDir;
 
 use crate::client::Client;
@@ -30,6 +31,7 @@ impl Running {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.join("data"),
             limits: Limits::default(),
+            pipeline: PipelineOptions::default(),
         };
         let app = app::start(config).await.unwrap();
         Self {

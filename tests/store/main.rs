@@ -8,5 +8,6 @@ mod graph;
 mod jobs;
 mod journal;
 mod life;
+mod settled;
 mod support;
 mod trips;

@@ -158,6 +158,7 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
         reference: id % 2 == 0,
         active: true,
         subgraph_id: (id % 3 == 0).then_some(id),
+        trip_order: (id % 1_000) as u32,
     };
     NodeWithScan {
         node,

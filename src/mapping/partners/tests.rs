@@ -1,5 +1,8 @@
 //! The partner policy in rooms where every share is known.
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
 use super::*;
 use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs, TripId};
@@ -158,4 +161,45 @@ fn the_paper_s_partner_is_the_nearest_that_shows_the_view() {
     assert_eq!(nearest_of(&[(1, 0.1, 0.0, 1.0), (2, 0.5, 0.0, 20.0)]), [2]);
     assert!(nearest_of(&[(1, 1.6, 0.0, 20.0)]).is_empty());
     assert!(nearest_of(&[]).is_empty());
+}
+
+/// Laps that stray for ever make no more references than there is room for, and most of them early.
+#[test]
+fn references_saturate() {
+    const LENGTH_M: f64 = 8.0;
+    const STRAY_M: f64 = 1.0;
+    const TURN_RAD: f64 = 0.3;
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut references: Vec<Pose2> = Vec::new();
+    let mut counts = Vec::new();
+    for _ in 0..3_000 {
+        for k in 0..16 {
+            let along_m = 0.5 * (f64::from(k) + random.random::<f64>());
+            let aside_m = STRAY_M * (2.0 * random.random::<f64>() - 1.0);
+            let turn_rad = TURN_RAD * (2.0 * random.random::<f64>() - 1.0);
+            let pose = Pose2::new(along_m, aside_m, turn_rad);
+            if !is_covered(&pose, references.iter().copied()) {
+                references.push(pose);
+            }
+        }
+        counts.push(references.len());
+    }
+    // Of references that point nearly the same way no two are within the distance: discs of half
+    // of it round them are apart, and no discs lie denser than in a hexagonal pattern.
+    let disc_m2 = std::f64::consts::PI * (0.5 * COVERED_DISTANCE_M).powi(2);
+    let room_m2 = (LENGTH_M + COVERED_DISTANCE_M) * (2.0 * STRAY_M + COVERED_DISTANCE_M);
+    let ways = (2.0 * TURN_RAD / COVERED_TURN_RAD).ceil();
+    let most = ways * 0.9069 * room_m2 / disc_m2;
+    assert!(
+        (references.len() as f64) < most,
+        "{} {most}",
+        references.len()
+    );
+    let early = counts[299] as f64;
+    assert!(
+        early > 0.8 * references.len() as f64,
+        "{early} {}",
+        references.len()
+    );
+    assert!(counts[1_999] as f64 > 0.95 * references.len() as f64);
 }

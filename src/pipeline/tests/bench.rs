@@ -1,5 +1,7 @@
 //! A route through a small workshop in which a box is put down.
 
+use std::sync::Arc;
+
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -8,8 +10,9 @@ use tempfile::TempDir;
 use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
+use super::super::worker::compute;
 use super::super::workspace::Workspace;
-use super::super::{Decisions, Order};
+use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding};
 use crate::formats::g2o::write_g2o;
 use crate::formats::{Look, MapPicture};
@@ -19,8 +22,8 @@ use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::scan::decode_scan;
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
-    AlertFilter, AlertRecord, Applied, EdgeRecord, Journaled, NewBatch, NodeRecord, RouteUpdate,
-    Store, StoreOptions,
+    AlertFilter, AlertRecord, Applied, BatchRecord, EdgeRecord, Journaled, NewBatch, NodeRecord,
+    RouteUpdate, Store, StoreOptions,
 };
 
 /// Where the box is put down.
@@ -54,7 +57,7 @@ impl Bench {
     async fn open(directory: TempDir) -> Self {
         let data_dir = directory.path().to_path_buf();
         let store = Store::open(StoreOptions { data_dir }).await.unwrap();
-        let engine = Engine::new(&store).unwrap();
+        let engine = Engine::new(&store, PipelineOptions::default()).unwrap();
         Self {
             decisions: Decisions::new(engine.clone()),
             engine,
@@ -108,6 +111,22 @@ impl Bench {
             Applied::Committed
         );
         self.engine.workspaces.put_back(route(), workspace.saved());
+    }
+
+    /// Merges an upload as a worker does, detector and all. Of the newest stretches `stretches`
+    /// stay in the map.
+    pub async fn merge(&self, batch: NewBatch, stretches: usize) -> BatchRecord {
+        let mut engine = self.engine.clone();
+        engine.options.active_stretches = stretches;
+        let (store, id) = (&engine.store, batch.id.clone());
+        store.journal_batch(batch).await.unwrap();
+        let lease = std::time::Duration::from_secs(60);
+        let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
+        let (workspace, result) = compute(&engine, &Arc::new(job)).await.unwrap();
+        let applied = store.apply_result(result).await.unwrap();
+        assert_eq!(applied, Applied::Committed);
+        engine.workspaces.put_back(route(), workspace.saved());
+        store.batch(&route(), &id).await.unwrap().unwrap()
     }
 
     pub async fn alerts(&self) -> Vec<AlertRecord> {
@@ -216,7 +235,13 @@ fn vehicle() -> Vehicle {
 }
 
 /// A drive of its own as one upload; its id is the trip's.
-fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
+pub fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
+    upload_part(trip, hour, laps, 0)
+}
+
+/// An hour's drive from its scan `from` on as one upload of a trip; but for the first one its id
+/// is the trip's with that scan.
+pub fn upload_part(trip: &str, hour: i64, laps: usize, from: usize) -> NewBatch {
     let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
     let corners = corners.map(|(x, y)| Vector2::new(x, y));
     let path = Route::new(&corners, 1.0).unwrap();
@@ -233,7 +258,12 @@ fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
     start["sigma_xy"] = json!(0.1);
     start["sigma_theta"] = json!(0.03);
     let geometry = &vehicle.lidar.geometry;
+    let scans = &scans[from..];
     let count = i64::try_from(scans.len()).unwrap();
+    let (id, sequence) = match from {
+        0 => (trip.to_owned(), 0),
+        _ => (format!("{trip}-{from}"), 1),
+    };
     let scans = scans.iter().map(|scan| {
         let after = SignedDuration::from_millis((scan.time_s * 1e3) as i64);
         json!({
@@ -243,7 +273,7 @@ fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
         })
     });
     let body = json!({
-        "vehicle_id": format!("agv-{hour}"), "trip_id": trip, "sequence": 0,
+        "vehicle_id": format!("agv-{hour}"), "trip_id": trip, "sequence": sequence,
         "initial_pose": start,
         "lidar": {
             "angle_min": geometry.angle_min_rad, "angle_increment": geometry.angle_increment_rad,
@@ -254,10 +284,10 @@ fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
     });
     NewBatch {
         route_id: route(),
-        id: BatchId::new(trip).unwrap(),
+        id: BatchId::new(id).unwrap(),
         vehicle_id: VehicleId::new(format!("agv-{hour}")).unwrap(),
         trip_id: TripId::new(trip).unwrap(),
-        sequence: 0,
+        sequence,
         scans: count,
         flags: Vec::new(),
         body: serde_json::to_vec(&body).unwrap(),

@@ -1,0 +1,67 @@
+//! What the store has of a map, beside the map as it is: only what differs is written.
+
+use crate::graph::Blocks;
+use crate::mapping::RouteMap;
+use crate::store::{EdgeChange, NodeChange};
+
+/// The part of every node that a solve changes, by id.
+pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
+    let graph = map.graph();
+    let blocks = Blocks::of(graph);
+    let with_keyframes = graph.nodes().iter().zip(map.keyframes());
+    let nodes = with_keyframes.map(|(node, keyframe)| NodeChange {
+        id: node.id,
+        pose: node.pose,
+        subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        reference: keyframe.reference,
+        active: true,
+    });
+    nodes.collect()
+}
+
+/// The part of every edge that a solve changes, by id.
+pub(super) fn edges_of(map: &RouteMap) -> Vec<EdgeChange> {
+    let graph = map.graph();
+    let blocks = Blocks::of(graph);
+    let edges = graph.edges().iter().enumerate();
+    let edges = edges.map(|(position, edge)| EdgeChange {
+        id: edge.id,
+        status: edge.status,
+        residual: graph
+            .error_of(edge)
+            .map_or(0.0, |error| edge.information.squared_norm(&error)),
+        subgraph_id: blocks.subgraph_of_edge(position).map(|id| id.0),
+    });
+    edges.collect()
+}
+
+/// How many of what is there now was there before: new ids are larger than all before them.
+pub(super) fn count_known<T, I: Ord>(saved: &[T], now: &[T], id: impl Fn(&T) -> I) -> usize {
+    match saved.last() {
+        Some(last) => now.partition_point(|item| id(item) <= id(last)),
+        None => 0,
+    }
+}
+
+/// Nodes that were saved otherwise, and those that have left the map.
+pub(super) fn changed_nodes(saved: &[NodeChange], now: &[NodeChange]) -> Vec<NodeChange> {
+    let mut now = now.iter().peekable();
+    let change = |saved: &NodeChange| match now.next_if(|now| now.id == saved.id) {
+        Some(now) => (now != saved).then_some(*now),
+        None => Some(NodeChange {
+            active: false,
+            ..*saved
+        }),
+    };
+    saved.iter().filter_map(change).collect()
+}
+
+/// Edges that were saved otherwise. Those that have left the map stay as they are.
+pub(super) fn changed_edges(saved: &[EdgeChange], now: &[EdgeChange]) -> Vec<EdgeChange> {
+    let mut now = now.iter().peekable();
+    let change = |saved: &EdgeChange| {
+        let now = now.next_if(|now| now.id == saved.id)?;
+        (now != saved).then_some(*now)
+    };
+    saved.iter().filter_map(change).collect()
+}
