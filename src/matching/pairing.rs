@@ -1,0 +1,94 @@
+//! Which point is compared with which.
+
+use super::{IcpParams, ReferenceCloud};
+use crate::geometry::{Pose2, Vector2};
+use crate::scan::SurfacePoint;
+
+/// A point of the scan with its counterpart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pair {
+    /// Metres, base frame.
+    pub point: Vector2<f64>,
+    /// Metres, reference frame.
+    pub counterpart: Vector2<f64>,
+    /// Of the counterpart's line, reference frame; `None` where it has none.
+    pub normal: Option<Vector2<f64>>,
+    /// Square of the distance between the two when they were paired, m².
+    pub distance_squared_m2: f64,
+}
+
+/// The pairs of a scan and a cloud, found again and again while the scan is moved.
+pub(super) struct Pairing<'a> {
+    reference: &'a ReferenceCloud,
+    points: &'a [SurfacePoint],
+    /// Each point's nearest neighbour when it was last looked up.
+    nearest: Vec<Option<u32>>,
+    pairs: Vec<Pair>,
+}
+
+impl<'a> Pairing<'a> {
+    pub(super) fn new(reference: &'a ReferenceCloud, points: &'a [SurfacePoint]) -> Self {
+        Self {
+            reference,
+            points,
+            nearest: vec![None; points.len()],
+            pairs: Vec::with_capacity(points.len()),
+        }
+    }
+
+    /// Pairs every `stride`-th point with its nearest neighbour within the gate, at a pose
+    /// `reference_from_base`.
+    pub(super) fn pair(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
+        let to_reference = pose.to_transform();
+        self.pairs.clear();
+        let nearest = self.nearest.iter_mut().step_by(stride);
+        for (point, near) in self.points.iter().step_by(stride).zip(nearest) {
+            let position = to_reference.apply(&point.position);
+            let known = near.map(|k| k as usize);
+            let Some(found) = self.reference.nearest_from(&position, gate_m, known) else {
+                continue;
+            };
+            *near = Some(found.index as u32);
+            let pair = Pair {
+                point: point.position,
+                counterpart: self.reference.position(found.index),
+                normal: self.reference.normal(found.index),
+                distance_squared_m2: found.distance_squared_m2,
+            };
+            let turned = point.normal.map(|n| to_reference.turn(&n));
+            if is_fit(&pair, point, &position, turned, params) {
+                self.pairs.push(pair);
+            }
+        }
+    }
+
+    pub(super) fn pairs(&self) -> &[Pair] {
+        &self.pairs
+    }
+
+    /// Leaves out the pairs beyond a narrower gate.
+    pub(super) fn narrow(&mut self, gate_m: f64) {
+        self.pairs
+            .retain(|pair| pair.distance_squared_m2 <= gate_m * gate_m);
+    }
+}
+
+/// Whether a point can be of its counterpart's line: neither turned away nor beside it.
+fn is_fit(
+    pair: &Pair,
+    point: &SurfacePoint,
+    position: &Vector2<f64>,
+    turned_normal: Option<Vector2<f64>>,
+    params: &IcpParams,
+) -> bool {
+    let Some(line_normal) = pair.normal else {
+        return true;
+    };
+    let beside_max_m = params
+        .beside_max_m
+        .max(params.beside_max_range_share * point.range_m);
+    let offset = position - pair.counterpart;
+    let turned_away =
+        turned_normal.is_some_and(|n| n.dot(&line_normal) < params.normal_cosine_min);
+    !turned_away && line_normal.perp(&offset).abs() <= beside_max_m
+}
