@@ -62,11 +62,13 @@ impl ReferenceCloud {
     }
 
     /// A point's position, metres.
+    #[inline]
     pub fn position(&self, index: usize) -> Vector2<f64> {
         self.grid.position(index)
     }
 
     /// A point's unit normal; `None` at corners and lone points.
+    #[inline]
     pub fn normal(&self, index: usize) -> Option<Vector2<f64>> {
         self.normals[index]
     }

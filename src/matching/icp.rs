@@ -39,7 +39,7 @@ impl IcpParams {
     pub const ROBUST: Self = Self {
         gate_start_m: 1.0,
         gate_end_m: 0.15,
-        gate_factor: 0.75,
+        gate_factor: 0.6,
         cauchy_scale_m: Some(0.03),
         normal_cosine_min: 0.7,
         beside_max_m: 0.1,
@@ -75,8 +75,8 @@ pub struct Prior {
 
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
-const STEP_TOLERANCE_M: f64 = 1e-4;
-const STEP_TOLERANCE_RAD: f64 = 2e-5;
+const STEP_TOLERANCE_M: f64 = 2e-4;
+const STEP_TOLERANCE_RAD: f64 = 4e-5;
 /// While the scan is still far off, so many of its points suffice.
 const COARSE_POINTS: usize = 180;
 /// Far off ends when a step is shorter than so many tolerances.

@@ -79,6 +79,7 @@ impl NormalEquations {
 }
 
 impl Sums {
+    #[inline]
     fn add(&mut self, pair: &Pair, to_reference: &Transform2, cauchy_scale_m: Option<f64>) {
         let point = &pair.point;
         let offset = to_reference.apply(point) - pair.counterpart;
@@ -104,6 +105,7 @@ impl Sums {
         self.weight += weight;
     }
 
+    #[inline]
     fn add_axis(&mut self, axis: &Vector2<f64>, turn: f64, residual_m: f64, weight: f64) {
         let (x, y, t) = (axis.x * weight, axis.y * weight, turn * weight);
         self.xx += x * axis.x;

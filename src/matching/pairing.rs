@@ -42,13 +42,16 @@ impl<'a> Pairing<'a> {
         let to_reference = pose.to_transform();
         self.pairs.clear();
         let nearest = self.nearest.iter_mut().step_by(stride);
+        let mut beside = None;
         for (point, near) in self.points.iter().step_by(stride).zip(nearest) {
             let position = to_reference.apply(&point.position);
-            let known = near.map(|k| k as usize);
+            // A point that was never looked up lies near the one before it.
+            let known = near.or(beside).map(|k| k as usize);
             let Some(found) = self.reference.nearest_from(&position, gate_m, known) else {
                 continue;
             };
             *near = Some(found.index as u32);
+            beside = *near;
             let pair = Pair {
                 point: point.position,
                 counterpart: self.reference.position(found.index),

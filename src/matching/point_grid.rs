@@ -80,12 +80,16 @@ impl PointGrid {
     }
 
     /// The row of a y, or the one nearest to it.
+    #[inline]
     fn row(&self, y: f64) -> usize {
-        (((y - self.origin.y) * self.cells_per_m) as usize).min(self.height - 1)
+        let row = ((y - self.origin.y) * self.cells_per_m) as i32;
+        (row.max(0) as usize).min(self.height - 1)
     }
 
+    #[inline]
     fn column(&self, x: f64) -> usize {
-        (((x - self.origin.x) * self.cells_per_m) as usize).min(self.width - 1)
+        let column = ((x - self.origin.x) * self.cells_per_m) as i32;
+        (column.max(0) as usize).min(self.width - 1)
     }
 
     pub(super) fn position(&self, index: usize) -> Vector2<f64> {
@@ -104,25 +108,29 @@ impl PointGrid {
             point: *point,
             // So that a point at just that distance is still found.
             least_m2: distance_max_m * distance_max_m * (1.0 + 2.0 * f64::EPSILON),
-            index: None,
+            index: NONE,
         };
         if let Some(near) = near {
             looking.compare(near, &self.positions[near]);
         }
-        let row = self.row(point.y);
-        if looking.index.is_none() {
+        if looking.least_m2 < self.cell_m * self.cell_m {
+            looking.scan_square();
+        } else {
+            let row = self.row(point.y);
             // Whatever lies in the same cell bounds the search as well.
             let cell = row * self.width + self.column(point.x);
             looking.scan(cell, cell + 1);
+            looking.rows_from(row);
         }
-        looking.rows_from(row);
-        let index = looking.index?;
-        Some(Neighbour {
-            index,
+        (looking.index != NONE).then_some(Neighbour {
+            index: looking.index,
             distance_squared_m2: looking.least_m2,
         })
     }
 }
+
+/// No index.
+const NONE: usize = usize::MAX;
 
 /// A search under way.
 struct Looking<'a> {
@@ -130,25 +138,42 @@ struct Looking<'a> {
     point: Vector2<f64>,
     /// A point must be nearer than this, m².
     least_m2: f64,
-    index: Option<usize>,
+    /// The nearest point so far, or [`NONE`].
+    index: usize,
 }
 
 impl Looking<'_> {
+    /// Takes a point if it is the nearest so far.
+    #[inline]
     fn compare(&mut self, index: usize, position: &Vector2<f64>) {
         let (dx, dy) = (position.x - self.point.x, position.y - self.point.y);
         let distance_m2 = dx * dx + dy * dy;
         if distance_m2 < self.least_m2 {
             self.least_m2 = distance_m2;
-            self.index = Some(index);
+            self.index = index;
         }
     }
 
     /// The points of the cells from one to before another.
+    #[inline]
     fn scan(&mut self, from_cell: usize, to_cell: usize) {
         let starts = &self.grid.starts;
         let (from, to) = (starts[from_cell] as usize, starts[to_cell] as usize);
         for (k, position) in self.grid.positions[from..to].iter().enumerate() {
             self.compare(from + k, position);
+        }
+    }
+
+    /// All cells of the square around a circle that is smaller than a cell: at most three by
+    /// three.
+    #[inline]
+    fn scan_square(&mut self) {
+        let (grid, reach_m) = (self.grid, self.least_m2.sqrt());
+        let first = grid.column(self.point.x - reach_m);
+        let last = grid.column(self.point.x + reach_m);
+        for row in grid.row(self.point.y - reach_m)..grid.row(self.point.y + reach_m) + 1 {
+            let cells = row * grid.width;
+            self.scan(cells + first, cells + last + 1);
         }
     }
 
