@@ -39,7 +39,7 @@ impl IcpParams {
     pub const ROBUST: Self = Self {
         gate_start_m: 1.0,
         gate_end_m: 0.15,
-        gate_factor: 0.6,
+        gate_factor: 0.7,
         cauchy_scale_m: Some(0.03),
         normal_cosine_min: 0.7,
         beside_max_m: 0.1,
@@ -75,14 +75,18 @@ pub struct Prior {
 
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
-const STEP_TOLERANCE_M: f64 = 2e-4;
-const STEP_TOLERANCE_RAD: f64 = 4e-5;
+const STEP_TOLERANCE_M: f64 = 1e-4;
+const STEP_TOLERANCE_RAD: f64 = 2e-5;
 /// While the scan is still far off, so many of its points suffice.
-const COARSE_POINTS: usize = 180;
-/// Far off ends when a step is shorter than so many tolerances.
-const COARSE_TOLERANCES: f64 = 10.0;
+const COARSE_POINTS: usize = 120;
+/// Far off ends when a motion is shorter than so many tolerances; within as many, an alignment that
+/// no longer comes nearer has arrived.
+const NEAR_TOLERANCES: f64 = 10.0;
+/// After a motion of so many tolerances counterparts are looked up anew; after a shorter one they
+/// are followed along their surfaces.
+const LOOK_UP_TOLERANCES: f64 = 200.0;
 /// Steps with the same pairs: far cheaper than to pair again, which only then is worth it.
-const STEPS_PER_PAIRING: usize = 3;
+const STEPS_PER_PAIRING: usize = 2;
 
 /// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
 ///
@@ -107,12 +111,17 @@ pub fn align(
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
     let mut stride = (points.len() / COARSE_POINTS).max(1);
+    let mut last_moved = f64::INFINITY;
     let mut termination = Termination::IterationLimit;
     for _ in 0..params.iterations_max {
-        pairing.pair(&pose, gate_m, stride, params);
+        if last_moved > LOOK_UP_TOLERANCES {
+            pairing.look_up(&pose, gate_m, stride, params);
+        } else {
+            pairing.follow(&pose, gate_m, stride, params);
+        }
         if pairing.pairs().len() < PAIRS_MIN {
             if stride > 1 {
-                stride = 1;
+                (stride, last_moved) = (1, f64::INFINITY);
                 continue;
             }
             termination = Termination::TooFewPoints;
@@ -120,29 +129,30 @@ pub fn align(
             break;
         }
         let stepped = stepper.walk(pairing.pairs(), &pose, gate_m, stride);
-        let moved = pose.between(&stepped);
+        let moved = in_tolerances(&pose.between(&stepped));
         pose = stepped;
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
-        if !settled {
+        if settled && stride > 1 && moved < NEAR_TOLERANCES {
+            (stride, last_moved) = (1, f64::INFINITY);
             continue;
         }
-        if stride > 1 {
-            if is_small(&moved, COARSE_TOLERANCES) {
-                stride = 1;
-            }
-        } else if is_small(&moved, 1.0) {
+        if settled && (moved < 1.0 || moved < NEAR_TOLERANCES && moved >= last_moved) {
             termination = Termination::Converged;
             break;
         }
+        last_moved = moved;
     }
-    stepper.summarise(&mut pairing, points.len(), &pose, termination)
+    if termination != Termination::Converged {
+        pairing.look_up(&pose, params.gate_end_m, 1, params);
+    }
+    stepper.summarise(&pairing, points.len(), &pose, termination)
 }
 
-/// Whether a motion is within so many tolerances.
-fn is_small(motion: &Pose2, tolerances: f64) -> bool {
-    motion.translation().norm() < tolerances * STEP_TOLERANCE_M
-        && motion.theta.abs() < tolerances * STEP_TOLERANCE_RAD
+/// The length of a motion, of which one tolerance does not count.
+fn in_tolerances(motion: &Pose2) -> f64 {
+    let shift = motion.translation().norm() / STEP_TOLERANCE_M;
+    shift.max(motion.theta.abs() / STEP_TOLERANCE_RAD)
 }
 
 /// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
@@ -176,7 +186,7 @@ impl Stepper<'_> {
             let step = self.step(equations, &pose);
             let motion = Pose2::new(step.x, step.y, step.z);
             pose = pose.compose(&motion);
-            if is_small(&motion, 1.0) {
+            if in_tolerances(&motion) < 1.0 {
                 break;
             }
         }
@@ -204,22 +214,19 @@ impl Stepper<'_> {
         Observability::new(hessian, *weight_sum, self.lever_arm_m)
     }
 
-    /// What the pairs at the last pose say.
+    /// What the pairs say, which were found within a tolerance of the pose.
     fn summarise(
         &self,
-        pairing: &mut Pairing<'_>,
+        pairing: &Pairing<'_>,
         points: usize,
         pose: &Pose2,
         termination: Termination,
     ) -> Estimate {
         let params = self.params;
-        let widest_m = params.overlap_gate_m.max(params.gate_end_m);
-        pairing.pair(pose, widest_m, 1, params);
-        let support = Support::of(pairing.pairs(), pose, params);
+        let support = Support::of(pairing, pose, params);
         let (information, observable_directions) = if termination == Termination::TooFewPoints {
             (Information::from_upper([0.0; 6]), 0)
         } else {
-            pairing.narrow(params.gate_end_m);
             let scale_m = params.cauchy_scale_m;
             let equations = NormalEquations::of(pairing.pairs(), pose, scale_m, 1);
             let observability = self.observability(&equations);
@@ -249,23 +256,24 @@ struct Support {
 }
 
 impl Support {
-    fn of(pairs: &[Pair], pose: &Pose2, params: &IcpParams) -> Self {
+    fn of(pairing: &Pairing<'_>, pose: &Pose2, params: &IcpParams) -> Self {
         let to_reference = pose.to_transform();
         let overlap_m2 = params.overlap_gate_m * params.overlap_gate_m;
         let inlier_offset_m = 2.0 * params.inlier_gate_m.max(params.gate_end_m);
         let (mut overlapping, mut inliers, mut square_sum_m2) = (0usize, 0usize, 0.0);
-        for pair in pairs {
-            if pair.distance_squared_m2 > overlap_m2 {
+        for pair in pairing.pairs().iter().chain(pairing.beyond_gate()) {
+            let offset = to_reference.apply(&pair.point) - pair.counterpart;
+            let offset_m2 = offset.norm_squared();
+            if offset_m2 > overlap_m2 {
                 continue;
             }
             overlapping += 1;
-            let offset = to_reference.apply(&pair.point) - pair.counterpart;
-            let distance_m = pair.normal.map_or(offset.norm(), |n| n.dot(&offset).abs());
-            if distance_m <= params.inlier_gate_m
-                && pair.distance_squared_m2 <= inlier_offset_m * inlier_offset_m
+            let distance_m2 = pair.normal.map_or(offset_m2, |n| n.dot(&offset).powi(2));
+            if distance_m2 <= params.inlier_gate_m * params.inlier_gate_m
+                && offset_m2 <= inlier_offset_m * inlier_offset_m
             {
                 inliers += 1;
-                square_sum_m2 += distance_m * distance_m;
+                square_sum_m2 += distance_m2;
             }
         }
         Self {

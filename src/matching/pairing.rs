@@ -1,7 +1,7 @@
 //! Which point is compared with which.
 
-use super::{IcpParams, ReferenceCloud};
-use crate::geometry::{Pose2, Vector2};
+use super::{IcpParams, Neighbour, ReferenceCloud};
+use crate::geometry::{Pose2, Transform2, Vector2};
 use crate::scan::SurfacePoint;
 
 /// A point of the scan with its counterpart.
@@ -13,8 +13,6 @@ pub(super) struct Pair {
     pub counterpart: Vector2<f64>,
     /// Of the counterpart's line, reference frame; `None` where it has none.
     pub normal: Option<Vector2<f64>>,
-    /// Square of the distance between the two when they were paired, m².
-    pub distance_squared_m2: f64,
 }
 
 /// The pairs of a scan and a cloud, found again and again while the scan is moved.
@@ -24,6 +22,7 @@ pub(super) struct Pairing<'a> {
     /// Each point's nearest neighbour when it was last looked up.
     nearest: Vec<Option<u32>>,
     pairs: Vec<Pair>,
+    beyond_gate: Vec<Pair>,
 }
 
 impl<'a> Pairing<'a> {
@@ -33,21 +32,49 @@ impl<'a> Pairing<'a> {
             points,
             nearest: vec![None; points.len()],
             pairs: Vec::with_capacity(points.len()),
+            beyond_gate: Vec::new(),
         }
     }
 
     /// Pairs every `stride`-th point with its nearest neighbour within the gate, at a pose
-    /// `reference_from_base`.
-    pub(super) fn pair(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
+    /// `reference_from_base`; those within [`IcpParams::overlap_gate_m`] are found too.
+    pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
+        let reference = self.reference;
+        let reach_m = gate_m.max(params.overlap_gate_m);
+        self.pair(pose, gate_m, stride, params, |position, near| {
+            reference.nearest_from(position, reach_m, near)
+        });
+    }
+
+    /// The same after a small motion: each counterpart is followed along its surface, which is
+    /// far cheaper and now and then misses a nearer point of another surface.
+    pub(super) fn follow(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
+        let reference = self.reference;
+        let reach_m = gate_m.max(params.overlap_gate_m);
+        self.pair(pose, gate_m, stride, params, |position, near| match near {
+            Some(near) => reference.follow(position, reach_m, near),
+            None => reference.nearest(position, reach_m),
+        });
+    }
+
+    fn pair(
+        &mut self,
+        pose: &Pose2,
+        gate_m: f64,
+        stride: usize,
+        params: &IcpParams,
+        find: impl Fn(&Vector2<f64>, Option<usize>) -> Option<Neighbour>,
+    ) {
         let to_reference = pose.to_transform();
         self.pairs.clear();
+        self.beyond_gate.clear();
         let nearest = self.nearest.iter_mut().step_by(stride);
         let mut beside = None;
         for (point, near) in self.points.iter().step_by(stride).zip(nearest) {
             let position = to_reference.apply(&point.position);
             // A point that was never looked up lies near the one before it.
             let known = near.or(beside).map(|k| k as usize);
-            let Some(found) = self.reference.nearest_from(&position, gate_m, known) else {
+            let Some(found) = find(&position, known) else {
                 continue;
             };
             *near = Some(found.index as u32);
@@ -56,23 +83,26 @@ impl<'a> Pairing<'a> {
                 point: point.position,
                 counterpart: self.reference.position(found.index),
                 normal: self.reference.normal(found.index),
-                distance_squared_m2: found.distance_squared_m2,
             };
-            let turned = point.normal.map(|n| to_reference.turn(&n));
-            if is_fit(&pair, point, &position, turned, params) {
+            if !is_fit(&pair, point, &position, &to_reference, params) {
+                continue;
+            }
+            if found.distance_squared_m2 <= gate_m * gate_m {
                 self.pairs.push(pair);
+            } else {
+                self.beyond_gate.push(pair);
             }
         }
     }
 
+    /// The pairs within the gate.
     pub(super) fn pairs(&self) -> &[Pair] {
         &self.pairs
     }
 
-    /// Leaves out the pairs beyond a narrower gate.
-    pub(super) fn narrow(&mut self, gate_m: f64) {
-        self.pairs
-            .retain(|pair| pair.distance_squared_m2 <= gate_m * gate_m);
+    /// Those farther apart.
+    pub(super) fn beyond_gate(&self) -> &[Pair] {
+        &self.beyond_gate
     }
 }
 
@@ -81,7 +111,7 @@ fn is_fit(
     pair: &Pair,
     point: &SurfacePoint,
     position: &Vector2<f64>,
-    turned_normal: Option<Vector2<f64>>,
+    to_reference: &Transform2,
     params: &IcpParams,
 ) -> bool {
     let Some(line_normal) = pair.normal else {
@@ -91,7 +121,7 @@ fn is_fit(
         .beside_max_m
         .max(params.beside_max_range_share * point.range_m);
     let offset = position - pair.counterpart;
-    let turned_away =
-        turned_normal.is_some_and(|n| n.dot(&line_normal) < params.normal_cosine_min);
+    let normal = point.normal.map(|n| to_reference.turn(&n));
+    let turned_away = normal.is_some_and(|n| n.dot(&line_normal) < params.normal_cosine_min);
     !turned_away && line_normal.perp(&offset).abs() <= beside_max_m
 }

@@ -18,6 +18,8 @@ pub(super) struct PointGrid {
     cells_per_m: f64,
     width: usize,
     height: usize,
+    /// Places of the points given before and after each.
+    beside: Vec<[u32; 2]>,
     /// Where each cell begins in `positions`, and the end of the last.
     starts: Vec<u32>,
 }
@@ -40,6 +42,7 @@ impl PointGrid {
         let cell_m = by_area_m.max(by_side_m).max(CELL_MIN_M);
         let mut grid = Self {
             positions: Vec::new(),
+            beside: Vec::new(),
             origin: low,
             cell_m,
             cells_per_m: 1.0 / cell_m,
@@ -71,6 +74,18 @@ impl PointGrid {
             order[*place as usize] = k as u32;
         }
         self.starts = starts;
+        let mut places = vec![0u32; points.len()];
+        for (place, &k) in order.iter().enumerate() {
+            places[k as usize] = place as u32;
+        }
+        let last = points.len() - 1;
+        self.beside = order
+            .iter()
+            .map(|&k| {
+                let k = k as usize;
+                [places[k.saturating_sub(1)], places[(k + 1).min(last)]]
+            })
+            .collect();
         self.positions = order.iter().map(|&k| points[k as usize]).collect();
         order
     }
@@ -94,6 +109,33 @@ impl PointGrid {
 
     pub(super) fn position(&self, index: usize) -> Vector2<f64> {
         self.positions[index]
+    }
+
+    /// A point within a distance, found by steps from another to those given before or after it
+    /// for as long as one of two leads nearer.
+    pub(super) fn follow(
+        &self,
+        point: &Vector2<f64>,
+        distance_max_m: f64,
+        from: usize,
+    ) -> Option<Neighbour> {
+        let mut looking = Looking {
+            grid: self,
+            point: *point,
+            least_m2: f64::INFINITY,
+            index: NONE,
+        };
+        looking.compare(from, &self.positions[from]);
+        for side in 0..2 {
+            looking.walk(from, side);
+            if looking.index != from {
+                break;
+            }
+        }
+        (looking.least_m2 <= distance_max_m * distance_max_m).then_some(Neighbour {
+            index: looking.index,
+            distance_squared_m2: looking.least_m2,
+        })
     }
 
     /// The nearest point within a distance; a point that is known to be near bounds the search.
@@ -151,6 +193,21 @@ impl Looking<'_> {
         if distance_m2 < self.least_m2 {
             self.least_m2 = distance_m2;
             self.index = index;
+        }
+    }
+
+    /// Steps to one side, until two in a row lead no nearer.
+    #[inline]
+    fn walk(&mut self, from: usize, side: usize) {
+        let (mut place, mut in_vain) = (from, 0);
+        while in_vain < 2 {
+            let next = self.grid.beside[place][side] as usize;
+            if next == place {
+                return;
+            }
+            place = next;
+            self.compare(place, &self.grid.positions[place]);
+            in_vain = if self.index == place { 0 } else { in_vain + 1 };
         }
     }
 

@@ -83,7 +83,7 @@ fn linearise(
     params: &IcpParams,
 ) -> (NormalEquations, usize) {
     let mut pairing = Pairing::new(cloud, points);
-    pairing.pair(pose, gate_m, 1, params);
+    pairing.look_up(pose, gate_m, 1, params);
     let pairs = pairing.pairs();
     let equations = NormalEquations::of(pairs, pose, params.cauchy_scale_m, 1);
     (equations, pairs.len())
