@@ -134,10 +134,8 @@ pub fn align(
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
         if settled && stride > 1 && moved < NEAR_TOLERANCES {
-            (stride, last_moved) = (1, f64::INFINITY);
-            continue;
-        }
-        if settled && (moved < 1.0 || moved < NEAR_TOLERANCES && moved >= last_moved) {
+            stride = 1;
+        } else if settled && (moved < 1.0 || moved < NEAR_TOLERANCES && moved >= last_moved) {
             termination = Termination::Converged;
             break;
         }

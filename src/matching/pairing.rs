@@ -15,6 +15,9 @@ pub(super) struct Pair {
     pub normal: Option<Vector2<f64>>,
 }
 
+/// What lies so near a followed point's neighbour needs no look-up, metres.
+const SURE_M: f64 = 0.05;
+
 /// The pairs of a scan and a cloud, found again and again while the scan is moved.
 pub(super) struct Pairing<'a> {
     reference: &'a ReferenceCloud,
@@ -41,8 +44,8 @@ impl<'a> Pairing<'a> {
     pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
         let reference = self.reference;
         let reach_m = gate_m.max(params.overlap_gate_m);
-        self.pair(pose, gate_m, stride, params, |position, near| {
-            reference.nearest_from(position, reach_m, near)
+        self.pair(pose, gate_m, stride, params, |position, near, beside| {
+            reference.nearest_from(position, reach_m, near.or(beside))
         });
     }
 
@@ -51,9 +54,17 @@ impl<'a> Pairing<'a> {
     pub(super) fn follow(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
         let reference = self.reference;
         let reach_m = gate_m.max(params.overlap_gate_m);
-        self.pair(pose, gate_m, stride, params, |position, near| match near {
-            Some(near) => reference.follow(position, reach_m, near),
-            None => reference.nearest(position, reach_m),
+        self.pair(pose, gate_m, stride, params, |position, near, beside| {
+            let followed = near
+                .or(beside)
+                .and_then(|near| reference.follow(position, reach_m, near));
+            let is_sure = near.is_some()
+                || followed.is_some_and(|f| f.distance_squared_m2 <= SURE_M * SURE_M);
+            if is_sure {
+                followed
+            } else {
+                reference.nearest_from(position, reach_m, followed.map(|f| f.index))
+            }
         });
     }
 
@@ -63,7 +74,7 @@ impl<'a> Pairing<'a> {
         gate_m: f64,
         stride: usize,
         params: &IcpParams,
-        find: impl Fn(&Vector2<f64>, Option<usize>) -> Option<Neighbour>,
+        find: impl Fn(&Vector2<f64>, Option<usize>, Option<usize>) -> Option<Neighbour>,
     ) {
         let to_reference = pose.to_transform();
         self.pairs.clear();
@@ -72,13 +83,12 @@ impl<'a> Pairing<'a> {
         let mut beside = None;
         for (point, near) in self.points.iter().step_by(stride).zip(nearest) {
             let position = to_reference.apply(&point.position);
-            // A point that was never looked up lies near the one before it.
-            let known = near.or(beside).map(|k| k as usize);
-            let Some(found) = find(&position, known) else {
+            let known = near.map(|k| k as usize);
+            let Some(found) = find(&position, known, beside) else {
                 continue;
             };
             *near = Some(found.index as u32);
-            beside = *near;
+            beside = Some(found.index);
             let pair = Pair {
                 point: point.position,
                 counterpart: self.reference.position(found.index),

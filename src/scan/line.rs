@@ -53,8 +53,9 @@ impl LineWindow {
         }
         // The axis of largest scatter lies at half the angle of (half_difference, xy); the larger
         // of its two coordinates is the one to take a root for.
-        let larger = (0.5 * (1.0 + half_difference.abs() / radius)).sqrt();
-        let smaller = 0.5 * xy / (radius * larger);
+        let per_radius = 1.0 / radius;
+        let larger = (0.5 + 0.5 * half_difference.abs() * per_radius).sqrt();
+        let smaller = 0.5 * xy * per_radius / larger;
         Some(if half_difference >= 0.0 {
             Vector2::new(-smaller, larger)
         } else {
