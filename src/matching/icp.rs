@@ -79,9 +79,10 @@ const STEP_TOLERANCE_M: f64 = 1e-4;
 const STEP_TOLERANCE_RAD: f64 = 2e-5;
 /// While the scan is still far off, so many of its points suffice.
 const COARSE_POINTS: usize = 120;
-/// Far off ends when a motion is shorter than so many tolerances; within as many, an alignment that
-/// no longer comes nearer has arrived.
-const NEAR_TOLERANCES: f64 = 10.0;
+/// Far off ends when a motion is shorter than so many tolerances.
+const COARSE_TOLERANCES: f64 = 30.0;
+/// Within so many tolerances an alignment that no longer comes nearer has arrived.
+const ARRIVED_TOLERANCES: f64 = 5.0;
 /// After a motion of so many tolerances counterparts are looked up anew; after a shorter one they
 /// are followed along their surfaces.
 const LOOK_UP_TOLERANCES: f64 = 200.0;
@@ -133,9 +134,9 @@ pub fn align(
         pose = stepped;
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
-        if settled && stride > 1 && moved < NEAR_TOLERANCES {
+        if settled && stride > 1 && moved < COARSE_TOLERANCES {
             stride = 1;
-        } else if settled && (moved < 1.0 || moved < NEAR_TOLERANCES && moved >= last_moved) {
+        } else if settled && (moved < 1.0 || moved < ARRIVED_TOLERANCES && moved >= last_moved) {
             termination = Termination::Converged;
             break;
         }
@@ -184,7 +185,7 @@ impl Stepper<'_> {
             let step = self.step(equations, &pose);
             let motion = Pose2::new(step.x, step.y, step.z);
             pose = pose.compose(&motion);
-            if in_tolerances(&motion) < 1.0 {
+            if in_tolerances(&motion) < ARRIVED_TOLERANCES {
                 break;
             }
         }

@@ -93,7 +93,12 @@ impl Sums {
                 let residual_m = normal.dot(&offset);
                 let weight = weigh(residual_m * residual_m);
                 let axis = to_reference.turn_back(&normal);
-                self.add_axis(&axis, axis.y * point.x - axis.x * point.y, residual_m, weight);
+                self.add_axis(
+                    &axis,
+                    axis.y * point.x - axis.x * point.y,
+                    residual_m,
+                    weight,
+                );
                 weight
             }
             None => {

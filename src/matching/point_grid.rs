@@ -321,7 +321,9 @@ mod tests {
         let points = [Vector2::new(-1e6, -1e6), Vector2::new(1e6, 3.0)];
         let (grid, _) = PointGrid::new(&points).unwrap();
         assert!(grid.starts.len() < 1 << 10);
-        let thin: Vec<_> = (0..100).map(|k| Vector2::new(f64::from(k) * 1e4, 0.0)).collect();
+        let thin: Vec<_> = (0..100)
+            .map(|k| Vector2::new(f64::from(k) * 1e4, 0.0))
+            .collect();
         let (grid, _) = PointGrid::new(&thin).unwrap();
         assert!(grid.starts.len() < 1 << 13);
         assert!(PointGrid::new(&[]).is_none());
