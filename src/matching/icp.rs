@@ -2,7 +2,7 @@
 
 use super::estimate::{Observability, lever_arm_m};
 use super::normal_equations::NormalEquations;
-use super::pairing::{Pair, Pairing};
+use super::pairing::Pairing;
 use super::{Estimate, ReferenceCloud, Termination};
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::scan::SurfacePoint;
@@ -16,8 +16,7 @@ pub struct IcpParams {
     pub gate_end_m: f64,
     /// What an iteration leaves of the gate.
     pub gate_factor: f64,
-    /// Scale c of the Cauchy weight 1 / (1 + (r/c)²) under the last gate, metres; under a wider
-    /// gate it is wider in the same measure. `None` weighs all points alike.
+    /// Scale of the Cauchy weight 1 / (1 + (r/c)²), metres; `None` weighs all points alike.
     pub cauchy_scale_m: Option<f64>,
     /// Least cosine between two points' normals.
     pub normal_cosine_min: f64,
@@ -39,7 +38,7 @@ impl IcpParams {
     pub const ROBUST: Self = Self {
         gate_start_m: 1.0,
         gate_end_m: 0.15,
-        gate_factor: 0.7,
+        gate_factor: 0.75,
         cauchy_scale_m: Some(0.03),
         normal_cosine_min: 0.7,
         beside_max_m: 0.1,
@@ -81,13 +80,9 @@ const STEP_TOLERANCE_RAD: f64 = 2e-5;
 const COARSE_POINTS: usize = 120;
 /// Far off ends when a motion is shorter than so many tolerances.
 const COARSE_TOLERANCES: f64 = 30.0;
-/// Within so many tolerances an alignment that no longer comes nearer has arrived.
-const ARRIVED_TOLERANCES: f64 = 5.0;
 /// After a motion of so many tolerances counterparts are looked up anew; after a shorter one they
 /// are followed along their surfaces.
 const LOOK_UP_TOLERANCES: f64 = 200.0;
-/// Steps with the same pairs: far cheaper than to pair again, which only then is worth it.
-const STEPS_PER_PAIRING: usize = 2;
 
 /// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
 ///
@@ -129,14 +124,17 @@ pub fn align(
             pose = *initial;
             break;
         }
-        let stepped = stepper.walk(pairing.pairs(), &pose, gate_m, stride);
-        let moved = in_tolerances(&pose.between(&stepped));
-        pose = stepped;
+        let scale_m = params.cauchy_scale_m;
+        let equations = NormalEquations::of(pairing.pairs(), &pose, scale_m, stride);
+        let step = stepper.step(equations, &pose);
+        let motion = Pose2::new(step.x, step.y, step.z);
+        pose = pose.compose(&motion);
+        let moved = in_tolerances(&motion);
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
         if settled && stride > 1 && moved < COARSE_TOLERANCES {
             stride = 1;
-        } else if settled && (moved < 1.0 || moved < ARRIVED_TOLERANCES && moved >= last_moved) {
+        } else if settled && moved < 1.0 {
             termination = Termination::Converged;
             break;
         }
@@ -168,30 +166,6 @@ struct Stepper<'a> {
 }
 
 impl Stepper<'_> {
-    /// The scale of the weights under a gate: wider in the same measure.
-    fn cauchy_scale_m(&self, gate_m: f64) -> Option<f64> {
-        let params = self.params;
-        params
-            .cauchy_scale_m
-            .map(|scale_m| scale_m * (gate_m / params.gate_end_m))
-    }
-
-    /// Where some steps with the same pairs lead.
-    fn walk(&self, pairs: &[Pair], from: &Pose2, gate_m: f64, stride: usize) -> Pose2 {
-        let mut pose = *from;
-        for _ in 0..STEPS_PER_PAIRING {
-            let scale_m = self.cauchy_scale_m(gate_m);
-            let equations = NormalEquations::of(pairs, &pose, scale_m, stride);
-            let step = self.step(equations, &pose);
-            let motion = Pose2::new(step.x, step.y, step.z);
-            pose = pose.compose(&motion);
-            if in_tolerances(&motion) < ARRIVED_TOLERANCES {
-                break;
-            }
-        }
-        pose
-    }
-
     fn step(&self, mut equations: NormalEquations, pose: &Pose2) -> Vector3<f64> {
         let observability = self.observability(&equations);
         match self.prior {

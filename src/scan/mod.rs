@@ -4,7 +4,6 @@ mod codec;
 mod keyframe;
 mod laser_scan;
 mod lidar;
-mod line;
 mod points;
 
 pub use codec::{CodecError, decode_scan, encode_scan};

@@ -1,8 +1,7 @@
 //! A scan's end points with the normals of the surfaces they lie on.
 
-use super::LaserScan;
-use super::line::LineWindow;
-use crate::geometry::Vector2;
+use super::{LaserScan, Lidar};
+use crate::geometry::{Matrix2, Vector2};
 
 /// Beams on each side that take part in a point's line, at least …
 const NEIGHBOURS_MIN: usize = 3;
@@ -11,13 +10,14 @@ const NEIGHBOURS_MAX: usize = 24;
 /// Between the two, beams take part up to this distance, in standard deviations of a range: on a
 /// shorter line noise looks like a bend.
 const LINE_REACH_SIGMAS: f64 = 15.0;
-/// Two returns lie on the same surface if they are not farther apart than this many beam spacings
-/// at the nearer one …
+/// A neighbour lies on the same surface if it is not farther than this many beam spacings …
 const GAP_SPACINGS: f64 = 6.0;
 /// … or than this, metres.
 const GAP_MIN_M: f64 = 0.12;
-/// … and if at most one beam between them has no return.
-const BEAM_STEP_MAX: usize = 2;
+/// A line needs this many points.
+const LINE_POINTS_MIN: usize = 3;
+/// Largest ratio of the scatter across a line to the scatter along it.
+const LINE_FLATNESS_MAX: f64 = 0.15;
 
 /// Where a beam ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,79 +36,86 @@ pub struct SurfacePoint {
 ///
 /// A normal is the direction of least scatter of the neighbouring returns on the same surface.
 pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
-    let mut points = end_points(scan);
     let lidar = scan.lidar();
-    let gap_per_range = GAP_SPACINGS * lidar.angle_increment_rad;
-    let reach_m = LINE_REACH_SIGMAS * lidar.range_sigma_m;
-    let eye = lidar.mount.translation();
-    let surfaces = points.chunk_by_mut(|a, b| {
-        let gap_m = (gap_per_range * a.range_m.min(b.range_m)).max(GAP_MIN_M);
-        b.beam - a.beam <= BEAM_STEP_MAX
-            && (b.position - a.position).norm_squared() <= gap_m * gap_m
-    });
-    for surface in surfaces {
-        set_normals(surface, reach_m, &eye);
-    }
-    points
-}
-
-/// Each beam's direction is that of the beam before it, turned: after thousands of beams it is off
-/// by 10⁻¹² rad.
-fn end_points(scan: &LaserScan) -> Vec<SurfacePoint> {
-    let lidar = scan.lidar();
-    let eye = lidar.mount.translation();
-    let (first_sin, first_cos) = (lidar.mount.theta + lidar.angle_min_rad).sin_cos();
-    let (step_sin, step_cos) = lidar.angle_increment_rad.sin_cos();
-    let mut direction = Vector2::new(first_cos, first_sin);
-    let tick_m = lidar.tick_m();
-    let mut points = Vec::with_capacity(scan.return_count());
-    for (beam, &ticks) in scan.ticks().iter().enumerate() {
-        if ticks > 0 {
-            let range_m = f64::from(ticks) * tick_m;
-            points.push(SurfacePoint {
-                position: eye + direction * range_m,
-                normal: None,
-                beam,
-                range_m,
-            });
-        }
-        direction = Vector2::new(
-            direction.x * step_cos - direction.y * step_sin,
-            direction.x * step_sin + direction.y * step_cos,
-        );
-    }
-    points
-}
-
-/// Fits a line round each point of one surface.
-fn set_normals(surface: &mut [SurfacePoint], reach_m: f64, eye: &Vector2<f64>) {
-    let Some(first) = surface.first() else {
-        return;
-    };
-    let origin = first.position;
-    let mut window = LineWindow::default();
-    // The points `from..to` are in the window.
-    let (mut from, mut to) = (0, 0);
-    for k in 0..surface.len() {
-        let centre = surface[k].position;
-        let takes_part = |neighbours: usize, other: &SurfacePoint| {
-            neighbours <= NEIGHBOURS_MIN
-                || neighbours <= NEIGHBOURS_MAX
-                    && (other.position - centre).norm_squared() <= reach_m * reach_m
+    let mut points: Vec<SurfacePoint> = Vec::with_capacity(scan.beam_count());
+    for beam in 0..scan.beam_count() {
+        let Some(range_m) = scan.range_m(beam) else {
+            continue;
         };
-        while to < surface.len() && (to <= k || takes_part(to - k, &surface[to])) {
-            window.add(&(surface[to].position - origin));
-            to += 1;
-        }
-        while from < k && !takes_part(k - from, &surface[from]) {
-            window.remove(&(surface[from].position - origin));
-            from += 1;
-        }
-        surface[k].normal = window.normal().map(|normal| {
-            let towards_eye = (eye - centre).dot(&normal) >= 0.0;
-            if towards_eye { normal } else { -normal }
+        let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
+        let position = lidar
+            .mount
+            .transform(&Vector2::new(range_m * cos, range_m * sin));
+        points.push(SurfacePoint {
+            position,
+            normal: None,
+            beam,
+            range_m,
         });
     }
+    let eye = lidar.mount.translation();
+    for k in 0..points.len() {
+        points[k].normal = line_normal(&points, k, lidar, &eye);
+    }
+    points
+}
+
+fn line_normal(
+    points: &[SurfacePoint],
+    k: usize,
+    lidar: &Lidar,
+    eye: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    let centre = &points[k];
+    let gap_m = (GAP_SPACINGS * lidar.angle_increment_rad * centre.range_m).max(GAP_MIN_M);
+    let reach_m = LINE_REACH_SIGMAS * lidar.range_sigma_m;
+    let same_surface = |a: &SurfacePoint, b: &SurfacePoint| {
+        a.beam.abs_diff(b.beam) <= 2 && (a.position - b.position).norm() <= gap_m
+    };
+    let within_reach = |neighbours: usize, point: &SurfacePoint| {
+        neighbours < NEIGHBOURS_MIN
+            || neighbours < NEIGHBOURS_MAX && (point.position - centre.position).norm() <= reach_m
+    };
+    let mut first = k;
+    while first > 0
+        && within_reach(k - first, &points[first - 1])
+        && same_surface(&points[first - 1], &points[first])
+    {
+        first -= 1;
+    }
+    let mut last = k;
+    while last + 1 < points.len()
+        && within_reach(last - k, &points[last + 1])
+        && same_surface(&points[last + 1], &points[last])
+    {
+        last += 1;
+    }
+    let surface = &points[first..=last];
+    if surface.len() < LINE_POINTS_MIN {
+        return None;
+    }
+    let count = surface.len() as f64;
+    let mean = surface.iter().map(|p| p.position).sum::<Vector2<f64>>() / count;
+    let scatter = surface.iter().fold(Matrix2::zeros(), |sum, p| {
+        let d = p.position - mean;
+        sum + d * d.transpose()
+    });
+    let (across, along, normal) = least_axis(&scatter);
+    if across > LINE_FLATNESS_MAX * LINE_FLATNESS_MAX * along {
+        return None;
+    }
+    let towards_eye = (eye - centre.position).dot(&normal) >= 0.0;
+    Some(if towards_eye { normal } else { -normal })
+}
+
+/// Eigenvalues (smaller, larger) of a symmetric matrix and the unit eigenvector of the smaller.
+fn least_axis(m: &Matrix2<f64>) -> (f64, f64, Vector2<f64>) {
+    let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(1, 1)]);
+    let half_trace = 0.5 * (a + c);
+    let radius = (0.5 * (a - c)).hypot(b);
+    let axis_angle = 0.5 * (2.0 * b).atan2(a - c);
+    let normal = Vector2::new(-axis_angle.sin(), axis_angle.cos());
+    ((half_trace - radius).max(0.0), half_trace + radius, normal)
 }
 
 #[cfg(test)]
