@@ -1,15 +1,23 @@
 //! The points a scan is matched against.
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-
+use super::point_grid::PointGrid;
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::SurfacePoint;
 
 /// Points with normals in one frame, with an index of nearest neighbours.
 pub struct ReferenceCloud {
-    positions: Vec<[f64; 2]>,
+    grid: PointGrid,
+    /// In the order of the grid.
     normals: Vec<Option<Vector2<f64>>>,
-    tree: ImmutableKdTree<f64, 2>,
+}
+
+/// A point of the cloud and how far it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// Of the point, as for [`ReferenceCloud::position`].
+    pub index: usize,
+    /// Square of the distance, m².
+    pub distance_squared_m2: f64,
 }
 
 impl ReferenceCloud {
@@ -19,54 +27,59 @@ impl ReferenceCloud {
         for (reference_from_base, points) in scans {
             let to_reference = reference_from_base.to_transform();
             for point in points {
-                let position = to_reference.apply(&point.position);
-                positions.push([position.x, position.y]);
+                positions.push(to_reference.apply(&point.position));
                 normals.push(point.normal.map(|n| to_reference.turn(&n)));
             }
         }
-        if positions.is_empty() {
-            return None;
-        }
-        let tree = ImmutableKdTree::new_from_slice(&positions).ok()?;
-        Some(Self {
-            positions,
-            normals,
-            tree,
-        })
+        let (grid, order) = PointGrid::new(&positions)?;
+        let normals = order.iter().map(|&k| normals[k as usize]).collect();
+        Some(Self { grid, normals })
     }
 
     /// Number of points.
     pub fn len(&self) -> usize {
-        self.positions.len()
+        self.normals.len()
     }
 
     /// Never: a cloud has points.
     pub fn is_empty(&self) -> bool {
-        self.positions.is_empty()
+        self.normals.is_empty()
     }
 
-    /// Index of the nearest point within a distance.
-    pub fn nearest(&self, point: &Vector2<f64>, distance_max_m: f64) -> Option<usize> {
-        let found = self
-            .tree
-            .query(&[point.x, point.y])
-            .nearest_one::<SquaredEuclidean<f64>>()
-            .execute();
-        (found.distance <= distance_max_m * distance_max_m).then_some(found.item as usize)
+    /// The nearest point within a distance.
+    pub fn nearest(&self, point: &Vector2<f64>, distance_max_m: f64) -> Option<Neighbour> {
+        self.grid.nearest(point, distance_max_m, None)
+    }
+
+    /// The same, sooner found if a point near the nearest one is known.
+    pub(super) fn nearest_from(
+        &self,
+        point: &Vector2<f64>,
+        distance_max_m: f64,
+        near: Option<usize>,
+    ) -> Option<Neighbour> {
+        self.grid.nearest(point, distance_max_m, near)
+    }
+
+    /// A point near by, found by steps along the order in which the points were given.
+    pub(super) fn follow(
+        &self,
+        point: &Vector2<f64>,
+        distance_max_m: f64,
+        from: usize,
+    ) -> Option<Neighbour> {
+        self.grid.follow(point, distance_max_m, from)
     }
 
     /// A point's position, metres.
+    #[inline]
     pub fn position(&self, index: usize) -> Vector2<f64> {
-        Vector2::from(self.positions[index])
+        self.grid.position(index)
     }
 
     /// A point's unit normal; `None` at corners and lone points.
+    #[inline]
     pub fn normal(&self, index: usize) -> Option<Vector2<f64>> {
         self.normals[index]
-    }
-
-    /// All positions, metres.
-    pub fn positions(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
-        self.positions.iter().map(|p| Vector2::from(*p))
     }
 }

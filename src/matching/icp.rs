@@ -1,8 +1,10 @@
 //! Point-to-line ICP.
 
-use super::estimate::{CORRELATED_POINTS, Observability, lever_arm_m};
+use super::estimate::{Observability, lever_arm_m};
+use super::normal_equations::NormalEquations;
+use super::pairing::Pairing;
 use super::{Estimate, ReferenceCloud, Termination};
-use crate::geometry::{Information, Matrix3, Pose2, Transform2, Vector2, Vector3};
+use crate::geometry::{Information, Pose2, Vector3};
 use crate::scan::SurfacePoint;
 
 /// How points are paired and weighed.
@@ -70,52 +72,17 @@ pub struct Prior {
     pub information: Information,
 }
 
-/// Root mean square distance of a typical match, metres: what a prior is weighed against.
-const TYPICAL_RMSE_M: f64 = 0.02;
-
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
 const STEP_TOLERANCE_RAD: f64 = 2e-5;
-
-#[derive(Default)]
-struct NormalEquations {
-    hessian: Matrix3<f64>,
-    gradient: Vector3<f64>,
-    weight_sum: f64,
-    pairs: usize,
-}
-
-impl NormalEquations {
-    /// Pulls towards a prior, in units of one point's variance.
-    fn add_prior(&mut self, prior: &Prior, pose: &Pose2, range_sigma_m: f64) {
-        let offset = prior.pose.between(pose);
-        let turned = Pose2::new(0.0, 0.0, offset.theta).rotation();
-        let mut jacobian = Matrix3::identity();
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&turned);
-        let variance = noise_variance_m2(range_sigma_m, TYPICAL_RMSE_M) * CORRELATED_POINTS;
-        let weighted = jacobian.transpose() * prior.information.matrix() * variance;
-        self.hessian += weighted * jacobian;
-        self.gradient -= weighted * Vector3::new(offset.x, offset.y, offset.theta);
-    }
-
-    /// Keeps of the points only what they say of the directions that they fix.
-    fn restrict_to(&mut self, observability: &Observability) {
-        self.hessian = observability.hessian();
-        self.gradient = observability.fixed_part(&self.gradient);
-    }
-
-    /// The step H⁻¹g; none if neither points nor prior fix all directions.
-    fn solve(&self) -> Vector3<f64> {
-        let factor = self.hessian.cholesky();
-        factor.map_or(Vector3::zeros(), |factor| factor.solve(&self.gradient))
-    }
-
-    fn add(&mut self, jacobian: Vector3<f64>, residual_m: f64, weight: f64) {
-        self.hessian += jacobian * jacobian.transpose() * weight;
-        self.gradient -= jacobian * (residual_m * weight);
-    }
-}
+/// While the scan is still far off, so many of its points suffice.
+const COARSE_POINTS: usize = 120;
+/// Far off ends when a motion is shorter than so many tolerances.
+const COARSE_TOLERANCES: f64 = 30.0;
+/// After a motion of so many tolerances counterparts are looked up anew; after a shorter one they
+/// are followed along their surfaces.
+const LOOK_UP_TOLERANCES: f64 = 200.0;
 
 /// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
 ///
@@ -130,151 +97,163 @@ pub fn align(
     prior: Option<&Prior>,
     params: &IcpParams,
 ) -> Estimate {
+    let stepper = Stepper {
+        lever_arm_m: lever_arm_m(points),
+        range_sigma_m,
+        prior,
+        params,
+    };
+    let mut pairing = Pairing::new(reference, points);
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
+    let mut stride = (points.len() / COARSE_POINTS).max(1);
+    let mut last_moved = f64::INFINITY;
     let mut termination = Termination::IterationLimit;
-    let lever_arm_m = lever_arm_m(points);
     for _ in 0..params.iterations_max {
-        let mut equations = linearise(reference, points, &pose, gate_m, params);
-        if equations.pairs < PAIRS_MIN {
+        if last_moved > LOOK_UP_TOLERANCES {
+            pairing.look_up(&pose, gate_m, stride, params);
+        } else {
+            pairing.follow(&pose, gate_m, stride, params);
+        }
+        if pairing.pairs().len() < PAIRS_MIN {
+            if stride > 1 {
+                (stride, last_moved) = (1, f64::INFINITY);
+                continue;
+            }
             termination = Termination::TooFewPoints;
             pose = *initial;
             break;
         }
-        let observability =
-            Observability::new(&equations.hessian, equations.weight_sum, lever_arm_m);
-        let step = match prior {
-            None => observability.solve(&equations.gradient),
-            Some(prior) => {
-                equations.restrict_to(&observability);
-                equations.add_prior(prior, &pose, range_sigma_m);
-                equations.solve()
-            }
-        };
-        pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
+        let scale_m = params.cauchy_scale_m;
+        let equations = NormalEquations::of(pairing.pairs(), &pose, scale_m, stride);
+        let step = stepper.step(equations, &pose);
+        let motion = Pose2::new(step.x, step.y, step.z);
+        pose = pose.compose(&motion);
+        let moved = in_tolerances(&motion);
         let settled = gate_m <= params.gate_end_m;
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
-        let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
-        if settled && small {
+        if settled && stride > 1 && moved < COARSE_TOLERANCES {
+            stride = 1;
+        } else if settled && moved < 1.0 {
             termination = Termination::Converged;
             break;
         }
+        last_moved = moved;
     }
-    summarise(reference, points, &pose, range_sigma_m, params, termination)
+    if termination != Termination::Converged {
+        pairing.look_up(&pose, params.gate_end_m, 1, params);
+    }
+    stepper.summarise(&pairing, points.len(), &pose, termination)
+}
+
+/// The length of a motion, of which one tolerance does not count.
+fn in_tolerances(motion: &Pose2) -> f64 {
+    let shift = motion.translation().norm() / STEP_TOLERANCE_M;
+    shift.max(motion.theta.abs() / STEP_TOLERANCE_RAD)
 }
 
 /// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
-fn noise_variance_m2(range_sigma_m: f64, rmse_m: f64) -> f64 {
+pub(super) fn noise_variance_m2(range_sigma_m: f64, rmse_m: f64) -> f64 {
     (2.0 * range_sigma_m * range_sigma_m).max(rmse_m * rmse_m)
 }
 
-/// The counterpart of a point: the offset from it, and along which normal it is compared.
-fn pair(
-    reference: &ReferenceCloud,
-    point: &SurfacePoint,
-    to_reference: &Transform2,
-    gate_m: f64,
-    params: &IcpParams,
-) -> Option<(Vector2<f64>, Option<Vector2<f64>>)> {
-    let position = to_reference.apply(&point.position);
-    let index = reference.nearest(&position, gate_m)?;
-    let offset = position - reference.position(index);
-    let reference_normal = reference.normal(index);
-    if let Some(line_normal) = reference_normal {
-        let beside_max_m = params
-            .beside_max_m
-            .max(params.beside_max_range_share * point.range_m);
-        let normal = point.normal.map(|n| to_reference.turn(&n));
-        let turned_away = normal.is_some_and(|n| n.dot(&line_normal) < params.normal_cosine_min);
-        if turned_away || line_normal.perp(&offset).abs() > beside_max_m {
-            return None;
-        }
-    }
-    Some((offset, reference_normal))
+/// What all steps of an alignment share.
+struct Stepper<'a> {
+    lever_arm_m: f64,
+    range_sigma_m: f64,
+    prior: Option<&'a Prior>,
+    params: &'a IcpParams,
 }
 
-fn linearise(
-    reference: &ReferenceCloud,
-    points: &[SurfacePoint],
-    pose: &Pose2,
-    gate_m: f64,
-    params: &IcpParams,
-) -> NormalEquations {
-    let to_reference = pose.to_transform();
-    let mut equations = NormalEquations::default();
-    for point in points {
-        let Some((offset, line_normal)) = pair(reference, point, &to_reference, gate_m, params)
-        else {
-            continue;
-        };
-        equations.pairs += 1;
-        let distance_m = line_normal.map_or(offset.norm(), |n| n.dot(&offset).abs());
-        let weight = params
-            .cauchy_scale_m
-            .map_or(1.0, |c| 1.0 / (1.0 + (distance_m / c).powi(2)));
-        equations.weight_sum += weight;
-        let turned = Vector2::new(-point.position.y, point.position.x);
-        let mut add = |axis: Vector2<f64>| {
-            let in_base = to_reference.turn_back(&axis);
-            let jacobian = Vector3::new(in_base.x, in_base.y, in_base.dot(&turned));
-            equations.add(jacobian, axis.dot(&offset), weight);
-        };
-        match line_normal {
-            Some(n) => add(n),
-            None => {
-                add(Vector2::x());
-                add(Vector2::y());
+impl Stepper<'_> {
+    fn step(&self, mut equations: NormalEquations, pose: &Pose2) -> Vector3<f64> {
+        let observability = self.observability(&equations);
+        match self.prior {
+            None => observability.solve(&equations.gradient),
+            Some(prior) => {
+                equations.restrict_to(&observability);
+                equations.add_prior(prior, pose, self.range_sigma_m);
+                equations.solve()
             }
         }
     }
-    equations
+
+    fn observability(&self, equations: &NormalEquations) -> Observability {
+        let NormalEquations {
+            hessian,
+            weight_sum,
+            ..
+        } = equations;
+        Observability::new(hessian, *weight_sum, self.lever_arm_m)
+    }
+
+    /// What the pairs say, which were found within a tolerance of the pose.
+    fn summarise(
+        &self,
+        pairing: &Pairing<'_>,
+        points: usize,
+        pose: &Pose2,
+        termination: Termination,
+    ) -> Estimate {
+        let params = self.params;
+        let support = Support::of(pairing, pose, params);
+        let (information, observable_directions) = if termination == Termination::TooFewPoints {
+            (Information::from_upper([0.0; 6]), 0)
+        } else {
+            let scale_m = params.cauchy_scale_m;
+            let equations = NormalEquations::of(pairing.pairs(), pose, scale_m, 1);
+            let observability = self.observability(&equations);
+            let variance_m2 = noise_variance_m2(self.range_sigma_m, support.rmse_m);
+            (
+                observability.information(variance_m2),
+                observability.count(),
+            )
+        };
+        Estimate {
+            pose: *pose,
+            information,
+            observable_directions,
+            overlap: support.overlapping as f64 / points.max(1) as f64,
+            inlier_share: support.inliers as f64 / support.overlapping.max(1) as f64,
+            rmse_m: support.rmse_m,
+            termination,
+        }
+    }
 }
 
-fn summarise(
-    reference: &ReferenceCloud,
-    points: &[SurfacePoint],
-    pose: &Pose2,
-    range_sigma_m: f64,
-    params: &IcpParams,
-    termination: Termination,
-) -> Estimate {
-    let to_reference = pose.to_transform();
-    let (mut overlapping, mut inliers, mut square_sum) = (0usize, 0usize, 0.0);
-    for point in points {
-        let gate_m = params.overlap_gate_m;
-        if let Some((offset, line_normal)) = pair(reference, point, &to_reference, gate_m, params) {
+/// How well the points agree with their counterparts.
+struct Support {
+    overlapping: usize,
+    inliers: usize,
+    rmse_m: f64,
+}
+
+impl Support {
+    fn of(pairing: &Pairing<'_>, pose: &Pose2, params: &IcpParams) -> Self {
+        let to_reference = pose.to_transform();
+        let overlap_m2 = params.overlap_gate_m * params.overlap_gate_m;
+        let inlier_offset_m = 2.0 * params.inlier_gate_m.max(params.gate_end_m);
+        let (mut overlapping, mut inliers, mut square_sum_m2) = (0usize, 0usize, 0.0);
+        for pair in pairing.pairs().iter().chain(pairing.beyond_gate()) {
+            let offset = to_reference.apply(&pair.point) - pair.counterpart;
+            let offset_m2 = offset.norm_squared();
+            if offset_m2 > overlap_m2 {
+                continue;
+            }
             overlapping += 1;
-            let distance_m = line_normal.map_or(offset.norm(), |n| n.dot(&offset).abs());
-            if distance_m <= params.inlier_gate_m
-                && offset.norm() <= 2.0 * params.inlier_gate_m.max(params.gate_end_m)
+            let distance_m2 = pair.normal.map_or(offset_m2, |n| n.dot(&offset).powi(2));
+            if distance_m2 <= params.inlier_gate_m * params.inlier_gate_m
+                && offset_m2 <= inlier_offset_m * inlier_offset_m
             {
                 inliers += 1;
-                square_sum += distance_m * distance_m;
+                square_sum_m2 += distance_m2;
             }
         }
-    }
-    let rmse_m = (square_sum / inliers.max(1) as f64).sqrt();
-    let (information, observable_directions) = if termination == Termination::TooFewPoints {
-        (Information::from_upper([0.0; 6]), 0)
-    } else {
-        let equations = linearise(reference, points, pose, params.gate_end_m, params);
-        let lever_arm_m = lever_arm_m(points);
-        let observability =
-            Observability::new(&equations.hessian, equations.weight_sum, lever_arm_m);
-        let variance_m2 = noise_variance_m2(range_sigma_m, rmse_m);
-        (
-            observability.information(variance_m2),
-            observability.count(),
-        )
-    };
-    Estimate {
-        pose: *pose,
-        information,
-        observable_directions,
-        overlap: overlapping as f64 / points.len().max(1) as f64,
-        inlier_share: inliers as f64 / overlapping.max(1) as f64,
-        rmse_m,
-        termination,
+        Self {
+            overlapping,
+            inliers,
+            rmse_m: (square_sum_m2 / inliers.max(1) as f64).sqrt(),
+        }
     }
 }
 

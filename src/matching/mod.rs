@@ -5,10 +5,13 @@ mod cloud;
 mod estimate;
 mod icp;
 mod likelihood;
+mod normal_equations;
+mod pairing;
+mod point_grid;
 mod search;
 mod visibility;
 
-pub use cloud::ReferenceCloud;
+pub use cloud::{Neighbour, ReferenceCloud};
 pub use estimate::{Estimate, Termination};
 pub use icp::{IcpParams, Prior, align};
 pub use likelihood::LikelihoodGrid;
