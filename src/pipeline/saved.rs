@@ -1,13 +1,12 @@
 //! What the store has of a map, beside the map as it is: only what differs is written.
 
-use crate::graph::Blocks;
 use crate::mapping::RouteMap;
 use crate::store::{EdgeChange, NodeChange};
 
 /// The part of every node that a solve changes, by id.
 pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
     let graph = map.graph();
-    let blocks = Blocks::of(graph);
+    let blocks = graph.blocks();
     let with_keyframes = graph.nodes().iter().zip(map.keyframes());
     let nodes = with_keyframes.map(|(node, keyframe)| NodeChange {
         id: node.id,
@@ -22,7 +21,7 @@ pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
 /// The part of every edge that a solve changes, by id.
 pub(super) fn edges_of(map: &RouteMap) -> Vec<EdgeChange> {
     let graph = map.graph();
-    let blocks = Blocks::of(graph);
+    let blocks = graph.blocks();
     let edges = graph.edges().iter().enumerate();
     let edges = edges.map(|(position, edge)| EdgeChange {
         id: edge.id,
