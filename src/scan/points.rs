@@ -37,15 +37,18 @@ pub struct SurfacePoint {
 /// A normal is the direction of least scatter of the neighbouring returns on the same surface.
 pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
     let lidar = scan.lidar();
-    let mut points: Vec<SurfacePoint> = Vec::with_capacity(scan.beam_count());
+    let (mount_sin, mount_cos) = lidar.mount.theta.sin_cos();
+    let mut points: Vec<SurfacePoint> = Vec::with_capacity(scan.return_count());
     for beam in 0..scan.beam_count() {
         let Some(range_m) = scan.range_m(beam) else {
             continue;
         };
         let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
-        let position = lidar
-            .mount
-            .transform(&Vector2::new(range_m * cos, range_m * sin));
+        let (x, y) = (range_m * cos, range_m * sin);
+        let position = Vector2::new(
+            lidar.mount.x + mount_cos * x - mount_sin * y,
+            lidar.mount.y + mount_sin * x + mount_cos * y,
+        );
         points.push(SurfacePoint {
             position,
             normal: None,
