@@ -7,6 +7,7 @@ use anyhow::Context;
 use mapshift::api::Limits;
 use mapshift::app;
 use mapshift::config::{AppConfig, temporary_data_dir};
+use mapshift::pipeline::PipelineOptions;
 
 /// `sysconf(_SC_CLK_TCK)`, which Linux has at 100 on all common machines.
 const TICKS_PER_S: f64 = 100.0;
@@ -18,6 +19,7 @@ pub async fn serve() -> anyhow::Result<()> {
         listen: ([127, 0, 0, 1], 0).into(),
         data_dir: data_dir.clone(),
         limits: Limits::default(),
+        pipeline: PipelineOptions::default(),
     };
     let service = app::start(config).await?;
     writeln!(std::io::stdout(), "http://{}", service.local_addr())?;

@@ -108,9 +108,11 @@ pub fn align(
     let mut gate_m = params.gate_start_m;
     let mut stride = (points.len() / COARSE_POINTS).max(1);
     let mut last_moved = f64::INFINITY;
+    // Followed counterparts lead near the end, the nearest ones decide it.
+    let mut nearest_only = false;
     let mut termination = Termination::IterationLimit;
     for _ in 0..params.iterations_max {
-        if last_moved > LOOK_UP_TOLERANCES {
+        if nearest_only || last_moved > LOOK_UP_TOLERANCES {
             pairing.look_up(&pose, gate_m, stride, params);
         } else {
             pairing.follow(&pose, gate_m, stride, params);
@@ -135,8 +137,11 @@ pub fn align(
         if settled && stride > 1 && moved < COARSE_TOLERANCES {
             stride = 1;
         } else if settled && moved < 1.0 {
-            termination = Termination::Converged;
-            break;
+            if nearest_only {
+                termination = Termination::Converged;
+                break;
+            }
+            nearest_only = true;
         }
         last_moved = moved;
     }

@@ -83,9 +83,9 @@ fn a_pose_that_is_off_tells_less() {
     let pose = Pose2::IDENTITY;
     let scan = scan(360, |_| Some(9.0));
     let sure = look(&scan, &pose);
-    let unsure = look(&scan, &pose).with_pose_error(0.08);
+    let unsure = look(&scan, &pose).with_pose_error(0.03);
     let hopeless = look(&scan, &pose).with_pose_error(0.2);
-    let before = along(&scan, &pose, 7, 8.75);
+    let before = along(&scan, &pose, 7, 8.78);
     assert_eq!(sure.sight(&before), Sight::Passed);
     assert_eq!(unsure.sight(&before), Sight::Struck);
     let near = along(&scan, &pose, 7, 2.0);
