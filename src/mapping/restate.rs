@@ -7,7 +7,7 @@ use super::route_map::RouteMap;
 use crate::geometry::Pose2;
 use crate::graph::EdgeStatus;
 use crate::ids::{EdgeId, NodeId};
-use crate::solver::SolveOptions;
+use crate::solver::{SolveOptions, Solver};
 
 impl RouteMap {
     /// Changes whether edges are optimised, and solves the sub-graphs that they belong to, before
@@ -22,6 +22,7 @@ impl RouteMap {
         touched.extend(self.edges_around(changes));
         let touched: Vec<EdgeId> = touched.into_iter().collect();
         let options = SolveOptions::default();
+        self.solver = Solver::new();
         self.solver
             .solve_touched(&mut self.graph, &touched, &options);
     }

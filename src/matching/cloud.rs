@@ -61,16 +61,6 @@ impl ReferenceCloud {
         self.grid.nearest(point, distance_max_m, near)
     }
 
-    /// A point near by, found by steps along the order in which the points were given.
-    pub(super) fn follow(
-        &self,
-        point: &Vector2<f64>,
-        distance_max_m: f64,
-        from: usize,
-    ) -> Option<Neighbour> {
-        self.grid.follow(point, distance_max_m, from)
-    }
-
     /// A point's position, metres.
     #[inline]
     pub fn position(&self, index: usize) -> Vector2<f64> {

@@ -76,14 +76,6 @@ pub struct Prior {
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
 const STEP_TOLERANCE_RAD: f64 = 2e-5;
-/// While the scan is still far off, so many of its points suffice.
-const COARSE_POINTS: usize = 120;
-/// Far off ends when a motion is shorter than so many tolerances.
-const COARSE_TOLERANCES: f64 = 30.0;
-/// After a motion of so many tolerances counterparts are looked up anew; after a shorter one they
-/// are followed along their surfaces.
-const LOOK_UP_TOLERANCES: f64 = 200.0;
-
 /// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
 ///
 /// Directions that neither the points (along a corridor) nor the prior fix stay as in `initial`;
@@ -106,55 +98,28 @@ pub fn align(
     let mut pairing = Pairing::new(reference, points);
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
-    let mut stride = (points.len() / COARSE_POINTS).max(1);
-    let mut last_moved = f64::INFINITY;
-    // Followed counterparts lead near the end, the nearest ones decide it.
-    let mut nearest_only = false;
     let mut termination = Termination::IterationLimit;
     for _ in 0..params.iterations_max {
-        if nearest_only || last_moved > LOOK_UP_TOLERANCES {
-            pairing.look_up(&pose, gate_m, stride, params);
-        } else {
-            pairing.follow(&pose, gate_m, stride, params);
-        }
+        pairing.look_up(&pose, gate_m, params);
         if pairing.pairs().len() < PAIRS_MIN {
-            if stride > 1 {
-                (stride, last_moved) = (1, f64::INFINITY);
-                continue;
-            }
             termination = Termination::TooFewPoints;
             pose = *initial;
             break;
         }
-        let scale_m = params.cauchy_scale_m;
-        let equations = NormalEquations::of(pairing.pairs(), &pose, scale_m, stride);
+        let equations = NormalEquations::of(pairing.pairs(), &pose, params.cauchy_scale_m);
         let step = stepper.step(equations, &pose);
-        let motion = Pose2::new(step.x, step.y, step.z);
-        pose = pose.compose(&motion);
-        let moved = in_tolerances(&motion);
-        let settled = gate_m <= params.gate_end_m;
-        gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
-        if settled && stride > 1 && moved < COARSE_TOLERANCES {
-            stride = 1;
-        } else if settled && moved < 1.0 {
-            if nearest_only {
-                termination = Termination::Converged;
-                break;
-            }
-            nearest_only = true;
+        pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
+        let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
+        if gate_m <= params.gate_end_m && small {
+            termination = Termination::Converged;
+            break;
         }
-        last_moved = moved;
+        gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
     }
     if termination != Termination::Converged {
-        pairing.look_up(&pose, params.gate_end_m, 1, params);
+        pairing.look_up(&pose, params.gate_end_m, params);
     }
     stepper.summarise(&pairing, points.len(), &pose, termination)
-}
-
-/// The length of a motion, of which one tolerance does not count.
-fn in_tolerances(motion: &Pose2) -> f64 {
-    let shift = motion.translation().norm() / STEP_TOLERANCE_M;
-    shift.max(motion.theta.abs() / STEP_TOLERANCE_RAD)
 }
 
 /// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
@@ -205,8 +170,7 @@ impl Stepper<'_> {
         let (information, observable_directions) = if termination == Termination::TooFewPoints {
             (Information::from_upper([0.0; 6]), 0)
         } else {
-            let scale_m = params.cauchy_scale_m;
-            let equations = NormalEquations::of(pairing.pairs(), pose, scale_m, 1);
+            let equations = NormalEquations::of(pairing.pairs(), pose, params.cauchy_scale_m);
             let observability = self.observability(&equations);
             let variance_m2 = noise_variance_m2(self.range_sigma_m, support.rmse_m);
             (

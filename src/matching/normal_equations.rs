@@ -31,13 +31,8 @@ struct Sums {
 
 impl NormalEquations {
     /// Of pairs at a pose `reference_from_base`. Without a scale all pairs weigh alike; with one,
-    /// 1 / (1 + (r/c)²). Each pair stands for `stride` of them.
-    pub(super) fn of(
-        pairs: &[Pair],
-        pose: &Pose2,
-        cauchy_scale_m: Option<f64>,
-        stride: usize,
-    ) -> Self {
+    /// 1 / (1 + (r/c)²).
+    pub(super) fn of(pairs: &[Pair], pose: &Pose2, cauchy_scale_m: Option<f64>) -> Self {
         let to_reference = pose.to_transform();
         let mut sums = Sums::default();
         for pair in pairs {
@@ -45,11 +40,10 @@ impl NormalEquations {
         }
         let Sums { xx, xy, yy, .. } = sums;
         let Sums { xt, yt, tt, .. } = sums;
-        let each = stride as f64;
         Self {
-            hessian: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt) * each,
-            gradient: Vector3::from(sums.gradient) * each,
-            weight_sum: sums.weight * each,
+            hessian: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt),
+            gradient: Vector3::from(sums.gradient),
+            weight_sum: sums.weight,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Which point is compared with which.
 
-use super::{IcpParams, Neighbour, ReferenceCloud};
+use super::{IcpParams, ReferenceCloud};
 use crate::geometry::{Pose2, Transform2, Vector2};
 use crate::scan::SurfacePoint;
 
@@ -14,9 +14,6 @@ pub(super) struct Pair {
     /// Of the counterpart's line, reference frame; `None` where it has none.
     pub normal: Option<Vector2<f64>>,
 }
-
-/// What lies so near a followed point's neighbour needs no look-up, metres.
-const SURE_M: f64 = 0.05;
 
 /// The pairs of a scan and a cloud, found again and again while the scan is moved.
 pub(super) struct Pairing<'a> {
@@ -39,52 +36,19 @@ impl<'a> Pairing<'a> {
         }
     }
 
-    /// Pairs every `stride`-th point with its nearest neighbour within the gate, at a pose
-    /// `reference_from_base`; those within [`IcpParams::overlap_gate_m`] are found too.
-    pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
-        let reference = self.reference;
-        let reach_m = gate_m.max(params.overlap_gate_m);
-        self.pair(pose, gate_m, stride, params, |position, near, beside| {
-            reference.nearest_from(position, reach_m, near.or(beside))
-        });
-    }
-
-    /// The same after a small motion: each counterpart is followed along its surface, which is
-    /// far cheaper and now and then misses a nearer point of another surface.
-    pub(super) fn follow(&mut self, pose: &Pose2, gate_m: f64, stride: usize, params: &IcpParams) {
-        let reference = self.reference;
-        let reach_m = gate_m.max(params.overlap_gate_m);
-        self.pair(pose, gate_m, stride, params, |position, near, beside| {
-            let followed = near
-                .or(beside)
-                .and_then(|near| reference.follow(position, reach_m, near));
-            let is_sure = near.is_some()
-                || followed.is_some_and(|f| f.distance_squared_m2 <= SURE_M * SURE_M);
-            if is_sure {
-                followed
-            } else {
-                reference.nearest_from(position, reach_m, followed.map(|f| f.index))
-            }
-        });
-    }
-
-    fn pair(
-        &mut self,
-        pose: &Pose2,
-        gate_m: f64,
-        stride: usize,
-        params: &IcpParams,
-        find: impl Fn(&Vector2<f64>, Option<usize>, Option<usize>) -> Option<Neighbour>,
-    ) {
+    /// Pairs every point with its nearest neighbour within the gate, at a pose
+    /// `reference_from_base`; those within [`IcpParams::overlap_gate_m`] are found too. The search
+    /// begins at the neighbour of the last time, or at the one of the beam beside.
+    pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, params: &IcpParams) {
         let to_reference = pose.to_transform();
+        let reach_m = gate_m.max(params.overlap_gate_m);
         self.pairs.clear();
         self.beyond_gate.clear();
-        let nearest = self.nearest.iter_mut().step_by(stride);
         let mut beside = None;
-        for (point, near) in self.points.iter().step_by(stride).zip(nearest) {
+        for (point, near) in self.points.iter().zip(&mut self.nearest) {
             let position = to_reference.apply(&point.position);
-            let known = near.map(|k| k as usize);
-            let Some(found) = find(&position, known, beside) else {
+            let hint = near.map(|k| k as usize).or(beside);
+            let Some(found) = self.reference.nearest_from(&position, reach_m, hint) else {
                 continue;
             };
             *near = Some(found.index as u32);

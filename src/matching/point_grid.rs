@@ -111,33 +111,6 @@ impl PointGrid {
         self.positions[index]
     }
 
-    /// A point within a distance, found by steps from another to those given before or after it
-    /// for as long as one of two leads nearer.
-    pub(super) fn follow(
-        &self,
-        point: &Vector2<f64>,
-        distance_max_m: f64,
-        from: usize,
-    ) -> Option<Neighbour> {
-        let mut looking = Looking {
-            grid: self,
-            point: *point,
-            least_m2: f64::INFINITY,
-            index: NONE,
-        };
-        looking.compare(from, &self.positions[from]);
-        for side in 0..2 {
-            looking.walk(from, side);
-            if looking.index != from {
-                break;
-            }
-        }
-        (looking.least_m2 <= distance_max_m * distance_max_m).then_some(Neighbour {
-            index: looking.index,
-            distance_squared_m2: looking.least_m2,
-        })
-    }
-
     /// The nearest point within a distance; a point that is known to be near bounds the search.
     pub(super) fn nearest(
         &self,
@@ -154,6 +127,8 @@ impl PointGrid {
         };
         if let Some(near) = near {
             looking.compare(near, &self.positions[near]);
+            looking.walk(near, 0);
+            looking.walk(near, 1);
         }
         if looking.least_m2 < self.cell_m * self.cell_m {
             looking.scan_square();

@@ -83,9 +83,9 @@ fn linearise(
     params: &IcpParams,
 ) -> (NormalEquations, usize) {
     let mut pairing = Pairing::new(cloud, points);
-    pairing.look_up(pose, gate_m, 1, params);
+    pairing.look_up(pose, gate_m, params);
     let pairs = pairing.pairs();
-    let equations = NormalEquations::of(pairs, pose, params.cauchy_scale_m, 1);
+    let equations = NormalEquations::of(pairs, pose, params.cauchy_scale_m);
     (equations, pairs.len())
 }
 
