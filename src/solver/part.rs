@@ -39,7 +39,7 @@ pub(super) struct Limits {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            large_nodes: 5000,
+            large_nodes: 20_000,
             region_nodes: 300,
             // Half of what is promised: the bound is exact to second order only.
             gap_max: 5e-7,
