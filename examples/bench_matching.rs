@@ -28,7 +28,7 @@ const GRID_RESOLUTION_M: f64 = 0.1;
 const GRID_LEVELS: usize = 5;
 const SEARCH_POINTS: usize = 180;
 const WINDOW_HALF_WIDTH_M: f64 = 1.0;
-const WINDOW_HALF_TURN_RAD: f64 = 0.5236;
+const WINDOW_HALF_TURN_RAD: f64 = std::f64::consts::FRAC_PI_6;
 const SEARCH: SearchParams = SearchParams {
     score_min: 0.3,
     distinct_distance_m: f64::INFINITY,

@@ -287,7 +287,7 @@ mod tests {
             let on_line = |x: f64, y: f64| if turned { Vector2::new(y, x) } else { Vector2::new(x, y) };
             let points: Vec<_> = steps.iter().map(|&k| on_line(f64::from(k) * 0.01, 0.0)).collect();
             check(&points, &on_line(x, 0.3), 20.0, None);
-            check(&vec![points[0]; 9], &on_line(x, 0.3), 20.0, None);
+            check(&[points[0]; 9], &on_line(x, 0.3), 20.0, None);
         }
     }
 
