@@ -1,5 +1,7 @@
 //! The residual series of a route or of one of its sub-graphs.
 
+use std::collections::BTreeMap;
+
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
@@ -8,8 +10,6 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
-use std::collections::BTreeMap;
-
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
 use crate::change::{VehicleResidual, calibrated_p_values};
 use crate::graph::EdgeKind;

@@ -8,6 +8,7 @@
 
 use std::collections::BTreeMap;
 
+use super::median::median;
 use super::threshold::chi_squared_survival;
 
 /// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
@@ -83,26 +84,12 @@ impl Spread {
     }
 }
 
-/// Of a list that is not empty; sorts it.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{chi_squared, gaussian};
     use super::*;
-    use rand::{RngExt, SeedableRng};
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-
-    fn gaussian(rng: &mut ChaCha8Rng) -> f64 {
-        let (u, v) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    }
-
-    fn chi_squared_3(rng: &mut ChaCha8Rng) -> f64 {
-        (0..3).map(|_| gaussian(rng).powi(2)).sum()
-    }
 
     fn of_vehicles(
         count: usize,
@@ -122,7 +109,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let benign = of_vehicles(40_000, |k| {
             let scale = [1.0, 250.0][k % 2];
-            ((k % 2) as u8, scale * chi_squared_3(&mut rng))
+            ((k % 2) as u8, scale * chi_squared(&mut rng, 3))
         });
         let heavy = of_vehicles(40_000, |k| {
             let sigma = [1.0, 2.0][k % 2];
@@ -141,7 +128,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let residuals = of_vehicles(1_000, |k| {
             let changed = if k % 5 == 0 { 3_000.0 } else { 1.0 };
-            (0, changed * (0.5 + chi_squared_3(&mut rng)))
+            (0, changed * (0.5 + chi_squared(&mut rng, 3)))
         });
         let p_values = calibrated_p_values(&residuals);
         let told = |k: &usize| p_values[*k].unwrap() < 1e-3;

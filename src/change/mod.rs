@@ -11,10 +11,13 @@ mod fold;
 mod history;
 mod kind;
 mod look;
+mod median;
 mod mismatch;
 pub mod paper;
 mod region;
 pub mod series;
+#[cfg(test)]
+mod testing;
 pub mod threshold;
 mod vehicle;
 

@@ -8,9 +8,7 @@
 //! The same series serves closures that were optimised and measurements that were only compared
 //! with the optimum: each is a stream of non-negative growths.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
+use super::median::RunningMedian;
 use super::threshold::{CHI_SQUARED_3_MEDIAN, chi_squared_survival, paper_threshold};
 use crate::ids::EdgeId;
 
@@ -145,7 +143,8 @@ pub struct ResidualSeries {
     pub delay: usize,
 }
 
-/// Reads a sub-graph's closures as the paper's series. Costs O(n log n). A ΔF that is not a number counts as 0.
+/// Reads a sub-graph's closures as the paper's series. Costs O(n log n). A ΔF that is not a number
+/// counts as 0.
 pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> ResidualSeries {
     let kernel = Kernel::new(params.smoothing_sigma);
     let growth: Vec<f64> = samples.iter().map(|s| s.delta_f.max(0.0)).collect();
@@ -234,36 +233,6 @@ fn p_values(growth: &[f64]) -> Vec<f64> {
     growth.iter().map(p_value).collect()
 }
 
-/// The median of numbers that are not negative, as they come. Their bits are ordered as they are.
-#[derive(Default)]
-struct RunningMedian {
-    /// The lower half, the middle one included.
-    low: BinaryHeap<u64>,
-    high: BinaryHeap<Reverse<u64>>,
-}
-
-impl RunningMedian {
-    fn insert(&mut self, value: f64) {
-        self.low.push(value.abs().to_bits());
-        self.high.extend(self.low.pop().map(Reverse));
-        if self.high.len() > self.low.len() {
-            self.low.extend(self.high.pop().map(|Reverse(bits)| bits));
-        }
-    }
-
-    /// 0 of none.
-    fn get(&self) -> f64 {
-        let low = self.low.peek().copied().unwrap_or_default();
-        let high = self.high.peek().map_or(low, |Reverse(bits)| *bits);
-        let above = if self.low.len() > self.high.len() {
-            low
-        } else {
-            high
-        };
-        0.5 * (f64::from_bits(low) + f64::from_bits(above))
-    }
-}
-
 /// Half of a Gaussian: its weights at distances 0, 1, … closures.
 struct Kernel(Vec<f64>);
 
@@ -336,9 +305,10 @@ impl NearPeak {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::chi_squared;
     use super::*;
     use proptest::prelude::*;
-    use rand::{RngExt, SeedableRng};
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     fn samples(growth: &[f64]) -> Vec<ClosureSample> {
@@ -347,31 +317,6 @@ mod tests {
             delta_f,
         };
         growth.iter().enumerate().map(sample).collect()
-    }
-
-    fn gaussian(rng: &mut ChaCha8Rng) -> f64 {
-        let (u, v) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    }
-
-    fn chi_squared(rng: &mut ChaCha8Rng, degrees: usize) -> f64 {
-        (0..degrees).map(|_| gaussian(rng).powi(2)).sum()
-    }
-
-    proptest! {
-        #[test]
-        fn the_running_median_is_that_of_all_so_far(
-            values in prop::collection::vec(prop_oneof![Just(0.0), Just(-0.0), 0.0..9.0_f64], 1..60),
-        ) {
-            let mut running = RunningMedian::default();
-            for n in 1..=values.len() {
-                running.insert(values[n - 1]);
-                let mut sorted = values[..n].to_vec();
-                sorted.sort_by(f64::total_cmp);
-                let middle = 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
-                prop_assert_eq!(running.get(), middle);
-            }
-        }
     }
 
     fn unchanged(seed: u64, count: usize, degrees: usize) -> Vec<f64> {

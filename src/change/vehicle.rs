@@ -1,5 +1,6 @@
 //! Whether a vehicle's lidar sits as the vehicle says.
 
+use super::median::median;
 use super::region::region_round;
 use super::{ChangeKind, Finding};
 use crate::geometry::{Pose2, Vector2, angle_difference_rad, wrap_angle};
@@ -99,17 +100,6 @@ pub fn suspect_vehicle(trips: &[(&TripId, Vec<TripPose>)]) -> Option<Finding> {
         last_seen: poses().map(|pose| pose.stamp).max().unwrap_or(first.stamp),
         until: None,
     })
-}
-
-/// Of at least one value; sorts them.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 {
-        values[middle]
-    } else {
-        0.5 * (values[middle - 1] + values[middle])
-    }
 }
 
 #[cfg(test)]

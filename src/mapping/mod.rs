@@ -16,6 +16,8 @@ mod partners;
 mod restate;
 mod route_map;
 mod settle;
+#[cfg(test)]
+mod testing;
 
 pub use anchor::AnchorError;
 pub use closure::{Closure, ClosureRule};

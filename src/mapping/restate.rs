@@ -20,11 +20,15 @@ impl RouteMap {
             self.graph.set_edge_status(*edge, *status);
         }
         touched.extend(self.edges_around(changes));
-        let touched: Vec<EdgeId> = touched.into_iter().collect();
+        self.solve_anew(touched);
+    }
+
+    /// Solves the sub-graphs of some edges with a solver that remembers nothing: what an earlier
+    /// solve left behind goes by places in the graph, and shows in the last bits.
+    pub(super) fn solve_anew(&mut self, edges: BTreeSet<EdgeId>) {
+        let edges: Vec<EdgeId> = edges.into_iter().collect();
         let options = SolveOptions::default();
-        self.solver = Solver::new();
-        self.solver
-            .solve_touched(&mut self.graph, &touched, &options);
+        Solver::new().solve_touched(&mut self.graph, &edges, &options);
     }
 
     /// Changes whether an edge is optimised; nothing moves.
@@ -85,29 +89,17 @@ impl RouteMap {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::super::keyframe::Keyframe;
     use super::super::route_map::Weighting;
+    use super::super::testing::blind_keyframe;
     use super::*;
     use crate::geometry::Information;
     use crate::graph::{Edge, EdgeKind};
     use crate::ids::{StampNs, TripId};
-    use crate::scan::{LaserScan, Lidar};
     use crate::solver::solve;
 
     fn keyframe(id: i64) -> Keyframe {
-        let lidar = Lidar {
-            angle_min_rad: 0.0,
-            angle_increment_rad: 1.0,
-            range_min_m: 0.1,
-            range_max_m: 5.0,
-            mount: Pose2::IDENTITY,
-            range_sigma_m: 0.01,
-        };
-        let scan = LaserScan::new(Arc::new(lidar), [None; 3]).unwrap();
-        let trip = TripId::new("t").unwrap();
-        Keyframe::new(NodeId(id), trip, StampNs(id), Pose2::IDENTITY, scan)
+        blind_keyframe(id, TripId::new("t").unwrap(), StampNs(id))
     }
 
     /// Two chains of five nodes a metre apart, tied by closures of which the third is 0.3 m off.

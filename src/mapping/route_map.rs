@@ -26,6 +26,7 @@ pub struct RouteMap {
     pub(super) graph: PoseGraph,
     /// In the order of `graph.nodes()`.
     pub(super) keyframes: Vec<Keyframe>,
+    /// Begun anew with each drive.
     pub(super) solver: Solver,
     pub(super) weighting: Weighting,
     pub(super) closure_rule: ClosureRule,

@@ -9,7 +9,6 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
-use crate::solver::{SolveOptions, Solver};
 
 /// So many of the newest stretches stay in a map. What is decided about a change is decided within
 /// a few laps by the references and these; every closure's solve costs as much as there are.
@@ -125,12 +124,7 @@ impl RouteMap {
         for (edge, _) in &leaving_edges {
             self.contradictions.remove(edge);
         }
-        // What a solver remembers goes by places in the graph.
-        self.solver = Solver::default();
-        let touched: Vec<EdgeId> = around.into_iter().collect();
-        let options = SolveOptions::default();
-        self.solver
-            .solve_touched(&mut self.graph, &touched, &options);
+        self.solve_anew(around);
         Ok(())
     }
 

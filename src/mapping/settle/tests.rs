@@ -1,13 +1,11 @@
-use std::sync::Arc;
-
 use proptest::prelude::*;
 
 use super::super::route_map::Weighting;
+use super::super::testing::blind_keyframe;
 use super::*;
 use crate::geometry::{Information, Pose2};
 use crate::graph::EdgeKind;
-use crate::scan::{LaserScan, Lidar};
-use crate::solver::solve;
+use crate::solver::{SolveOptions, solve};
 
 const MINUTE_NS: i64 = 60_000_000_000;
 
@@ -16,17 +14,7 @@ fn trip(number: i64) -> TripId {
 }
 
 fn keyframe(id: i64, of_trip: i64, stamp_ns: i64) -> Keyframe {
-    let lidar = Lidar {
-        angle_min_rad: 0.0,
-        angle_increment_rad: 1.0,
-        range_min_m: 0.1,
-        range_max_m: 5.0,
-        mount: Pose2::IDENTITY,
-        range_sigma_m: 0.01,
-    };
-    let scan = LaserScan::new(Arc::new(lidar), [None; 3]).unwrap();
-    let stamp = StampNs(stamp_ns);
-    Keyframe::new(NodeId(id), trip(of_trip), stamp, Pose2::IDENTITY, scan)
+    blind_keyframe(id, trip(of_trip), StampNs(stamp_ns))
 }
 
 fn edge(id: i64, from: i64, to: i64, kind: EdgeKind) -> Edge {
