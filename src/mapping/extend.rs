@@ -214,8 +214,9 @@ impl RouteMap {
 
     /// Ties a new node to the reference, then decides whether it becomes part of it.
     fn close_loops(&mut self, index: usize, added: &mut Extension) -> Result<(), GraphError> {
-        for (partner, measurement) in self.find_closures(index) {
-            self.insert_closure(partner, index, measurement, added)?;
+        let found = self.find_closures(index);
+        if !found.is_empty() {
+            self.insert_closures(index, &found, added)?;
             self.keyframes[index].drift_m = 0.0;
         }
         let pose = self.graph.nodes()[index].pose;
@@ -273,13 +274,35 @@ impl RouteMap {
             .collect()
     }
 
-    fn insert_closure(
+    /// Adds the closures of a new node with their older ends, and solves the graph.
+    fn insert_closures(
+        &mut self,
+        index: usize,
+        found: &[(usize, ClosureMeasurement)],
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let first = added.edges.len();
+        for (partner, measurement) in found {
+            added
+                .edges
+                .push(self.add_closure(*partner, index, measurement)?);
+        }
+        let edges = &added.edges[first..];
+        let options = SolveOptions::default();
+        let growths = self.solver.solve_closures(&mut self.graph, edges, &options);
+        for ((&edge, (partner, measurement)), delta_f) in edges.iter().zip(found).zip(growths) {
+            let closure = self.closure(edge, [*partner, index], measurement, delta_f);
+            added.closures.push(closure);
+        }
+        Ok(())
+    }
+
+    fn add_closure(
         &mut self,
         partner: usize,
         index: usize,
-        measurement: ClosureMeasurement,
-        added: &mut Extension,
-    ) -> Result<(), GraphError> {
+        measurement: &ClosureMeasurement,
+    ) -> Result<EdgeId, GraphError> {
         let (optimised, information) = match self.weighting {
             Weighting::Robust => (measurement.robust.pose, measurement.robust.information),
             Weighting::AllPointsIdentity => (measurement.all_points.pose, Information::identity()),
@@ -297,10 +320,17 @@ impl RouteMap {
         let (old, new) = (self.placed(partner), self.placed(index));
         let contradictions = Contradictions::between(&old, &new, &edge.measurement);
         self.contradictions.insert(edge.id, contradictions);
-        let options = SolveOptions::default();
-        let solved = self
-            .solver
-            .solve_touched(&mut self.graph, &[edge.id], &options);
+        Ok(edge.id)
+    }
+
+    /// What a closure says now that the graph is solved with it.
+    fn closure(
+        &self,
+        edge: EdgeId,
+        [partner, index]: [usize; 2],
+        measurement: &ClosureMeasurement,
+        delta_f: f64,
+    ) -> Closure {
         let all_points_measurement = measurement.all_points.pose;
         let all_points_information = match self.weighting {
             Weighting::Robust => measurement.all_points.information,
@@ -309,16 +339,14 @@ impl RouteMap {
         let nodes = self.graph.nodes();
         let (from, to) = (nodes[partner].pose, nodes[index].pose);
         let error = Pose2::edge_error(&from, &to, &all_points_measurement);
-        added.edges.push(edge.id);
-        added.closures.push(Closure {
-            edge: edge.id,
+        Closure {
+            edge,
             robust: measurement.robust,
             all_points_measurement,
             all_points_information,
-            delta_f: solved.delta_f,
+            delta_f,
             all_points_residual: all_points_information.squared_norm(&error),
-        });
-        Ok(())
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use super::arena::Arena;
 use super::block_matrix::BlockMatrix;
 use super::elimination::{Part, eliminate};
 use super::front::{Front, NONE};
-use super::multifrontal::{Factorise, Solve};
+use super::multifrontal::{Factorise, Solve, SolveForward};
 use super::ordering::DenseGraph;
 
 /// A top with more variables than this is most of the graph, and ordered like one.
@@ -184,6 +184,30 @@ impl<const B: usize> BlockCholesky<B> {
     /// Solves A x = b in place: B numbers for each variable.
     pub(super) fn solve(&mut self, x: &mut [f64]) {
         Arch::new().dispatch(Solve { cholesky: self, x });
+    }
+
+    /// The fronts between some variables and the root, children first.
+    pub(super) fn path_of(&self, variables: impl Iterator<Item = u32>) -> Vec<u32> {
+        let mut is_on_path = vec![false; self.fronts.len()];
+        for variable in variables {
+            let mut front = self.front_of[variable as usize];
+            while front != NONE && !std::mem::replace(&mut is_on_path[front as usize], true) {
+                front = self.fronts[front as usize].parent;
+            }
+        }
+        let bottom_up = self.bottom_up.iter().copied();
+        bottom_up.filter(|&f| is_on_path[f as usize]).collect()
+    }
+
+    /// Appends the rows of L⁻¹ b that a path eliminates; b must be zero elsewhere, and is zero
+    /// everywhere afterwards.
+    pub(super) fn solve_forward(&mut self, path: &[u32], b: &mut [f64], solved: &mut Vec<f64>) {
+        Arch::new().dispatch(SolveForward {
+            cholesky: self,
+            path,
+            b,
+            solved,
+        });
     }
 }
 

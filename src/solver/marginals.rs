@@ -111,7 +111,7 @@ impl<'a> Marginals<'a> {
 }
 
 /// The symmetric square root, and the rank.
-fn square_root(information: &Information) -> (Matrix3<f64>, usize) {
+pub(super) fn square_root(information: &Information) -> (Matrix3<f64>, usize) {
     let eigen = SymmetricEigen::new(*information.matrix());
     let zero_below = RANK_TOLERANCE * eigen.eigenvalues.max();
     let roots = eigen.eigenvalues.map(|value| {

@@ -4,6 +4,7 @@ use super::local_error::Frame;
 use super::normal_equations::{Fit, NormalEquations};
 use super::problem::Problem;
 use super::secants::Secants;
+use super::shares::share_growth;
 use super::summary::{SolveOptions, SolveSummary, Termination};
 use crate::geometry::Pose2;
 
@@ -95,6 +96,20 @@ impl Minimiser {
             }
         }
         summary
+    }
+
+    /// Parts the growth of F among new factors, given by their names, after the problem was
+    /// minimised with them.
+    pub(super) fn share_growth(
+        &mut self,
+        growth: f64,
+        new: &[usize],
+        problem: &Problem,
+    ) -> Vec<f64> {
+        match &mut self.equations {
+            Some(equations) => share_growth(growth, new, problem, equations),
+            None => Vec::new(),
+        }
     }
 
     fn prepare(&mut self, problem: &Problem) -> Option<(NormalEquations, Fit)> {

@@ -24,6 +24,7 @@ mod problem;
 mod region;
 mod robust;
 mod secants;
+mod shares;
 mod spanning;
 mod summary;
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::assembly::Assembly;
 use super::block_matrix::BlockMatrix;
 use super::cholesky::{BlockCholesky, Memory};
 use super::dense::{backward, factor_columns, forward, subtract_square};
+use super::front::Front;
 
 /// Factors some fronts, children first. The damping is relative, and what a diagonal entry
 /// counts for at least.
@@ -78,21 +79,9 @@ impl<const B: usize> WithSimd for Solve<'_, B> {
         let Memory { x: own, y, .. } = &mut cholesky.memory;
         for &f in &cholesky.bottom_up {
             let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
-            own.clear();
-            own.resize(front.width * B, 0.0);
-            gather::<B>(self.x, &front.rows[..front.width], y);
             let columns = &cholesky.columns[front.columns::<B>()];
-            forward::<S, B>(simd, columns, front.stride, y, own);
+            eliminate_front::<S, B>(simd, front, columns, self.x, y, own);
             scatter::<B>(own, &front.rows[..front.width], self.x);
-            let below = &y[front.width * B..];
-            for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
-                let at = variable as usize * B;
-                for (x, part) in self.x[at..at + B].iter_mut().zip(part) {
-                    *x += part;
-                }
-            }
         }
         for &f in cholesky.bottom_up.iter().rev() {
             let front = &cholesky.fronts[f as usize];
@@ -105,6 +94,57 @@ impl<const B: usize> WithSimd for Solve<'_, B> {
             let columns = &cholesky.columns[front.columns::<B>()];
             backward::<S, B>(simd, columns, front.stride, y, own);
             scatter::<B>(y, &front.rows[..front.width], self.x);
+        }
+    }
+}
+
+/// The first half of [`Solve`], along a path to the root.
+pub(super) struct SolveForward<'a, const B: usize> {
+    pub(super) cholesky: &'a mut BlockCholesky<B>,
+    pub(super) path: &'a [u32],
+    pub(super) b: &'a mut [f64],
+    pub(super) solved: &'a mut Vec<f64>,
+}
+
+impl<const B: usize> WithSimd for SolveForward<'_, B> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let cholesky = self.cholesky;
+        let Memory { x: own, y, .. } = &mut cholesky.memory;
+        for &f in self.path {
+            let front = &cholesky.fronts[f as usize];
+            let columns = &cholesky.columns[front.columns::<B>()];
+            eliminate_front::<S, B>(simd, front, columns, self.b, y, own);
+            self.solved.extend_from_slice(own);
+            own.fill(0.0);
+            scatter::<B>(own, &front.rows[..front.width], self.b);
+        }
+    }
+}
+
+/// Leaves a front's own part of L⁻¹ b in `own`, and subtracts what that does to the rows below.
+#[inline(always)]
+fn eliminate_front<S: Simd, const B: usize>(
+    simd: S,
+    front: &Front,
+    columns: &[f64],
+    b: &mut [f64],
+    y: &mut Vec<f64>,
+    own: &mut Vec<f64>,
+) {
+    y.clear();
+    y.resize(front.stride, 0.0);
+    own.clear();
+    own.resize(front.width * B, 0.0);
+    gather::<B>(b, &front.rows[..front.width], y);
+    forward::<S, B>(simd, columns, front.stride, y, own);
+    let below = &y[front.width * B..];
+    for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
+        let at = variable as usize * B;
+        for (value, part) in b[at..at + B].iter_mut().zip(part) {
+            *value += part;
         }
     }
 }

@@ -318,6 +318,11 @@ impl NormalEquations {
         is_done
     }
 
+    /// Whether the last factor is of H, not far from the poses that were asked for last.
+    pub(super) fn has_plain_factor(&self) -> bool {
+        self.has_plain_factor
+    }
+
     /// The step −(H + λD)⁻¹ g by the last factor, corrected by what later steps have shown, and
     /// the decrease −gᵀ step of the cost that goes with it; `None` if it is not finite.
     pub(super) fn step(&mut self, secants: &mut Secants, step: &mut Vec<f64>) -> Option<f64> {
@@ -336,6 +341,25 @@ impl NormalEquations {
         for column in columns.chunks_exact_mut(self.dimension().max(1)) {
             self.cholesky.solve(column);
         }
+    }
+
+    /// L⁻¹ times some columns, one after the other, by the last factor H = LLᵀ: each column has
+    /// parts at two poses, of which those that are held are passed over. All have the same rows,
+    /// those between the poses and the root; the rest of them are zero.
+    pub(super) fn solve_forward(&mut self, columns: &[[(usize, Vector3<f64>); 2]]) -> Vec<f64> {
+        let parts = || columns.iter().flatten();
+        let variables = parts().map(|&(pose, _)| self.variable[pose]);
+        let path = self.cholesky.path_of(variables.filter(|&v| v != NONE));
+        let (mut x, mut solved) = (vec![0.0; self.dimension()], Vec::new());
+        for column in columns {
+            for (pose, part) in column {
+                if self.variable[*pose] != NONE {
+                    add_to(&mut x, self.variable[*pose], part);
+                }
+            }
+            self.cholesky.solve_forward(&path, &mut x, &mut solved);
+        }
+        solved
     }
 
     /// The poses after a step, and as frames.

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 use super::complementary::{Strains, least_strains};
 use super::minimise::Minimiser;
-use super::problem::Factor;
+use super::problem::{Factor, Problem};
 use super::region::Region;
 use super::summary::{SolveOptions, SolveSummary};
 use crate::geometry::Pose2;
@@ -51,8 +51,8 @@ impl Default for Limits {
 pub(super) struct Solved {
     pub(super) summary: SolveSummary,
     pub(super) delta_f: f64,
-    /// The places of nodes, and where they are now.
-    pub(super) poses: Vec<(usize, Pose2)>,
+    /// What was solved, at its optimum.
+    pub(super) problem: Problem,
     pub(super) news: News,
 }
 
@@ -154,7 +154,7 @@ pub(super) fn solve_part(
             },
             delta_f: change + cost_of(graph, touched),
             news: news(&region, strains, cost, gap_max),
-            poses: region.nodes.into_iter().zip(problem.poses).collect(),
+            problem,
         });
     }
     None

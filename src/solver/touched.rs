@@ -67,8 +67,34 @@ impl Solver {
         touched: &[EdgeId],
         options: &SolveOptions,
     ) -> TouchedSummary {
+        self.solve_blocks(graph, touched, options, false).0
+    }
+
+    /// Solves as [`Solver::solve_touched`] does, after some closures were added, and tells what
+    /// each of them did to F when those after it were not there yet: the paper's ΔF, exact where
+    /// errors are linear. The sum over a block is exact. Closures that took no part get 0.
+    pub fn solve_closures(
+        &mut self,
+        graph: &mut PoseGraph,
+        closures: &[EdgeId],
+        options: &SolveOptions,
+    ) -> Vec<f64> {
+        let (_, shares) = self.solve_blocks(graph, closures, options, true);
+        let share = |id: &EdgeId| shares.get(&graph.edge_position(*id)?).copied();
+        closures.iter().map(|id| share(id).unwrap_or(0.0)).collect()
+    }
+
+    /// What was done, and what the touched edges did to F, by their places, if they `are_closures`.
+    fn solve_blocks(
+        &mut self,
+        graph: &mut PoseGraph,
+        touched: &[EdgeId],
+        options: &SolveOptions,
+        are_closures: bool,
+    ) -> (TouchedSummary, BTreeMap<usize, f64>) {
         let positions = touched.iter().filter_map(|&id| graph.edge_position(id));
         let touched: BTreeSet<usize> = positions.collect();
+        let mut shares = BTreeMap::new();
         let mut total = TouchedSummary {
             summary: SolveSummary::nothing(),
             delta_f: 0.0,
@@ -79,9 +105,20 @@ impl Solver {
             let Some(solved) = self.solve_block(graph, index, &touched, options) else {
                 continue;
             };
+            if are_closures {
+                let minimiser = match solved.news {
+                    News::Whole(_) => &mut self.whole_blocks,
+                    News::Part { .. } => &mut self.parts,
+                };
+                let of_block = minimiser.share_growth(solved.delta_f, &touched, &solved.problem);
+                shares.extend(touched.iter().copied().zip(of_block));
+            }
             total.delta_f += solved.delta_f;
             total.summary.add(&solved.summary);
-            graph.move_with_hanging(solved.poses, &mut moved);
+            let Problem {
+                pose_names, poses, ..
+            } = solved.problem;
+            graph.move_with_hanging(pose_names.into_iter().zip(poses), &mut moved);
             if let Some(standing) = graph.standing_mut(index) {
                 solved.news.tell(standing);
             }
@@ -90,7 +127,7 @@ impl Solver {
         moved.dedup();
         let nodes = graph.nodes();
         total.moved = moved.into_iter().map(|place| nodes[place].id).collect();
-        total
+        (total, shares)
     }
 
     fn solve_block(
@@ -125,7 +162,7 @@ impl Solver {
         touched: &[usize],
         options: &SolveOptions,
     ) -> Option<Solved> {
-        let (mut problem, nodes) = block_problem(graph, graph.blocks().get(index)?);
+        let mut problem = block_problem(graph, graph.blocks().get(index)?);
         let cost_of_touched = cost_of(graph, touched);
         let summary = self.whole_blocks.minimise(&mut problem, options);
         let standing = if summary.termination.is_converged() {
@@ -133,12 +170,10 @@ impl Solver {
         } else {
             Standing::unknown()
         };
-        // The anchor, first among the nodes, was held.
-        let poses = nodes.into_iter().zip(problem.poses).skip(1);
         Some(Solved {
             summary,
             delta_f: summary.final_cost - (summary.initial_cost - cost_of_touched),
-            poses: poses.filter(|_| summary.moved).collect(),
+            problem,
             news: News::Whole(standing),
         })
     }
@@ -161,9 +196,9 @@ fn by_block(graph: &PoseGraph, touched: &BTreeSet<usize>) -> Vec<(BlockIndex, Ve
     groups
 }
 
-/// A block as a problem, its anchor held, and the places of its poses in the graph. Its nodes and
-/// edges are in the graph's order, however the block has grown.
-fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
+/// A block as a problem, its anchor, the first pose, held. Its nodes and edges are in the graph's
+/// order, however the block has grown.
+fn block_problem(graph: &PoseGraph, block: &Block) -> Problem {
     let mut edges = block.edges.clone();
     edges.sort_unstable();
     let mut nodes = Vec::with_capacity(block.nodes.len() + 1);
@@ -181,14 +216,13 @@ fn block_problem(graph: &PoseGraph, block: &Block) -> (Problem, Vec<usize>) {
         let (from, to) = graph.ends()[edge];
         Factor::of_edge(&graph.edges()[edge], local(from), local(to))
     });
-    let problem = Problem {
+    Problem {
         factors: factors.collect(),
         poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
         held: (0..nodes.len()).map(|k| k == 0).collect(),
-        pose_names: nodes.clone(),
+        pose_names: nodes,
         factor_names: edges,
-    };
-    (problem, nodes)
+    }
 }
 
 impl SolveSummary {
