@@ -168,7 +168,10 @@ impl Tests {
         let closures = baseline(edges, accepted).filter_map(|edge| {
             let residual = VehicleResidual {
                 vehicle: *vehicles.get(&edge.to)?,
-                residual: edge.closure?.all_points_residual,
+                residual: match edge.closure {
+                    Some(closure) => closure.all_points_residual,
+                    None => edge.delta_f?,
+                },
             };
             Some((edge.id, residual))
         });
@@ -235,12 +238,11 @@ fn series<'a>(
 ) -> ResidualSeries {
     let samples: Vec<ClosureSample> = baseline(edges, accepted)
         .filter_map(|edge| {
-            let closure = edge.closure?;
             Some(ClosureSample {
                 edge_id: edge.id,
                 delta_f: match measurement {
-                    MeasurementName::Robust => closure.delta_f,
-                    MeasurementName::AllPoints => closure.all_points_residual,
+                    MeasurementName::Robust => edge.delta_f?,
+                    MeasurementName::AllPoints => edge.closure?.all_points_residual,
                 },
             })
         })

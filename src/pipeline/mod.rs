@@ -8,6 +8,7 @@
 mod accept;
 mod alerts;
 mod decide;
+mod edges;
 mod engine;
 mod findings;
 mod options;

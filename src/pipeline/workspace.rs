@@ -1,6 +1,6 @@
 //! A route's map in memory, as it was last saved.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow};
@@ -29,6 +29,8 @@ pub(super) struct Workspace {
     pub saved_edges: Vec<EdgeChange>,
     /// ΔF of every closure in the map, in the order of insertion.
     pub closures: Vec<ClosureSample>,
+    /// Those of them that came as edges, so that no two scans were matched for them.
+    pub given: BTreeSet<EdgeId>,
     /// The first closures that are not in the map any more, in the order of insertion.
     pub settled_closures: Vec<SettledClosure>,
     /// Whose each trip with a node in the map is.
@@ -77,10 +79,13 @@ impl Workspace {
         let closures = graph.edges.iter().filter_map(|edge| {
             Some(ClosureSample {
                 edge_id: edge.id,
-                delta_f: edge.closure?.delta_f,
+                delta_f: edge.delta_f?,
             })
         });
+        let given = graph.edges.iter();
+        let given = given.filter(|edge| edge.delta_f.is_some() && edge.closure.is_none());
         Ok(Self {
+            given: given.map(|edge| edge.id).collect(),
             revision: graph.revision,
             stage: graph.stage,
             detector: graph.settings.detector,
@@ -164,10 +169,15 @@ const NAME_BYTES: usize = 64;
 
 fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     let node = &record.node;
-    let scan = decode_scan(&record.scan)
-        .with_context(|| format!("the scan of node {} cannot be read", node.id))?;
     let (trip, stamp) = (node.trip_id.clone(), node.stamp);
-    let mut keyframe = Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan);
+    let mut keyframe = match &record.scan {
+        Some(scan) => {
+            let scan = decode_scan(scan)
+                .with_context(|| format!("the scan of node {} cannot be read", node.id))?;
+            Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan)
+        }
+        None => Keyframe::without_scan(node.id, trip, stamp, node.odom_from_base),
+    };
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
     keyframe.trip_order = node.trip_order;
