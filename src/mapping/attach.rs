@@ -45,9 +45,7 @@ impl RouteMap {
             nodes.push(id);
         }
         let mut edges: Vec<Option<(EdgeId, Option<f64>)>> = vec![None; given.edges.len()];
-        let is_first = |k: &usize| {
-            placing.places[*k] || given.edges[*k].kind == EdgeKind::Odometry
-        };
+        let is_first = |k: &usize| placing.places[*k] || given.edges[*k].kind == EdgeKind::Odometry;
         let (at_first, closures): (Vec<usize>, Vec<usize>) =
             (0..given.edges.len()).partition(is_first);
         let mut closing = Vec::new();

@@ -101,7 +101,11 @@ impl RouteMap {
             watched: scope.watched,
         });
         findings.retain(|finding| !finding.trips.iter().all(is_suspected));
-        let seen = || self.trips.iter().filter(|(_, places)| self.has_scans(places));
+        let seen = || {
+            self.trips
+                .iter()
+                .filter(|(_, places)| self.has_scans(places))
+        };
         findings.extend(seen().flat_map(|(trip, _)| self.mismatches_of(trip)));
         findings.extend(suspects);
         findings

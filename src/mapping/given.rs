@@ -88,7 +88,9 @@ impl RouteMap {
             && self.keyframes.is_empty()
         {
             placing.poses[0] = Some(first.pose);
-            at_node[0].iter().for_each(|&k| open.push(k, given.edges[k].kind));
+            at_node[0]
+                .iter()
+                .for_each(|&k| open.push(k, given.edges[k].kind));
         }
         while let Some(k) = open.pop() {
             let edge = &given.edges[k];
@@ -102,7 +104,9 @@ impl RouteMap {
             };
             placing.poses[node] = Some(pose);
             placing.places[k] = true;
-            at_node[node].iter().for_each(|&k| open.push(k, given.edges[k].kind));
+            at_node[node]
+                .iter()
+                .for_each(|&k| open.push(k, given.edges[k].kind));
         }
         placing
     }

@@ -31,9 +31,10 @@ impl EdgeJob {
         for entry in &job.entries {
             let batch = &entry.batch;
             let upload = edges_json::decode(&entry.body, batch.received_at);
-            uploads.push(
-                upload.with_context(|| format!("the stored body of batch {} is refused", batch.id))?,
-            );
+            uploads
+                .push(upload.with_context(|| {
+                    format!("the stored body of batch {} is refused", batch.id)
+                })?);
             origins.push(Origin {
                 batch_id: batch.id.clone(),
                 vehicle_id: batch.vehicle_id.clone(),
@@ -87,9 +88,14 @@ impl EdgeJob {
         let earlier = &self.uploads[..k];
         let brought = |name: &String| {
             self.known.contains_key(name)
-                || earlier.iter().any(|u| u.nodes.iter().any(|n| n.name == *name))
+                || earlier
+                    .iter()
+                    .any(|u| u.nodes.iter().any(|n| n.name == *name))
         };
-        let again = self.uploads[k].nodes.iter().find(|node| brought(&node.name))?;
+        let again = self.uploads[k]
+            .nodes
+            .iter()
+            .find(|node| brought(&node.name))?;
         Some(format!(
             "node {} came with an earlier batch of this vehicle: name it in edges alone, and give \
              new nodes new ids",
@@ -180,12 +186,7 @@ fn brought_by<'a>(edges: &'a EdgeJob, selected: &'a [usize]) -> impl Iterator<It
 }
 
 /// Which node a batch names that is not there.
-fn missing(
-    edges: &EdgeJob,
-    k: usize,
-    brought: &BTreeSet<&str>,
-    map: &RouteMap,
-) -> Option<String> {
+fn missing(edges: &EdgeJob, k: usize, brought: &BTreeSet<&str>, map: &RouteMap) -> Option<String> {
     let vehicle = &edges.origins[k].vehicle_id;
     let in_map = |id: NodeId| map.graph().node(id).is_some();
     edges.uploads[k].edges.iter().enumerate().find_map(|(e, edge)| {

@@ -13,6 +13,7 @@ mod engine;
 mod findings;
 mod options;
 mod process;
+mod residual_findings;
 mod result;
 mod retention;
 mod saved;

@@ -71,7 +71,13 @@ pub(super) fn of_added(
     let new_nodes = new_nodes.map(|(k, state)| {
         let new = added.nodes.get(&state.id);
         let new = new.with_context(|| format!("node {} is of no batch", state.id))?;
-        node_record(&workspace.map, &origins[new.origin], new, old_nodes + k, state)
+        node_record(
+            &workspace.map,
+            &origins[new.origin],
+            new,
+            old_nodes + k,
+            state,
+        )
     });
     let new_edges = edges_now[old_edges..].iter().enumerate();
     let new_edges = new_edges.map(|(k, state)| {

@@ -22,6 +22,8 @@ pub(super) struct Workspace {
     pub stage: Stage,
     /// What the map's weighting follows.
     pub detector: Detector,
+    /// Share of unchanged closures that the residual test may tell.
+    pub false_alarm_rate: f64,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
     pub saved_nodes: Vec<NodeChange>,
@@ -89,6 +91,7 @@ impl Workspace {
             revision: graph.revision,
             stage: graph.stage,
             detector: graph.settings.detector,
+            false_alarm_rate: graph.settings.false_alarm_rate,
             map,
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
@@ -158,12 +161,15 @@ impl Workspace {
             + size_of_val(self.saved_nodes.as_slice())
             + size_of_val(self.saved_edges.as_slice())
             + size_of_val(self.closures.as_slice())
+            + EDGE_ID_BYTES * self.given.len()
             + size_of_val(self.settled_closures.as_slice())
             + NAME_BYTES * 2 * self.vehicles.len()
             + alerts
     }
 }
 
+/// An edge id in a set.
+const EDGE_ID_BYTES: usize = 16;
 /// A name of a trip or a vehicle.
 const NAME_BYTES: usize = 64;
 
@@ -247,10 +253,11 @@ impl Workspaces {
     pub async fn take(&self, store: &Store, route: &RouteId) -> anyhow::Result<Workspace> {
         let record = store.route(route).await?;
         let record = record.ok_or_else(|| anyhow!("the route is gone"))?;
-        if let Some(kept) = self.remove(route)
+        if let Some(mut kept) = self.remove(route)
             && kept.revision == record.revision
             && kept.detector == record.settings.detector
         {
+            kept.false_alarm_rate = record.settings.false_alarm_rate;
             return Ok(kept);
         }
         let graph = store.load_graph(route).await?;

@@ -40,8 +40,11 @@ macro_rules! select_nodes_with_scans {
     ($join:literal, $rest:literal) => {
         select_nodes!(
             ", scan, scan_sha256",
-            concat!($join, " node_scans ON node_scans.route_key = nodes.route_key \
-             AND node_scans.node_id = nodes.node_id"),
+            concat!(
+                $join,
+                " node_scans ON node_scans.route_key = nodes.route_key \
+             AND node_scans.node_id = nodes.node_id"
+            ),
             $rest
         )
     };
@@ -50,7 +53,7 @@ macro_rules! select_nodes_with_scans {
 macro_rules! select_edges {
     ($from:literal, $rest:literal) => {
         concat!(
-            "SELECT edges.edge_id, from_node, to_node, kind, edges.status, \
+            "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
              residual, edges.subgraph_id, edges.delta_f, closures.x AS all_x, closures.y AS all_y, \

@@ -6,8 +6,8 @@
 
 use sqlx::SqliteConnection;
 
-use super::error::StoreError;
 use super::columns::Text;
+use super::error::StoreError;
 use super::records::{BatchContent, BatchKind, BatchStatus, NewBatch};
 
 /// Where a batch is put when it arrives.

@@ -31,7 +31,10 @@ pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> 
 pub(in crate::formats) fn clock_flags(stamps: &[Timestamp], received_at: Timestamp) -> Vec<String> {
     let age_ns = |stamp: &Timestamp| received_at.as_nanosecond() - stamp.as_nanosecond();
     let flags = [
-        ("clock_skew", stamps.iter().any(|s| age_ns(s) < -SKEW_MAX_NS)),
+        (
+            "clock_skew",
+            stamps.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
+        ),
         ("late", stamps.iter().any(|s| age_ns(s) > LATE_MIN_NS)),
     ];
     let raised = flags.iter().filter(|(_, raised)| *raised);

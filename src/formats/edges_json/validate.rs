@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 
 use super::raw;
-use super::{EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode};
+use super::{
+    EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode,
+};
 use crate::formats::batch_json::{
     BatchBodyError, BatchProblem, COORDINATE_MAX_M, HEADING_MAX_RAD, clock_flags, stamp,
 };
@@ -55,7 +57,8 @@ fn check_count(pointer: &str, count: usize, count_max: usize) -> Checked<()> {
         return Ok(());
     }
     let what = &pointer[1..];
-    let detail = format!("a batch has at most {count_max} {what}, this one has {count}: send parts");
+    let detail =
+        format!("a batch has at most {count_max} {what}, this one has {count}: send parts");
     refuse(BatchProblem::TooLarge, pointer, detail)
 }
 
