@@ -173,11 +173,31 @@ fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usi
             }
         }
         if left_out.is_empty() {
-            return (selected, waiting);
+            return (in_order(edges, selected, map), waiting);
         }
         selected.retain(|k| !left_out.contains_key(k));
         waiting.append(&mut left_out);
     }
+}
+
+/// The batches in the order of arrival, but each after those that bring what it names.
+fn in_order(edges: &EdgeJob, mut left: Vec<usize>, map: &RouteMap) -> Vec<usize> {
+    let mut ordered = Vec::with_capacity(left.len());
+    let mut brought: BTreeSet<&str> = BTreeSet::new();
+    while !left.is_empty() {
+        let is_next = |k: &usize| missing(edges, *k, &brought, map).is_none();
+        // Batches that name each other's nodes have no order.
+        let next = left.iter().position(is_next).unwrap_or(0);
+        let next = left.remove(next);
+        brought.extend(
+            edges.uploads[next]
+                .nodes
+                .iter()
+                .map(|node| node.name.as_str()),
+        );
+        ordered.push(next);
+    }
+    ordered
 }
 
 fn brought_by<'a>(edges: &'a EdgeJob, selected: &'a [usize]) -> impl Iterator<Item = &'a str> {
@@ -188,12 +208,14 @@ fn brought_by<'a>(edges: &'a EdgeJob, selected: &'a [usize]) -> impl Iterator<It
 /// Which node a batch names that is not there.
 fn missing(edges: &EdgeJob, k: usize, brought: &BTreeSet<&str>, map: &RouteMap) -> Option<String> {
     let vehicle = &edges.origins[k].vehicle_id;
+    let own_nodes = edges.uploads[k].nodes.iter();
+    let own_nodes: BTreeSet<&str> = own_nodes.map(|node| node.name.as_str()).collect();
     let in_map = |id: NodeId| map.graph().node(id).is_some();
     edges.uploads[k].edges.iter().enumerate().find_map(|(e, edge)| {
         [&edge.from, &edge.to].into_iter().find_map(|name| match name {
             NodeName::Own(own) => {
                 let known = edges.known.get(own).is_some_and(|id| in_map(*id));
-                (!known && !brought.contains(own.as_str())).then(|| {
+                (!known && !own_nodes.contains(own.as_str()) && !brought.contains(own.as_str())).then(|| {
                     format!("edge {e} names node {own}, which vehicle {vehicle} has not brought yet")
                 })
             }
