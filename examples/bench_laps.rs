@@ -26,7 +26,9 @@ use mapshift::geometry::{Pose2, distance_to_polygon};
 use mapshift::ids::{BatchId, RouteId, TripId, VehicleId};
 use mapshift::pipeline::{self, PipelineOptions};
 use mapshift::sim::{ChangeEvent, Changes, Hall, Scene, SimScan, Vehicle};
-use mapshift::store::{AlertFilter, AlertRecord, NewBatch, RouteUpdate, Store, StoreOptions};
+use mapshift::store::{
+    AlertFilter, AlertRecord, BatchContent, NewBatch, RouteUpdate, Store, StoreOptions,
+};
 use serde_json::{Value, json};
 use tokio_util::sync::CancellationToken;
 
@@ -189,8 +191,10 @@ impl Bench {
             id: BatchId::new(name.clone())?,
             vehicle_id: VehicleId::new(format!("v{vehicle:02}"))?,
             trip_id: TripId::new(name)?,
-            sequence: 0,
-            scans: i64::try_from(scans.len())?,
+            content: BatchContent::Scans {
+                sequence: 0,
+                scans: i64::try_from(scans.len())?,
+            },
             flags: Vec::new(),
             body: serde_json::to_vec(&body)?,
             received_at: start,

@@ -133,7 +133,7 @@ fn write_tum(map: &RouteMap, trip: &TripId, out: &Path) -> anyhow::Result<()> {
 
 fn write_picture(map: &RouteMap, out: &Path) -> anyhow::Result<()> {
     let placed = map.keyframes().iter().zip(map.graph().nodes());
-    let scans = placed.map(|(keyframe, node)| (node.pose, &keyframe.scan));
+    let scans = placed.filter_map(|(keyframe, node)| Some((node.pose, keyframe.scan.as_ref()?)));
     let grid = OccupancyGrid::from_scans(scans, PICTURE_RESOLUTION_M);
     std::fs::write(out.join("map.png"), to_png(&grid)?)?;
     Ok(())

@@ -15,7 +15,11 @@ pub const NAME_LENGTH_MAX: usize = 64;
 )]
 pub struct InvalidName;
 
-fn validate_name(name: &str) -> Result<(), InvalidName> {
+/// Checks a client-chosen name: `[A-Za-z0-9._-]{1,64}`.
+///
+/// # Errors
+/// [`InvalidName`] if it has another character or length.
+pub fn validate_name(name: &str) -> Result<(), InvalidName> {
     let allowed = |c: u8| c.is_ascii_alphanumeric() || matches!(c, b'.' | b'_' | b'-');
     let valid = (1..=NAME_LENGTH_MAX).contains(&name.len())
         && name.bytes().all(allowed)

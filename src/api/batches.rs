@@ -17,7 +17,9 @@ use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::formats::batch_json;
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
-use crate::store::{BatchFilter, BatchRecord, BatchStatus, Journaled, NewBatch};
+use crate::store::{
+    BatchContent, BatchFilter, BatchKind, BatchRecord, BatchStatus, Journaled, NewBatch,
+};
 
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
@@ -125,7 +127,9 @@ pub(super) struct BatchBody {
     vehicle_id: String,
     /// Which drive.
     trip_id: String,
-    /// 0, 1, 2 … within the trip.
+    /// What it holds.
+    kind: BatchKindName,
+    /// 0, 1, 2 … within the trip; of edges, in the order of arrival.
     sequence: i64,
     /// Where it is on its way.
     status: BatchStatusName,
@@ -150,6 +154,16 @@ pub(super) struct BatchBody {
     processed_at: Option<Timestamp>,
 }
 
+/// What a batch holds.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum BatchKindName {
+    /// Scans, a part of a drive.
+    Scans,
+    /// Nodes and edges.
+    Edges,
+}
+
 /// Where a batch is on its way.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -162,7 +176,7 @@ enum BatchStatusName {
     Held,
     /// In the map.
     Merged,
-    /// Its trip could not be placed in the map yet.
+    /// Its trip could not be placed in the map yet, or its edges not be tied to it.
     Unanchored,
     /// Processing failed for good.
     Quarantined,
@@ -204,6 +218,10 @@ impl BatchBody {
             route_id: batch.route_id.to_string(),
             vehicle_id: batch.vehicle_id.to_string(),
             trip_id: batch.trip_id.to_string(),
+            kind: match batch.kind {
+                BatchKind::Scans => BatchKindName::Scans,
+                BatchKind::Edges => BatchKindName::Edges,
+            },
             sequence: batch.sequence,
             status: match batch.status {
                 BatchStatus::Queued => BatchStatusName::Queued,
@@ -264,7 +282,35 @@ pub(super) async fn put_batch(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let outcome = store_batch(&state, route_id, id, &headers, body).await;
+    let (route, batch) = (route_id.clone(), id.clone());
+    let decode = move |body: Vec<u8>, received_at| {
+        let batch = batch_json::decode(&body, received_at)?;
+        Ok(NewBatch {
+            vehicle_id: batch.vehicle_id,
+            trip_id: batch.trip_id,
+            content: BatchContent::Scans {
+                sequence: batch.sequence,
+                scans: batch.scans.len() as i64,
+            },
+            flags: batch.flags,
+            route_id,
+            id,
+            body,
+            received_at,
+        })
+    };
+    let outcome = store_upload(&state, route, batch, &headers, body, decode).await;
+    answer_upload(&state, outcome).await
+}
+
+/// Counts an upload and says what became of it.
+///
+/// # Errors
+/// The upload's own problem.
+pub(super) async fn answer_upload(
+    state: &ApiState,
+    outcome: Result<(Journaled, BatchRecord), Problem>,
+) -> Result<Response, Problem> {
     let label = match &outcome {
         Ok((Journaled::Stored, _)) => "stored",
         Ok(_) => "replayed",
@@ -286,17 +332,19 @@ pub(super) async fn put_batch(
     })
 }
 
-async fn store_batch(
+/// Reads an upload's body, decodes it off the request's thread, and stores it.
+///
+/// # Errors
+/// The [`Problem`] that the upload is refused with.
+pub(super) async fn store_upload(
     state: &ApiState,
     route_id: RouteId,
     id: BatchId,
     headers: &HeaderMap,
     body: Body,
+    decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<(Journaled, BatchRecord), Problem> {
-    state
-        .known_route(&route_id)
-        .await
-        .map_err(Problem::closing)?;
+    state.known_route(&route_id).await?;
     let upload = receive(state, headers, body).await?;
     let received_at = Timestamp::now();
     let body_bytes = state.limits.body_bytes;
@@ -304,28 +352,16 @@ async fn store_batch(
     let decoded = state.decoding.run(move || {
         head.check_digest(&wire)?;
         let body = decompress(wire, head.encoding, body_bytes)?;
-        let batch = batch_json::decode(&body, received_at)?;
-        Ok::<_, Problem>(NewBatch {
-            route_id,
-            id,
-            vehicle_id: batch.vehicle_id,
-            trip_id: batch.trip_id,
-            sequence: batch.sequence,
-            scans: batch.scans.len() as i64,
-            flags: batch.flags,
-            body,
-            received_at,
-        })
+        decode(body, received_at)
     });
     let batch = decoded.await??;
     places.shrink_body(batch.body.len());
-    let (route_id, id) = (batch.route_id.clone(), batch.id.clone());
     let journaled = state.store.journal_batch(batch).await?;
     drop(places);
     if journaled == Journaled::Conflict {
         return Err(Problem::new(
             ProblemKind::BatchIdReused,
-            "this route has a batch of this id with other bytes: choose another id for other scans",
+            "this route has a batch of this id with other bytes: choose another id for other content",
         ));
     }
     let batch = state.store.batch(&route_id, &id).await?;

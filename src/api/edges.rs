@@ -43,7 +43,7 @@ pub(super) struct EdgeBody {
     /// The block of the graph it lies in; null for bridges.
     #[schema(required)]
     subgraph_id: Option<i64>,
-    /// How two scans were matched; null for odometry.
+    /// How two scans were matched; null for odometry, and for loop closures that came as edges.
     #[schema(required)]
     closure: Option<ClosureBody>,
 }
@@ -162,7 +162,7 @@ impl From<EdgeRecord> for EdgeBody {
             measurement: edge.measurement.into(),
             information: edge.information.upper().to_vec(),
             residual: edge.residual,
-            delta_f: edge.closure.map(|closure| closure.delta_f),
+            delta_f: edge.delta_f,
             subgraph_id: edge.subgraph_id,
             closure: edge.closure.map(ClosureBody::from),
         }

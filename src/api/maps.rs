@@ -73,10 +73,10 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
         drawn.push(found);
         return Ok(files);
     }
-    let nodes = state.store.nodes_with_scans(&route.id).await?;
-    if nodes.is_empty() {
+    if route.counts.nodes == 0 {
         return Err(Problem::not_found("map yet: nothing has been merged"));
     }
+    let nodes = state.store.nodes_with_scans(&route.id).await?;
     let accepted = state.store.accepted_changes(&route.id).await?;
     let files = state.rendering.run(move || draw(&nodes, &accepted)).await?;
     let files = Arc::new(files.map_err(Problem::internal)?);
@@ -91,7 +91,9 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
 fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles, DrawError> {
     let mut scans = Vec::with_capacity(nodes.len());
     for node in nodes {
-        scans.push((&node.node, decode_scan(&node.scan)?));
+        if let Some(scan) = &node.scan {
+            scans.push((&node.node, decode_scan(scan)?));
+        }
     }
     let looks = scans.iter().map(|(node, scan)| Look {
         stamp: node.stamp,

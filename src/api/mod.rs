@@ -6,6 +6,7 @@
 mod alerts;
 mod batches;
 mod documents;
+mod edge_batches;
 mod edges;
 mod extract;
 mod graph;
@@ -49,6 +50,7 @@ fn operations() -> OpenApiRouter<ApiState> {
         ))
         .routes(routes!(batches::list_batches))
         .routes(routes!(batches::put_batch, batches::get_batch))
+        .routes(routes!(edge_batches::put_edge_batch))
         .routes(routes!(graph::get_graph))
         .routes(routes!(graph::get_graph_g2o))
         .routes(routes!(nodes::list_nodes))

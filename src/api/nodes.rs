@@ -9,13 +9,13 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
-use super::problem::Problem;
+use super::problem::{Problem, ProblemKind};
 use super::types::{PoseBody, timestamp};
 use crate::ids::{NodeId, RouteId};
 use crate::scan::{LaserScan, decode_scan};
 use crate::store::NodeRecord;
 
-/// A node: a place from which a scan was taken.
+/// A node: where a vehicle was.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Node)]
 pub(super) struct NodeBody {
@@ -32,7 +32,7 @@ pub(super) struct NodeBody {
     vehicle_id: String,
     /// Which drive.
     trip_id: String,
-    /// When the scan was taken.
+    /// When it was there.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
     /// The block of the graph it lies in; null outside every block with a loop closure.
@@ -42,6 +42,9 @@ pub(super) struct NodeBody {
     reference: bool,
     /// Whether it takes part in the optimisation.
     active: bool,
+    /// What its vehicle calls it; null for nodes that were made here.
+    #[schema(required)]
+    client_id: Option<String>,
 }
 
 /// A part of a route's list of nodes.
@@ -106,6 +109,7 @@ impl From<NodeRecord> for NodeBody {
             subgraph_id: node.subgraph_id,
             reference: node.reference,
             active: node.active,
+            client_id: node.client_id,
         }
     }
 }
@@ -199,7 +203,10 @@ pub(super) async fn get_node_scan(
 ) -> Result<Json<NodeScanBody>, Problem> {
     let node = known_node(&state, &route_id, id).await?;
     let bytes = state.store.node_scan(&route_id, id).await?;
-    let bytes = bytes.ok_or_else(|| Problem::not_found("node with a scan"))?;
+    let bytes = bytes.ok_or_else(|| {
+        let detail = format!("node {id} came with a batch of edges: it has no scan");
+        Problem::new(ProblemKind::NotFound, detail)
+    })?;
     let scan = decode_scan(&bytes).map_err(Problem::internal)?;
     Ok(Json(NodeScanBody::new(&node, &scan)))
 }

@@ -15,7 +15,7 @@ use super::problem::{FieldError, ProblemBody, ProblemKind};
     servers((url = "/", description = "This service")),
     tags(
         (name = "routes", description = "A route has one map and one pose graph"),
-        (name = "batches", description = "Uploads of scans"),
+        (name = "batches", description = "Uploads of scans or edges"),
         (name = "graph", description = "Nodes, edges, trajectories"),
         (name = "residuals", description = "The statistics that tell a changed world"),
         (name = "alerts", description = "Where the world has changed, and what was decided about it"),
@@ -82,9 +82,12 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
             kinds.push(K::DetectorFixed);
         }
     }
-    if below_route == "batches/{batch}" && takes_body {
+    if takes_body && below_route.ends_with("batches/{batch}") {
         kinds.extend([K::BadEncoding, K::DigestMismatch, K::BatchIdReused]);
-        kinds.extend([K::ScanGeometry, K::TimestampOrder]);
+        kinds.extend(match below_route {
+            "batches/{batch}" => [K::ScanGeometry, K::TimestampOrder].as_slice(),
+            _ => &[K::EdgeGraph],
+        });
     }
     if path.starts_with("/v1/alerts") {
         kinds.extend(of_alerts(path, method));

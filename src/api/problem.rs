@@ -63,6 +63,7 @@ problem_kinds! {
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";
     UnsupportedEncoding = UNSUPPORTED_MEDIA_TYPE, "unsupported-encoding", "The body is encoded in a way that is not taken";
     ScanGeometry = UNPROCESSABLE_ENTITY, "scan-geometry", "The scans fit no lidar";
+    EdgeGraph = UNPROCESSABLE_ENTITY, "edge-graph", "The nodes and edges make no graph";
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
@@ -264,6 +265,7 @@ impl From<BatchBodyError> for Problem {
             BatchProblem::MalformedJson => ProblemKind::MalformedJson,
             BatchProblem::InvalidField => ProblemKind::InvalidField,
             BatchProblem::ScanGeometry => ProblemKind::ScanGeometry,
+            BatchProblem::EdgeGraph => ProblemKind::EdgeGraph,
             BatchProblem::OutOfRange => ProblemKind::OutOfRange,
             BatchProblem::TimestampOrder => ProblemKind::TimestampOrder,
             BatchProblem::TooLarge => ProblemKind::TooLarge,

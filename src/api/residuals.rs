@@ -11,7 +11,7 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
-use crate::change::{VehicleResidual, calibrated_p_values};
+use crate::change::{VehicleResidual, calibrated_p_values, p_values_in_order};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord, RouteSettings};
@@ -64,8 +64,10 @@ struct ResidualEntryBody {
     ratio: Option<f64>,
     /// Probability of a `delta_f` this large without a change.
     p_value: f64,
-    /// Probability of an all-points residual this large without a change, calibrated by the other
-    /// closures of its vehicle in the series; null where there are too few.
+    /// Probability of an all-points residual this large without a change (of a closure that came as
+    /// an edge: of such a `delta_f`), calibrated by the closures of its vehicle before it that were
+    /// not told, those of the baseline up to `converged_at` among them; null where there are too
+    /// few.
     #[schema(required)]
     calibrated_p_value: Option<f64>,
     /// Whether that is below the route's `false_alarm_rate`.
@@ -136,8 +138,9 @@ pub(super) async fn get_residuals(
     let work = move || {
         let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
         let edges = || edges.iter().filter(within);
+        let settled = robust_series(edges(), settings.detector, &accepted).converged_at;
         let series = series(edges(), measurement, settings.detector, &accepted);
-        let tests = Tests::of(edges(), &vehicles_of(&nodes), &settings, &accepted);
+        let tests = Tests::of(edges(), settled, &vehicles_of(&nodes), &settings, &accepted);
         (subgraph_id.is_none() || !series.entries.is_empty())
             .then(|| body(subgraph_id, measurement, &series, &tests))
     };
@@ -159,8 +162,11 @@ struct Tests {
 }
 
 impl Tests {
+    /// Of a series that has settled after so many closures: those are the baseline, and of the
+    /// later ones those that are not told. Before, all closures are.
     fn of<'a>(
         edges: impl Iterator<Item = &'a EdgeRecord>,
+        settled: Option<usize>,
         vehicles: &BTreeMap<NodeId, &VehicleId>,
         settings: &RouteSettings,
         accepted: &[AcceptedChange],
@@ -168,12 +174,19 @@ impl Tests {
         let closures = baseline(edges, accepted).filter_map(|edge| {
             let residual = VehicleResidual {
                 vehicle: *vehicles.get(&edge.to)?,
-                residual: edge.closure?.all_points_residual,
+                residual: match edge.closure {
+                    Some(closure) => closure.all_points_residual,
+                    None => edge.delta_f?,
+                },
             };
             Some((edge.id, residual))
         });
         let (ids, residuals): (Vec<EdgeId>, Vec<_>) = closures.unzip();
-        let p_values = calibrated_p_values(&residuals);
+        let rate = settings.false_alarm_rate;
+        let p_values = match settled {
+            Some(baseline) => p_values_in_order(&residuals, baseline, rate),
+            None => calibrated_p_values(&residuals),
+        };
         let known = ids.into_iter().zip(p_values);
         Self {
             p_values: known.filter_map(|(id, p)| Some((id, p?))).collect(),
@@ -216,6 +229,7 @@ pub(super) fn series_around(
     let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
     let edges = || edges.iter().filter(within);
     let mut series = robust_series(edges(), settings.detector, accepted);
+    let settled = series.converged_at;
     let entries = &mut series.entries;
     let place = entries.iter().position(|entry| entry.edge_id == edge)?;
     entries.truncate(place + reach + 1);
@@ -223,7 +237,7 @@ pub(super) fn series_around(
     Some(SeriesAround {
         subgraph_id,
         series,
-        tests: Tests::of(edges(), vehicles, settings, accepted),
+        tests: Tests::of(edges(), settled, vehicles, settings, accepted),
     })
 }
 
@@ -235,12 +249,11 @@ fn series<'a>(
 ) -> ResidualSeries {
     let samples: Vec<ClosureSample> = baseline(edges, accepted)
         .filter_map(|edge| {
-            let closure = edge.closure?;
             Some(ClosureSample {
                 edge_id: edge.id,
                 delta_f: match measurement {
-                    MeasurementName::Robust => closure.delta_f,
-                    MeasurementName::AllPoints => closure.all_points_residual,
+                    MeasurementName::Robust => edge.delta_f?,
+                    MeasurementName::AllPoints => edge.closure?.all_points_residual,
                 },
             })
         })

@@ -139,6 +139,7 @@ mod tests {
             active: false,
             subgraph_id: None,
             trip_order: 0,
+            client_id: None,
         };
         let text = tum(&[node]);
         assert_eq!(

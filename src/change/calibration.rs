@@ -12,15 +12,15 @@ use super::median::median;
 use super::threshold::chi_squared_survival;
 
 /// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
-const OWN_MIN: usize = 30;
+pub(super) const OWN_MIN: usize = 30;
 /// Fewer residuals in all tell nothing.
-const RESIDUALS_MIN: usize = 10;
+pub(super) const RESIDUALS_MIN: usize = 10;
 /// A Gaussian's standard deviation over its median absolute deviation.
 const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
 /// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
 const SPREAD_MIN: f64 = 0.84;
 /// Below it there is only rounding.
-const RESIDUAL_MIN: f64 = 1e-12;
+pub(super) const RESIDUAL_MIN: f64 = 1e-12;
 
 /// A closure's residual eᵀΩe, and whose closure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,19 +51,21 @@ pub fn calibrated_p_values<V: Ord + Copy>(residuals: &[VehicleResidual<V>]) -> V
     residuals.iter().map(p_value).collect()
 }
 
-fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
+/// The logarithm that is tested.
+pub(super) fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
     residual.residual.max(RESIDUAL_MIN).ln()
 }
 
 /// Middle and spread of residuals' logarithms.
 #[derive(Debug, Clone, Copy)]
-struct Spread {
+pub(super) struct Spread {
     median: f64,
     sigma: f64,
 }
 
 impl Spread {
-    fn of(mut logs: Vec<f64>, count_min: usize) -> Option<Self> {
+    /// `None` of fewer than `count_min`.
+    pub fn of(mut logs: Vec<f64>, count_min: usize) -> Option<Self> {
         if logs.len() < count_min {
             return None;
         }
@@ -77,7 +79,7 @@ impl Spread {
     }
 
     /// The upper tail of a Gaussian, by that of χ² with one degree of freedom.
-    fn p_value(self, log: f64) -> f64 {
+    pub fn p_value(self, log: f64) -> f64 {
         let z = (log - self.median) / self.sigma;
         let beyond = 0.5 * chi_squared_survival(z * z, 1);
         if z > 0.0 { beyond } else { 1.0 - beyond }

@@ -15,6 +15,8 @@ mod median;
 mod mismatch;
 pub mod paper;
 mod region;
+mod residual_runs;
+mod running_calibration;
 pub mod series;
 #[cfg(test)]
 mod testing;
@@ -33,4 +35,6 @@ pub use kind::ChangeKind;
 pub use look::{Look, Sight};
 pub use mismatch::{TiedPose, mismatches};
 pub use region::region_round;
+pub use residual_runs::{JudgedClosure, residual_runs};
+pub use running_calibration::p_values_in_order;
 pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

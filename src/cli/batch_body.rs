@@ -11,6 +11,7 @@ use serde::Serialize;
 use crate::geometry::Pose2;
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
 use crate::scan::Lidar;
+use crate::store::BatchKind;
 
 /// How far a stated initial pose may be off, metres.
 const INITIAL_SIGMA_XY_M: f64 = 0.5;
@@ -37,6 +38,7 @@ pub(super) struct ScanToSend<'a> {
 /// A batch ready to be sent, as often as it takes.
 #[derive(Debug, Clone)]
 pub(super) struct EncodedBatch {
+    pub kind: BatchKind,
     pub id: BatchId,
     /// The same bytes for the same content.
     pub gzip: Vec<u8>,
@@ -72,6 +74,7 @@ impl Trip {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&json)?;
         Ok(EncodedBatch {
+            kind: BatchKind::Scans,
             id: batch_id(&self.trip_id, sequence)?,
             gzip: encoder.finish()?,
         })
@@ -105,8 +108,9 @@ struct LidarJson {
     range_sigma: f64,
 }
 
+/// A pose as the interface has it.
 #[derive(Serialize)]
-struct PoseJson {
+pub(super) struct PoseJson {
     x: f64,
     y: f64,
     theta: f64,
@@ -128,7 +132,8 @@ struct ScanJson<'a> {
     ranges: &'a [Option<f64>],
 }
 
-fn pose_json(pose: &Pose2) -> PoseJson {
+/// A pose as the interface has it.
+pub(super) fn pose_json(pose: &Pose2) -> PoseJson {
     PoseJson {
         x: pose.x,
         y: pose.y,

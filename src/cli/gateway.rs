@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 
 use super::batch_body::EncodedBatch;
 use crate::ids::{BatchId, RouteId};
+use crate::store::BatchKind;
 
 use answers::AlertPage;
 pub(super) use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
@@ -159,10 +160,14 @@ impl Gateway {
         route: &RouteId,
         batch: &EncodedBatch,
     ) -> Result<Outcome, GatewayError> {
+        let collection = match batch.kind {
+            BatchKind::Scans => "batches",
+            BatchKind::Edges => "edge-batches",
+        };
         let answer = self
             .send(Request {
                 method: Method::PUT,
-                path: format!("/v1/routes/{route}/batches/{}", batch.id),
+                path: format!("/v1/routes/{route}/{collection}/{}", batch.id),
                 what: format!("batch {}", batch.id),
                 body: Some(&batch.gzip),
                 gzip: true,

@@ -3,8 +3,10 @@
 mod batch_body;
 mod comparison;
 mod demo;
+mod edge_batch_body;
 mod fleet;
 mod gateway;
+mod graph_file;
 mod openapi;
 mod optimise;
 mod plan;

@@ -1,13 +1,14 @@
 //! `mapshift optimise`.
 
-use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
 
-use crate::formats::g2o::{read_g2o, write_g2o};
+use super::graph_file::read_graph;
+use crate::formats::g2o::write_g2o;
 use crate::graph::{EdgeKind, EdgeStatus, PoseGraph};
 use crate::solver::{
     RobustSummary, SolveOptions, SolveSummary, solve_from_chordal, solve_robust,
@@ -66,14 +67,8 @@ struct SwitchedOff {
 /// # Errors
 /// If a file cannot be read, understood or written.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let name = args.file.display();
-    let text = read_text(&args.file).with_context(|| format!("cannot read {name}"))?;
-    let read = read_g2o(&text).with_context(|| format!("{name} is not a planar g2o graph"))?;
+    let read = read_graph(&args.file)?;
     let mut graph = read.graph;
-    anyhow::ensure!(
-        !graph.nodes().is_empty(),
-        "{name} has no VERTEX_SE2 and no EDGE_SE2 line: there is nothing to optimise"
-    );
     if !read.without_pose.is_empty() {
         start_along_odometry(&mut graph);
     }
@@ -134,19 +129,6 @@ impl Report {
             robust: None,
         }
     }
-}
-
-fn read_text(path: &Path) -> anyhow::Result<String> {
-    const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-    let bytes = std::fs::read(path)?;
-    if !bytes.starts_with(&GZIP_MAGIC) {
-        return String::from_utf8(bytes).context("it is neither text nor gzipped text");
-    }
-    let mut text = String::new();
-    flate2::read::MultiGzDecoder::new(bytes.as_slice())
-        .read_to_string(&mut text)
-        .context("it is gzipped, but damaged or not text inside")?;
-    Ok(text)
 }
 
 fn print(report: &Report, json: bool) -> anyhow::Result<()> {

@@ -84,7 +84,9 @@ impl State {
             }
             ("GET", [_]) if self.routes_made == 0 => (404, json!({"title": "no such route"})),
             ("GET", [_]) => (200, route_json()),
-            ("PUT", [_, "batches", id]) => self.put_batch(id, &request[head_end..]),
+            ("PUT", [_, "batches" | "edge-batches", id]) => {
+                self.put_batch(id, &request[head_end..])
+            }
             ("GET", [_, "batches", id]) if self.batches.contains_key(*id) => {
                 let vehicle = &self.batches[*id]["vehicle_id"];
                 let lost = faults.unanchored.is_some_and(|v| vehicle == v);

@@ -7,11 +7,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 
 use super::batch_body::{ScanToSend, Trip};
+use super::edge_batch_body::GraphParts;
 use super::gateway::{Gateway, GatewayError, Outcome};
+use super::graph_file::{is_graph, read_graph};
 use super::progress::{Progress, say};
 use super::recording;
 use crate::formats::CarmenLog;
+use crate::formats::g2o::G2oGraph;
 use crate::geometry::Pose2;
+use crate::graph::{EdgeKind, PoseGraph};
 use crate::ids::{BatchId, RouteId, TripId, VehicleId};
 
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
@@ -19,7 +23,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(300);
 /// Arguments of `mapshift upload`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings: CARMEN logs, also gzipped.
+    /// Recordings (CARMEN logs) or pose graphs (planar g2o: edges alone); also gzipped.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// The route that was driven; made if it is not there.
@@ -37,6 +41,9 @@ pub struct Args {
     /// Scans in a batch.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=1_000))]
     batch_scans: u16,
+    /// Nodes of a pose graph in a batch.
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u16).range(1..=5_000))]
+    batch_nodes: u16,
     /// The beams are so many times as far apart as the file states (some logs state it wrongly).
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_beam_spacing)]
     beam_spacing: f64,
@@ -88,6 +95,7 @@ fn parse_beam_spacing(text: &str) -> Result<f64, String> {
 struct Tally {
     started: Instant,
     scans_stored: usize,
+    nodes_stored: usize,
     batches: Vec<BatchId>,
     stored: usize,
     replayed: usize,
@@ -102,24 +110,31 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
     let mut tally = Tally {
         started: Instant::now(),
         scans_stored: 0,
+        nodes_stored: 0,
         batches: Vec::new(),
         stored: 0,
         replayed: 0,
         failures: Vec::new(),
     };
     for path in &args.files {
-        match recording::read(path) {
-            Ok(log) => {
+        let (args, tally) = (&args, &mut tally);
+        match read(path) {
+            Ok(Content::Log(log)) => {
                 let log = log.with_beam_spacing(args.beam_spacing);
-                upload_file(&gateway, args, path, &log, &mut tally).await?;
+                upload_log(&gateway, args, path, &log, tally).await?;
+            }
+            Ok(Content::Graph(graph)) => {
+                upload_graph(&gateway, args, path, &graph.graph, tally).await?;
             }
             Err(error) => tally.failures.push(format!("{error:#}")),
         }
     }
     let seconds = tally.started.elapsed().as_secs_f64();
     say(&format!(
-        "stored {} batches ({} scans) in {seconds:.1} s; {} were there already",
-        tally.stored, tally.scans_stored, tally.replayed
+        "stored {} batches ({}) in {seconds:.1} s; {} were there already",
+        tally.stored,
+        tally.content(),
+        tally.replayed
     ));
     for failure in &tally.failures {
         say(&format!("not taken: {failure}"));
@@ -138,7 +153,87 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
     }
 }
 
-async fn upload_file(
+/// What a file holds.
+enum Content {
+    Log(CarmenLog),
+    Graph(G2oGraph),
+}
+
+fn read(path: &Path) -> anyhow::Result<Content> {
+    let is_graph = is_graph(path).with_context(|| path.display().to_string())?;
+    Ok(match is_graph {
+        true => Content::Graph(read_graph(path)?),
+        false => Content::Log(recording::read(path)?),
+    })
+}
+
+impl Tally {
+    /// What was stored, for people.
+    fn content(&self) -> String {
+        let nodes = format!("{} nodes", self.nodes_stored);
+        let scans = format!("{} scans", self.scans_stored);
+        match (self.scans_stored, self.nodes_stored) {
+            (_, 0) => scans,
+            (0, _) => nodes,
+            _ => format!("{scans}, {nodes}"),
+        }
+    }
+}
+
+fn trip_of(args: &Args, path: &Path) -> anyhow::Result<TripId> {
+    match &args.trip {
+        Some(trip) => Ok(trip.clone()),
+        None => recording::trip_of(path),
+    }
+}
+
+async fn upload_graph(
+    gateway: &Gateway,
+    args: &Args,
+    path: &Path,
+    graph: &PoseGraph,
+    tally: &mut Tally,
+) -> anyhow::Result<()> {
+    let closures = graph.edges().iter();
+    let closures = closures.filter(|edge| edge.kind == EdgeKind::LoopClosure);
+    say(&format!(
+        "{}: {} nodes, {} edges, {} of them loop closures",
+        path.display(),
+        graph.nodes().len(),
+        graph.edges().len(),
+        closures.count(),
+    ));
+    let parts = GraphParts::of(graph, args.batch_nodes.into())?;
+    let trip = trip_of(args, path)?;
+    let mut progress = Progress::new(graph.nodes().len() as u64, "nodes");
+    let gateway = gateway.notifying(progress.speaker());
+    for part in parts.encode(&args.vehicle, &trip) {
+        let (batch, nodes) = part?;
+        match gateway.put_batch(&args.route, &batch).await {
+            Ok(Outcome::Stored) => {
+                tally.stored += 1;
+                tally.nodes_stored += nodes;
+            }
+            Ok(Outcome::Replayed) => tally.replayed += 1,
+            Err(error @ GatewayError::Refused { .. }) => {
+                let advice = advice(&error);
+                let failure = format!(
+                    "{}: {error}{advice}; its rest is not stored",
+                    path.display()
+                );
+                tally.failures.push(failure);
+                break;
+            }
+            Err(error) => return Err(error.into()),
+        }
+        tally.batches.push(batch.id);
+        progress.advance(nodes as u64);
+    }
+    progress.finish();
+    Ok(())
+}
+
+async fn upload_log(
     gateway: &Gateway,
     args: &Args,
     path: &Path,
@@ -148,10 +243,7 @@ async fn upload_file(
     for line in recording::describe(path, log) {
         say(&line);
     }
-    let trip_id = match &args.trip {
-        Some(trip) => trip.clone(),
-        None => recording::trip_of(path)?,
-    };
+    let trip_id = trip_of(args, path)?;
     let trip = Trip {
         vehicle_id: args.vehicle.clone(),
         trip_id,
@@ -231,9 +323,14 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
     }
     let statuses: Vec<_> = statuses.iter().map(|(s, n)| format!("{n} {s}")).collect();
     say(&format!(
-        "settled after {seconds:.1} s ({:.0} scans/s): {}; {nodes} nodes and {closures} loop \
+        "settled after {seconds:.1} s ({:.0} {}/s): {}; {nodes} nodes and {closures} loop \
          closures added",
-        tally.scans_stored as f64 / seconds,
+        tally.scans_stored.max(tally.nodes_stored) as f64 / seconds,
+        if tally.scans_stored >= tally.nodes_stored {
+            "scans"
+        } else {
+            "nodes"
+        },
         statuses.join(", "),
     ));
     for (reason, batches) in reasons {
@@ -286,6 +383,7 @@ mod tests {
             trip: Some(TripId::new("monday").unwrap()),
             url: url.to_owned(),
             batch_scans,
+            batch_nodes: 2,
             beam_spacing: 1.0,
             initial_pose: Some(Pose2::new(1.0, 2.0, 0.5)),
             wait: true,
@@ -331,6 +429,33 @@ mod tests {
             .unwrap_err();
         assert!(error.to_string().contains("1 of 1 files"), "{error}");
         assert_eq!(service.state.lock().unwrap().batches.len(), 3);
+    }
+
+    #[tokio::test]
+    async fn a_graph_is_sent_as_batches_of_edges_once() {
+        let service = Pretend::start(Faults {
+            busy_every: 3,
+            ..Faults::default()
+        })
+        .await;
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let text = "# a chain\nVERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n\
+                    EDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\nEDGE_SE2 2 0 -2 0 0 1 0 0 1 0 1\n";
+        std::fs::write(file.path(), text).unwrap();
+        for _ in 0..2 {
+            upload_all(&args(&service.url, file.path(), 10))
+                .await
+                .unwrap();
+        }
+        let state = service.state.lock().unwrap();
+        let ids: Vec<_> = state.batches.keys().cloned().collect();
+        assert_eq!(ids, ["monday-00000", "monday-00001"]);
+        let first = &state.batches["monday-00000"];
+        assert_eq!(first["nodes"].as_array().unwrap().len(), 2);
+        let last = state.batches["monday-00001"]["edges"].as_array().unwrap();
+        let kinds: Vec<_> = last.iter().map(|edge| &edge["kind"]).collect();
+        assert_eq!(kinds, ["odometry", "loop_closure"]);
+        assert_eq!(state.replays, 2);
     }
 
     #[tokio::test]

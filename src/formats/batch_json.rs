@@ -9,6 +9,9 @@ use jiff::Timestamp;
 use crate::ids::{TripId, VehicleId};
 use crate::mapping::{DriveScan, InitialPose};
 
+pub(super) use flags::clock_flags;
+pub(super) use validate::{HEADING_MAX_RAD, stamp};
+
 use super::json::{JsonError, JsonMistake, Object, from_json};
 
 /// Most scans in one batch.
@@ -49,7 +52,9 @@ pub enum BatchProblem {
     OutOfRange,
     /// Stamps that do not increase.
     TimestampOrder,
-    /// More beams than a batch may have.
+    /// Nodes and edges that make no graph.
+    EdgeGraph,
+    /// More than a batch may have.
     TooLarge,
 }
 

@@ -45,6 +45,9 @@ pub struct EvidencePicture<'a> {
     pub confidence: f64,
     /// The old and the new scan; `None` where the upload had no scans.
     pub looks: Option<[Look<'a>; 2]>,
+    /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
+    /// one first.
+    pub tied: Option<[Pose2; 2]>,
     /// The residuals; `None` where no closure carries the alert.
     pub curve: Option<Curve<'a>>,
 }
@@ -128,7 +131,7 @@ fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
         panel.open(svg, id);
         panel.draw_region(svg, picture.region);
         match &picture.looks {
-            None => {}
+            None => panel.draw_tie(svg, picture.tied.as_ref()),
             Some([old, new]) => {
                 panel.draw_points(svg, old, place::OLD);
                 panel.draw_points(svg, new, place::NEW);

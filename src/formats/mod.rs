@@ -1,6 +1,7 @@
 //! Bytes to core types and back: uploads, recordings of other programs, pictures of maps.
 
 pub mod batch_json;
+pub mod edges_json;
 pub mod evidence_svg;
 pub mod g2o;
 pub mod json;

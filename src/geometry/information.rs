@@ -54,6 +54,16 @@ impl Information {
         error.dot(&(self.0 * error))
     }
 
+    /// Whether all entries are finite and the smallest eigenvalue is more than `condition_min` of
+    /// the largest.
+    pub fn is_positive_definite(&self, condition_min: f64) -> bool {
+        if !self.0.iter().all(|v| v.is_finite()) {
+            return false;
+        }
+        let eigenvalues = self.0.symmetric_eigenvalues();
+        eigenvalues.min() > condition_min * eigenvalues.max().abs()
+    }
+
     /// Whether all entries are finite and no eigenvalue is below −10⁻⁹ of the largest.
     pub fn is_positive_semidefinite(&self) -> bool {
         if !self.0.iter().all(|v| v.is_finite()) {
@@ -82,5 +92,21 @@ mod tests {
             !Information::from_upper([1.0, 2.0, 0.0, 1.0, 0.0, 1.0]).is_positive_semidefinite()
         );
         assert!(!Information::from_upper([f64::NAN; 6]).is_positive_semidefinite());
+    }
+
+    #[test]
+    fn definite_is_told_from_semidefinite() {
+        let definite = |upper| Information::from_upper(upper).is_positive_definite(1e-12);
+        assert!(definite([4.0, 0.5, -0.25, 3.0, 0.125, 9.0]));
+        assert!(definite([1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6]));
+        for flat in [
+            [0.0; 6],
+            [1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+            [1.0, 1.0, 0.0, 1.0, 0.0, 1.0],
+            [-1.0, 0.0, 0.0, -1.0, 0.0, -1.0],
+            [f64::INFINITY, 0.0, 0.0, 1.0, 0.0, 1.0],
+        ] {
+            assert!(!definite(flat), "{flat:?}");
+        }
     }
 }

@@ -68,7 +68,7 @@ pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorE
         return Err(AnchorError::TooShort(own.keyframes.len()));
     }
     let references: Vec<Placed<'_>> = (0..map.keyframes.len())
-        .filter(|&k| map.keyframes[k].reference)
+        .filter(|&k| map.keyframes[k].reference && map.keyframes[k].scan.is_some())
         .map(|k| map.placed(k))
         .collect();
     let all_own: Vec<Placed<'_>> = (0..own.keyframes.len()).map(|k| own.placed(k)).collect();

@@ -4,6 +4,7 @@ use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
 use crate::ids::EdgeId;
 use crate::matching::{Estimate, IcpParams, ReferenceCloud, Termination, agreement, align};
+use crate::scan::{LaserScan, SurfacePoint};
 
 /// Both measurements of one closure.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,12 +91,11 @@ pub(super) fn measure(
     rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let sigma_m = old
-        .keyframe
-        .scan
+    let (old_scan, new_scan) = (old.keyframe.scan.as_ref()?, new.keyframe.scan.as_ref()?);
+    let sigma_m = old_scan
         .lidar()
         .range_sigma_m
-        .max(new.keyframe.scan.lidar().range_sigma_m);
+        .max(new_scan.lidar().range_sigma_m);
     let points = &new.keyframe.points;
     let robust = align(
         &cloud,
@@ -121,7 +121,11 @@ pub(super) fn measure(
     } else {
         CONTRADICTION_SHARE_MAX
     };
-    if !plausible || contradiction_share(old, new, &robust.pose) > share_max {
+    let [old_look, new_look] = [(old, old_scan), (new, new_scan)].map(|(placed, scan)| Seen {
+        points: &placed.keyframe.points,
+        scan,
+    });
+    if !plausible || contradiction_share(&old_look, &new_look, &robust.pose) > share_max {
         return None;
     }
     let all_points = align(
@@ -135,17 +139,19 @@ pub(super) fn measure(
     Some(ClosureMeasurement { robust, all_points })
 }
 
+/// A scan with its returns.
+struct Seen<'a> {
+    points: &'a [SurfacePoint],
+    scan: &'a LaserScan,
+}
+
 /// The larger share of one scan's points in the other's free space.
-fn contradiction_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> f64 {
+fn contradiction_share(old: &Seen<'_>, new: &Seen<'_>, old_from_new: &Pose2) -> f64 {
     let look = |points, scan, pose: &Pose2| {
         agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD)
             .contradiction_share()
     };
-    let new_in_old = look(&new.keyframe.points, &old.keyframe.scan, old_from_new);
-    let old_in_new = look(
-        &old.keyframe.points,
-        &new.keyframe.scan,
-        &old_from_new.inverse(),
-    );
+    let new_in_old = look(new.points, old.scan, old_from_new);
+    let old_in_new = look(old.points, new.scan, &old_from_new.inverse());
     new_in_old.max(old_in_new)
 }

@@ -51,10 +51,13 @@ fn in_free_space(
     seen_by: &Placed<'_>,
     seen_by_from_points: &Pose2,
 ) -> Vec<usize> {
-    let view = View::new(&seen_by.keyframe.scan);
+    let (Some(points_scan), Some(scan)) = (&points.keyframe.scan, &seen_by.keyframe.scan) else {
+        return Vec::new();
+    };
+    let view = View::new(scan);
     let to_seen_by = seen_by_from_points.to_transform();
-    let sigma_m = [points, seen_by]
-        .map(|placed| placed.keyframe.scan.lidar().range_sigma_m)
+    let sigma_m = [points_scan, scan]
+        .map(|scan| scan.lidar().range_sigma_m)
         .into_iter()
         .fold(0.0, f64::hypot);
     let is_free = |position: &Vector2<f64>| {
@@ -98,14 +101,20 @@ impl RouteMap {
             watched: scope.watched,
         });
         findings.retain(|finding| !finding.trips.iter().all(is_suspected));
-        findings.extend(self.trips.keys().flat_map(|trip| self.mismatches_of(trip)));
+        let seen = || {
+            self.trips
+                .iter()
+                .filter(|(_, places)| self.has_scans(places))
+        };
+        findings.extend(seen().flat_map(|(trip, _)| self.mismatches_of(trip)));
         findings.extend(suspects);
         findings
     }
 
     fn suspected_vehicles(&self, vehicles: &BTreeMap<TripId, VehicleId>) -> Vec<Finding> {
         let mut trips_of: BTreeMap<Result<&VehicleId, &TripId>, Vec<_>> = BTreeMap::new();
-        for (trip, places) in &self.trips {
+        let seen = self.trips.iter();
+        for (trip, places) in seen.filter(|(_, places)| self.has_scans(places)) {
             let vehicle = vehicles.get(trip).ok_or(trip);
             let poses = places.iter().map(|&k| self.trip_pose(k)).collect();
             trips_of.entry(vehicle).or_default().push((trip, poses));
@@ -114,6 +123,11 @@ impl RouteMap {
             .values()
             .filter_map(|trips| suspect_vehicle(trips))
             .collect()
+    }
+
+    /// Whether a trip is one of scans.
+    fn has_scans(&self, places: &[usize]) -> bool {
+        places.iter().any(|&k| self.keyframes[k].scan.is_some())
     }
 
     fn trip_pose(&self, k: usize) -> TripPose {
@@ -129,7 +143,9 @@ impl RouteMap {
     fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {
         let nodes = self.graph.nodes();
         let others = self.keyframes.iter().zip(nodes);
-        let others = others.filter(|(keyframe, _)| keyframe.reference && keyframe.trip != *trip);
+        let others = others.filter(|(keyframe, _)| {
+            keyframe.reference && keyframe.scan.is_some() && keyframe.trip != *trip
+        });
         let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
         let order = |k: &usize| self.keyframes[*k].trip_order;
         // Keyframes on both sides of others that have left are no run.
@@ -163,13 +179,16 @@ impl RouteMap {
         for (trip, places) in self.trips.values().enumerate() {
             for &k in places {
                 let keyframe = &self.keyframes[k];
+                let Some(scan) = &keyframe.scan else {
+                    continue;
+                };
                 let order = keyframe.trip_order as usize;
                 let look = Look::new(
                     keyframe.node,
                     (trip, order),
                     keyframe.stamp,
                     &nodes[k].pose,
-                    &keyframe.scan,
+                    scan,
                 );
                 looks.push(look.with_pose_error(self.pose_error_m(k)));
             }

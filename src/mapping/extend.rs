@@ -221,7 +221,7 @@ impl RouteMap {
         }
         let pose = self.graph.nodes()[index].pose;
         let references = (0..index)
-            .filter(|&k| self.keyframes[k].reference)
+            .filter(|&k| self.is_reference_with_scan(k))
             .map(|k| self.graph.nodes()[k].pose);
         self.keyframes[index].reference = !partners::is_covered(&pose, references);
         Ok(())
@@ -268,10 +268,15 @@ impl RouteMap {
         let near =
             |k: &usize| (nodes[*k].pose.translation() - pose.translation()).norm() <= within_m;
         (0..self.keyframes.len())
-            .filter(|k| self.keyframes[*k].reference && !recent.contains(k))
+            .filter(|k| self.is_reference_with_scan(*k) && !recent.contains(k))
             .filter(near)
             .map(|k| self.placed(k))
             .collect()
+    }
+
+    /// Whether later scans can be matched with a node.
+    fn is_reference_with_scan(&self, k: usize) -> bool {
+        self.keyframes[k].reference && self.keyframes[k].scan.is_some()
     }
 
     /// Adds the closures of a new node with their older ends, and solves the graph.

@@ -1,10 +1,10 @@
-//! What a node of the graph remembers of its scan.
+//! What a node of the graph remembers beside its pose.
 
 use crate::geometry::Pose2;
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::scan::{LaserScan, SurfacePoint, surface_points};
 
-/// A node's scan.
+/// A node's scan, and where it stands in its trip.
 #[derive(Debug, Clone)]
 pub struct Keyframe {
     /// The node.
@@ -13,7 +13,7 @@ pub struct Keyframe {
     pub trip: TripId,
     /// Its place in its trip: 0, 1, 2 … Others of the trip may have left the map.
     pub trip_order: u32,
-    /// When the scan was taken.
+    /// When the vehicle was there.
     pub stamp: StampNs,
     /// Pose of the base in the vehicle's own odometry frame.
     pub odom_from_base: Pose2,
@@ -22,9 +22,9 @@ pub struct Keyframe {
     /// Way driven since the trip was last tied to the map, metres; the uncertainty of a given
     /// pose counts as a way driven.
     pub drift_m: f64,
-    /// What was seen.
-    pub scan: LaserScan,
-    /// The scan's returns with normals, base frame.
+    /// What was seen; `None` for a node that came with edges alone.
+    pub scan: Option<LaserScan>,
+    /// The scan's returns with normals, base frame; none without a scan.
     pub points: Vec<SurfacePoint>,
 }
 
@@ -40,6 +40,15 @@ impl Keyframe {
     ) -> Self {
         let points = surface_points(&scan);
         Self {
+            scan: Some(scan),
+            points,
+            ..Self::without_scan(node, trip, stamp, odom_from_base)
+        }
+    }
+
+    /// As [`Keyframe::new`], of a node that has no scan.
+    pub fn without_scan(node: NodeId, trip: TripId, stamp: StampNs, odom_from_base: Pose2) -> Self {
+        Self {
             node,
             trip,
             trip_order: 0,
@@ -47,8 +56,8 @@ impl Keyframe {
             odom_from_base,
             reference: false,
             drift_m: 0.0,
-            scan,
-            points,
+            scan: None,
+            points: Vec::new(),
         }
     }
 
@@ -56,7 +65,7 @@ impl Keyframe {
     pub(super) fn size_bytes(&self) -> usize {
         size_of::<Self>()
             + size_of_val(self.points.as_slice())
-            + size_of_val(self.scan.ticks())
+            + self.scan.as_ref().map_or(0, |s| size_of_val(s.ticks()))
             + NODE_BYTES
     }
 }

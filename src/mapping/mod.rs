@@ -4,11 +4,13 @@
 //! trip, loop closures against reference nodes, the solve of the sub-graph that they touch.
 
 mod anchor;
+mod attach;
 mod closure;
 mod drive;
 mod evidence;
 mod extend;
 mod front_end;
+mod given;
 mod keyframe;
 mod local_map;
 mod odometry;
@@ -20,10 +22,12 @@ mod settle;
 mod testing;
 
 pub use anchor::AnchorError;
+pub use attach::Attached;
 pub use closure::{Closure, ClosureRule};
 pub use drive::{Drive, DriveScan, InitialPose};
 pub use evidence::Scope;
 pub use extend::{Extension, NotExtended};
+pub use given::{End, GivenEdge, GivenGraph, GivenNode};
 pub use keyframe::Keyframe;
 pub use route_map::{RouteMap, Weighting};
 pub use settle::{ACTIVE_STRETCHES, Stay, TRIP_TAIL};

@@ -43,10 +43,13 @@ pub(super) fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) 
     })
 }
 
-/// Share of the new scan's points that lie where the old scan looked.
+/// Share of the new scan's points that lie where the old scan looked; 0 without an old scan.
 fn reach_share(new: &Placed<'_>, old: &Placed<'_>) -> f64 {
+    let Some(old_scan) = &old.keyframe.scan else {
+        return 0.0;
+    };
     let old_from_new = old.pose.between(&new.pose).to_transform();
-    let view = View::new(&old.keyframe.scan);
+    let view = View::new(old_scan);
     let sampled = new.keyframe.points.iter().step_by(REACH_STRIDE);
     let (mut within, mut count) = (0usize, 0usize);
     for point in sampled {

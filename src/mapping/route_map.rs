@@ -96,6 +96,11 @@ impl RouteMap {
         &self.keyframes
     }
 
+    /// The keyframe of a node.
+    pub fn keyframe(&self, node: NodeId) -> Option<&Keyframe> {
+        Some(&self.keyframes[self.graph.node_position(node)?])
+    }
+
     /// The first node id never used.
     pub fn next_node_id(&self) -> NodeId {
         NodeId(self.next_node)

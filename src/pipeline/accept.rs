@@ -137,14 +137,14 @@ pub(super) fn undo(
 fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let looks = poses.zip(workspace.map.keyframes());
-    let looks =
-        looks
-            .filter(|((_, saved), _)| saved.active)
-            .map(|((map_from_base, _), keyframe)| Look {
-                stamp: keyframe.stamp,
-                map_from_base,
-                scan: &keyframe.scan,
-            });
+    let active = looks.filter(|((_, saved), _)| saved.active);
+    let looks = active.filter_map(|((map_from_base, _), keyframe)| {
+        Some(Look {
+            stamp: keyframe.stamp,
+            map_from_base,
+            scan: keyframe.scan.as_ref()?,
+        })
+    });
     MapPicture::draw(looks, &workspace.accepted).context("the map's picture cannot be drawn")
 }
 

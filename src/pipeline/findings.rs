@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::residual_findings::by_residuals;
 use super::stage::references;
 use super::workspace::Workspace;
 use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
@@ -18,7 +19,11 @@ const PAPER_REGION_M: f64 = 1.0;
 /// on raise a suspicion, and where an alert waits.
 pub(super) fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
     match workspace.detector {
-        Detector::Fused => by_looks(workspace, fresh_from),
+        Detector::Fused => {
+            let mut findings = by_looks(workspace, fresh_from);
+            findings.extend(by_residuals(workspace));
+            findings
+        }
         Detector::Seed => by_the_paper(workspace),
     }
 }
@@ -67,7 +72,7 @@ fn place_of(
     let [old_place, new_place] = [old, new].map(|k| graph.nodes()[k].pose.translation());
     Some(ClosurePlace {
         position: 0.5 * (old_place + new_place),
-        lap: new / keyframes_a_lap,
+        lap: old.max(new) / keyframes_a_lap,
     })
 }
 
@@ -77,8 +82,8 @@ fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Opti
     let mut edges: Vec<EdgeId> = peaks().map(|peak| peak.edge_id).collect();
     edges.sort_unstable();
     let ends = |edge: &EdgeId| {
-        let (old, new) = graph.ends()[graph.edge_position(*edge)?];
-        Some((old, new))
+        let (from, to) = graph.ends()[graph.edge_position(*edge)?];
+        Some((from.min(to), from.max(to)))
     };
     let ends: Vec<(usize, usize)> = edges.iter().filter_map(ends).collect();
     let nodes: BTreeSet<NodeId> = ends

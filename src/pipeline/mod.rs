@@ -8,10 +8,12 @@
 mod accept;
 mod alerts;
 mod decide;
+mod edges;
 mod engine;
 mod findings;
 mod options;
 mod process;
+mod residual_findings;
 mod result;
 mod retention;
 mod saved;

@@ -1,14 +1,15 @@
-//! One job, from its bodies to what is to be saved: the computation, without any waiting.
+//! One job of scans, from its bodies to what is to be saved: the computation, without any waiting.
 
 use anyhow::Context;
 
 use super::alerts::fold_into;
 use super::findings::findings;
-use super::result::{self, Origin};
+use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, of_added};
 use super::stage::stage_of;
 use super::workspace::Workspace;
 use crate::formats::batch_json;
-use crate::mapping::{Drive, DriveScan, Extension, NotExtended};
+use crate::ids::NodeId;
+use crate::mapping::{Drive, DriveScan, Extension, NotExtended, RouteMap};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -23,36 +24,47 @@ pub(super) fn process(
     mut workspace: Workspace,
     job: &ClaimedJob,
 ) -> anyhow::Result<(Workspace, JobResult)> {
-    let origins = decode(job)?;
-    if let Some(outcome) = origins.last().and_then(refuse_jump) {
-        let mut result =
-            result::of_extension(&mut workspace, job, &origins, &Extension::default())?;
+    let (origins, drives) = decode(job)?;
+    if let Some(outcome) = origins.last().zip(drives.last()).and_then(refuse_jump) {
+        let mut result = of_added(&mut workspace, job, &origins, &Added::default())?;
         result.outcomes = vec![outcome];
         return Ok((workspace, result));
     }
-    let drive = join(&origins);
-    let first_edge = workspace.map.next_edge_id();
-    let (extension, outcomes) = match workspace.map.extend(&drive) {
+    let drive = join(&drives);
+    let (added, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
-            let outcomes = merged(job, &origins, &extension, &workspace);
-            (extension, outcomes)
+            let added = added_by(&drives, &extension, &workspace.map);
+            let outcomes = merged(job, &origins, &added);
+            (added, outcomes)
         }
         Err(NotExtended::Unanchored(reason)) => {
             let reason = reason.to_string();
-            let outcomes = job.entries.iter().map(|entry| BatchOutcome {
-                batch_id: entry.batch.id.clone(),
-                status: BatchStatus::Unanchored,
+            let outcomes = origins.iter().map(|origin| BatchOutcome {
                 reason: Some(reason.clone()),
-                flags: Vec::new(),
-                nodes_added: 0,
-                loop_closures: 0,
+                ..outcome_of(origin, BatchStatus::Unanchored)
             });
-            (Extension::default(), outcomes.collect())
+            (Added::default(), outcomes.collect())
         }
         Err(NotExtended::Graph(error)) => return Err(error.into()),
     };
-    let mut result = result::of_extension(&mut workspace, job, &origins, &extension)?;
-    if !extension.nodes.is_empty() {
+    conclude(workspace, job, &origins, &added, outcomes)
+}
+
+/// Judges what was added, and gathers what is to be saved.
+///
+/// # Errors
+/// As [`of_added`].
+pub(super) fn conclude(
+    mut workspace: Workspace,
+    job: &ClaimedJob,
+    origins: &[Origin],
+    added: &Added,
+    outcomes: Vec<BatchOutcome>,
+) -> anyhow::Result<(Workspace, JobResult)> {
+    let mut result = of_added(&mut workspace, job, origins, added)?;
+    if !(added.nodes.is_empty() && added.edges.is_empty()) {
+        let first_edge = added.edges.keys().next().copied();
+        let first_edge = first_edge.unwrap_or_else(|| workspace.map.next_edge_id());
         let findings = findings(&workspace, first_edge);
         result.alerts = fold_into(&mut workspace, job, &findings);
     }
@@ -62,80 +74,121 @@ pub(super) fn process(
     Ok((workspace, result))
 }
 
-fn decode(job: &ClaimedJob) -> anyhow::Result<Vec<Origin>> {
-    let origins = job.entries.iter().map(|entry| {
+/// A batch's end, with nothing added.
+pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
+    BatchOutcome {
+        batch_id: origin.batch_id.clone(),
+        status,
+        reason: None,
+        flags: Vec::new(),
+        nodes_added: 0,
+        loop_closures: 0,
+    }
+}
+
+/// Counts what each batch added.
+pub(super) fn count_added(outcomes: &mut [BatchOutcome], added: &Added) {
+    for node in added.nodes.values() {
+        outcomes[node.origin].nodes_added += 1;
+    }
+    for edge in added.edges.values().filter(|edge| edge.delta_f.is_some()) {
+        outcomes[edge.origin].loop_closures += 1;
+    }
+}
+
+fn decode(job: &ClaimedJob) -> anyhow::Result<(Vec<Origin>, Vec<Drive>)> {
+    let (mut origins, mut drives) = (Vec::new(), Vec::new());
+    for entry in &job.entries {
         let batch = batch_json::decode(&entry.body, entry.batch.received_at)
             .with_context(|| format!("the stored body of batch {} is refused", entry.batch.id))?;
-        Ok(Origin {
+        origins.push(Origin {
             batch_id: entry.batch.id.clone(),
             vehicle_id: batch.vehicle_id,
-            drive: Drive {
-                trip: batch.trip_id,
-                initial_pose: batch.initial_pose,
-                scans: batch.scans,
-            },
-        })
-    });
-    origins.collect()
+            trip_id: batch.trip_id.clone(),
+        });
+        drives.push(Drive {
+            trip: batch.trip_id,
+            initial_pose: batch.initial_pose,
+            scans: batch.scans,
+        });
+    }
+    Ok((origins, drives))
 }
 
 /// Keeps out a batch whose odometry would put its scans where nothing is: the map's pictures and
 /// searches would have to span the way there for ever.
-fn refuse_jump(origin: &Origin) -> Option<BatchOutcome> {
+fn refuse_jump((origin, drive): (&Origin, &Drive)) -> Option<BatchOutcome> {
     let way_m = |pair: &[DriveScan]| {
         let motion = pair[0].odom_from_base.between(&pair[1].odom_from_base);
         motion.translation().norm()
     };
-    let longest_m = origin.drive.scans.windows(2).map(way_m).fold(0.0, f64::max);
+    let longest_m = drive.scans.windows(2).map(way_m).fold(0.0, f64::max);
     (longest_m > JUMP_MAX_M).then(|| BatchOutcome {
-        batch_id: origin.batch_id.clone(),
-        status: BatchStatus::Quarantined,
         reason: Some(format!(
             "the odometry jumps by {longest_m:.0} m from one scan to the next"
         )),
-        flags: Vec::new(),
-        nodes_added: 0,
-        loop_closures: 0,
+        ..outcome_of(origin, BatchStatus::Quarantined)
     })
 }
 
 /// The drives of a trip that waited together, as one.
-fn join(origins: &[Origin]) -> Drive {
-    let mut joined = origins[0].drive.clone();
-    for origin in &origins[1..] {
-        joined.scans.extend(origin.drive.scans.iter().cloned());
+fn join(drives: &[Drive]) -> Drive {
+    let mut joined = drives[0].clone();
+    for drive in &drives[1..] {
+        joined.scans.extend(drive.scans.iter().cloned());
     }
     joined
 }
 
-fn merged(
-    job: &ClaimedJob,
-    origins: &[Origin],
-    extension: &Extension,
-    workspace: &Workspace,
-) -> Vec<BatchOutcome> {
-    let mut outcomes: Vec<BatchOutcome> = origins
-        .iter()
-        .map(|origin| BatchOutcome {
-            batch_id: origin.batch_id.clone(),
-            status: BatchStatus::Merged,
-            reason: None,
-            flags: Vec::new(),
-            nodes_added: 0,
-            loop_closures: 0,
-        })
-        .collect();
+fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added) -> Vec<BatchOutcome> {
+    let outcomes = origins.iter();
+    let outcomes = outcomes.map(|origin| outcome_of(origin, BatchStatus::Merged));
+    let mut outcomes: Vec<BatchOutcome> = outcomes.collect();
     if job.after_gap {
         outcomes[0].flags.push("gap".to_owned());
     }
-    for node in &extension.nodes {
-        outcomes[result::origin_of(origins, &workspace.map, *node)].nodes_added += 1;
-    }
+    count_added(&mut outcomes, added);
+    outcomes
+}
+
+/// What an extension added: a node came with its scan, an edge with its newer node.
+fn added_by(drives: &[Drive], extension: &Extension, map: &RouteMap) -> Added {
+    let nodes = extension.nodes.iter().map(|node| {
+        let node_added = AddedNode {
+            origin: part_with(drives, map, *node),
+            client_id: None,
+        };
+        (*node, node_added)
+    });
+    let edges = extension.edges.iter().filter_map(|id| {
+        let edge_added = AddedEdge {
+            origin: part_with(drives, map, map.graph().edge(*id)?.to),
+            delta_f: None,
+            closure: None,
+        };
+        Some((*id, edge_added))
+    });
+    let mut added = Added {
+        nodes: nodes.collect(),
+        edges: edges.collect(),
+    };
     for closure in &extension.closures {
-        let edge = workspace.map.graph().edge(closure.edge);
-        if let Some(edge) = edge {
-            outcomes[result::origin_of(origins, &workspace.map, edge.to)].loop_closures += 1;
+        if let Some(edge) = added.edges.get_mut(&closure.edge) {
+            edge.delta_f = Some(closure.delta_f);
+            edge.closure = Some(closure_record(closure));
         }
     }
-    outcomes
+    added
+}
+
+/// The drive that a new node's scan came with, as a place among them.
+fn part_with(drives: &[Drive], map: &RouteMap, node: NodeId) -> usize {
+    let position = map.graph().node_position(node).unwrap_or_default();
+    let stamp = map.keyframes()[position].stamp;
+    let holds = |drive: &Drive| {
+        let scans = &drive.scans;
+        scans.first().is_some_and(|first| first.stamp <= stamp)
+            && scans.last().is_some_and(|last| stamp <= last.stamp)
+    };
+    drives.iter().position(holds).unwrap_or(drives.len() - 1)
 }

@@ -2,14 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::Context;
 use jiff::Timestamp;
 
 use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
-use crate::ids::{BatchId, EdgeId, NodeId, VehicleId};
-use crate::mapping::{Closure, Drive, Extension, RouteMap};
+use crate::ids::{BatchId, EdgeId, NodeId, TripId, VehicleId};
+use crate::mapping::{Closure, RouteMap};
 use crate::scan::encode_scan;
 use crate::store::{
     ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, JobResult, NodeChange, NodeRecord,
@@ -20,55 +21,70 @@ use crate::store::{
 pub(super) struct Origin {
     pub batch_id: BatchId,
     pub vehicle_id: VehicleId,
-    pub drive: Drive,
+    pub trip_id: TripId,
 }
 
-/// The batch that a new node's scan came with, as a place in `origins`.
-pub(super) fn origin_of(origins: &[Origin], map: &RouteMap, node: NodeId) -> usize {
-    let position = map.graph().node_position(node).unwrap_or_default();
-    let stamp = map.keyframes()[position].stamp;
-    let holds = |origin: &Origin| {
-        let scans = &origin.drive.scans;
-        scans.first().is_some_and(|first| first.stamp <= stamp)
-            && scans.last().is_some_and(|last| stamp <= last.stamp)
-    };
-    origins.iter().position(holds).unwrap_or(origins.len() - 1)
+/// What a job added to the map, each with the place of its batch in `origins`.
+#[derive(Default)]
+pub(super) struct Added {
+    pub nodes: BTreeMap<NodeId, AddedNode>,
+    pub edges: BTreeMap<EdgeId, AddedEdge>,
 }
 
-/// The result of an extension without its outcomes; the workspace's record of what is saved is
+/// A new node.
+pub(super) struct AddedNode {
+    pub origin: usize,
+    /// What the vehicle calls it.
+    pub client_id: Option<String>,
+}
+
+/// A new edge.
+#[derive(Clone, Copy)]
+pub(super) struct AddedEdge {
+    pub origin: usize,
+    /// What a closure added to F.
+    pub delta_f: Option<f64>,
+    /// For closures between scans.
+    pub closure: Option<ClosureRecord>,
+}
+
+/// The result of what was added, without its outcomes; the workspace's record of what is saved is
 /// brought up to date.
 ///
 /// # Errors
-/// If a scan cannot be encoded.
-pub(super) fn of_extension(
+/// If a scan cannot be encoded, or something new has no batch.
+pub(super) fn of_added(
     workspace: &mut Workspace,
     job: &ClaimedJob,
     origins: &[Origin],
-    extension: &Extension,
+    added: &Added,
 ) -> anyhow::Result<JobResult> {
     for origin in origins {
-        let (trip, vehicle) = (origin.drive.trip.clone(), origin.vehicle_id.clone());
+        let (trip, vehicle) = (origin.trip_id.clone(), origin.vehicle_id.clone());
         workspace.vehicles.insert(trip, vehicle);
     }
     let nodes_now = nodes_of(&workspace.map);
     let edges_now = edges_of(&workspace.map);
     let old_nodes = count_known(&workspace.saved_nodes, &nodes_now, |node| node.id);
     let old_edges = count_known(&workspace.saved_edges, &edges_now, |edge| edge.id);
-    let closures: BTreeMap<EdgeId, &Closure> =
-        extension.closures.iter().map(|c| (c.edge, c)).collect();
-    let new_nodes = nodes_now[old_nodes..]
-        .iter()
-        .enumerate()
-        .map(|(k, state)| node_record(&workspace.map, origins, old_nodes + k, state));
-    let new_edges = edges_now[old_edges..].iter().enumerate().map(|(k, state)| {
-        let edge = &workspace.map.graph().edges()[old_edges + k];
-        edge_record(
+    let new_nodes = nodes_now[old_nodes..].iter().enumerate();
+    let new_nodes = new_nodes.map(|(k, state)| {
+        let new = added.nodes.get(&state.id);
+        let new = new.with_context(|| format!("node {} is of no batch", state.id))?;
+        node_record(
             &workspace.map,
-            origins,
-            edge,
+            &origins[new.origin],
+            new,
+            old_nodes + k,
             state,
-            closures.get(&edge.id).copied(),
         )
+    });
+    let new_edges = edges_now[old_edges..].iter().enumerate();
+    let new_edges = new_edges.map(|(k, state)| {
+        let new = added.edges.get(&state.id);
+        let new = new.with_context(|| format!("edge {} is of no batch", state.id))?;
+        let edge = &workspace.map.graph().edges()[old_edges + k];
+        anyhow::Ok(edge_record(edge, &origins[new.origin], new, state))
     });
     let result = JobResult {
         job_id: job.job_id,
@@ -77,19 +93,23 @@ pub(super) fn of_extension(
         base_revision: workspace.revision,
         outcomes: Vec::new(),
         nodes: new_nodes.collect::<Result<_, _>>()?,
-        edges: new_edges.collect(),
+        edges: new_edges.collect::<Result<_, _>>()?,
         changed_nodes: changed_nodes(&workspace.saved_nodes, &nodes_now),
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };
-    workspace
-        .closures
-        .extend(extension.closures.iter().map(|c| ClosureSample {
-            edge_id: c.edge,
-            delta_f: c.delta_f,
-        }));
+    let closures = added.edges.iter().filter_map(|(edge, new)| {
+        Some(ClosureSample {
+            edge_id: *edge,
+            delta_f: new.delta_f?,
+        })
+    });
+    workspace.closures.extend(closures);
+    let given = added.edges.iter();
+    let given = given.filter(|(_, new)| new.delta_f.is_some() && new.closure.is_none());
+    workspace.given.extend(given.map(|(edge, _)| *edge));
     workspace.saved_nodes = nodes_now;
     workspace.saved_edges = edges_now;
     Ok(result)
@@ -109,12 +129,12 @@ pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<Edg
 
 fn node_record(
     map: &RouteMap,
-    origins: &[Origin],
+    origin: &Origin,
+    new: &AddedNode,
     position: usize,
     state: &NodeChange,
 ) -> anyhow::Result<NodeWithScan> {
     let keyframe = &map.keyframes()[position];
-    let origin = &origins[origin_of(origins, map, keyframe.node)];
     let node = NodeRecord {
         id: keyframe.node,
         batch_id: origin.batch_id.clone(),
@@ -128,41 +148,37 @@ fn node_record(
         active: state.active,
         subgraph_id: state.subgraph_id,
         trip_order: keyframe.trip_order,
+        client_id: new.client_id.clone(),
     };
-    let scan = encode_scan(&keyframe.scan)?;
+    let scan = keyframe.scan.as_ref().map(encode_scan).transpose()?;
     Ok(NodeWithScan { node, scan })
 }
 
-fn edge_record(
-    map: &RouteMap,
-    origins: &[Origin],
-    edge: &Edge,
-    state: &EdgeChange,
-    closure: Option<&Closure>,
-) -> EdgeRecord {
+fn edge_record(edge: &Edge, origin: &Origin, new: &AddedEdge, state: &EdgeChange) -> EdgeRecord {
     EdgeRecord {
         id: edge.id,
         from: edge.from,
         to: edge.to,
         kind: edge.kind,
         status: edge.status,
-        batch_id: origins[origin_of(origins, map, edge.to)].batch_id.clone(),
+        batch_id: origin.batch_id.clone(),
         measurement: edge.measurement,
         information: edge.information,
         residual: state.residual,
         subgraph_id: state.subgraph_id,
-        closure: closure.map(closure_record),
+        delta_f: new.delta_f,
+        closure: new.closure,
     }
 }
 
-fn closure_record(closure: &Closure) -> ClosureRecord {
+/// What the store keeps of two matched scans.
+pub(super) fn closure_record(closure: &Closure) -> ClosureRecord {
     ClosureRecord {
         all_points_measurement: closure.all_points_measurement,
         all_points_information: closure.all_points_information,
         overlap: closure.robust.overlap,
         inlier_share: closure.robust.inlier_share,
         rmse_m: closure.robust.rmse_m,
-        delta_f: closure.delta_f,
         all_points_residual: closure.all_points_residual,
     }
 }

@@ -17,7 +17,7 @@ const ALERT_OLDEST: usize = 16;
 const ALERT_NEWEST: usize = 48;
 
 /// Lets nodes leave the map whose drives have settled, before a drive of `trip` extends it. Of the
-/// newest stretches `stretches` stay.
+/// newest stretches `stretches` stay, and the nodes that the job names.
 ///
 /// A map by the paper's rule keeps everything: the rule reads the places of the whole series.
 ///
@@ -26,15 +26,18 @@ const ALERT_NEWEST: usize = 48;
 pub(super) fn settle(
     workspace: &mut Workspace,
     trip: &TripId,
+    named: &[NodeId],
     stretches: usize,
 ) -> anyhow::Result<()> {
     if workspace.detector == Detector::Seed {
         return Ok(());
     }
+    let mut nodes = named_by_alerts(workspace);
+    nodes.extend(named);
     let leaving = workspace.map.settled_nodes(&Stay {
         stretches,
         trip,
-        nodes: &named_by_alerts(workspace),
+        nodes: &nodes,
     });
     if leaving.is_empty() {
         return Ok(());
@@ -80,17 +83,24 @@ fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
     let leaves = |node: &NodeId| leaving.binary_search(node).is_ok();
     let settled = workspace.closures.iter().filter_map(|closure| {
         let edge = graph.edge(closure.edge_id)?;
-        (leaves(&edge.from) || leaves(&edge.to)).then_some(SettledClosure {
+        if !(leaves(&edge.from) || leaves(&edge.to)) {
+            return None;
+        }
+        let newer = workspace.map.keyframe(edge.from.max(edge.to))?;
+        Some(SettledClosure {
             id: edge.id,
             from: edge.from,
             to: edge.to,
             subgraph_id: subgraphs.get(&edge.id).copied(),
             delta_f: closure.delta_f,
+            vehicle_id: workspace.vehicles.get(&newer.trip)?.clone(),
+            given: workspace.given.contains(&edge.id),
         })
     });
     let settled: Vec<SettledClosure> = settled.collect();
     let gone: BTreeSet<EdgeId> = settled.iter().map(|closure| closure.id).collect();
     workspace.closures.retain(|c| !gone.contains(&c.edge_id));
+    workspace.given.retain(|edge| !gone.contains(edge));
     workspace.settled_closures.extend(settled);
     workspace.settled_closures.sort_unstable_by_key(|c| c.id);
     workspace.settled_closures.truncate(SETTLED_CLOSURES_MAX);

@@ -8,13 +8,14 @@ use jiff::Timestamp;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use super::edges::{EdgeJob, process_edges};
 use super::engine::Engine;
 use super::process::process;
 use super::retention::delete_bodies;
-use super::settle::{recall_trip, settle, solve_recalled};
+use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::workspace::Workspace;
 use crate::ids::RouteId;
-use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
+use crate::store::{Applied, BatchKind, ClaimedJob, JobResult, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);
@@ -144,17 +145,35 @@ pub(super) async fn compute(
     job: &Arc<ClaimedJob>,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let Engine { store, options, .. } = engine;
-    let trip = job.entries.first().map(|entry| entry.batch.trip_id.clone());
-    let trip = trip.context("a job without batches")?;
-    let recalled = recall_trip(store, &job.route_id, &trip).await?;
-    let mut workspace = engine.workspaces.take(store, &job.route_id).await?;
-    let (own, stretches) = (Arc::clone(job), options.active_stretches);
-    let work = move || {
-        solve_recalled(&mut workspace.map, &recalled);
-        settle(&mut workspace, &trip, stretches)?;
-        process(workspace, &own)
-    };
-    engine.compute(work).await?
+    let own = job.entries.last().context("a job without batches")?;
+    let (trip, stretches) = (own.batch.trip_id.clone(), options.active_stretches);
+    let (route, kept_job) = (&job.route_id, Arc::clone(job));
+    match own.batch.kind {
+        BatchKind::Scans => {
+            let recalled = recall_trip(store, route, &trip).await?;
+            let mut workspace = engine.workspaces.take(store, route).await?;
+            let work = move || {
+                solve_recalled(&mut workspace.map, &recalled);
+                settle(&mut workspace, &trip, &[], stretches)?;
+                process(workspace, &kept_job)
+            };
+            engine.compute(work).await?
+        }
+        BatchKind::Edges => {
+            let decoded = Arc::clone(job);
+            let mut edges = engine.compute(move || EdgeJob::decode(&decoded)).await??;
+            edges.look_up(store, job).await?;
+            let named = edges.named_nodes();
+            let recalled = recall_named(store, route, &named, &[]).await?;
+            let mut workspace = engine.workspaces.take(store, route).await?;
+            let work = move || {
+                solve_recalled(&mut workspace.map, &recalled);
+                settle(&mut workspace, &trip, &named, stretches)?;
+                process_edges(workspace, &kept_job, &edges)
+            };
+            engine.compute(work).await?
+        }
+    }
 }
 
 /// Whether the store was in the way, and not the batch.

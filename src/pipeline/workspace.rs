@@ -1,6 +1,6 @@
 //! A route's map in memory, as it was last saved.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow};
@@ -22,6 +22,8 @@ pub(super) struct Workspace {
     pub stage: Stage,
     /// What the map's weighting follows.
     pub detector: Detector,
+    /// Share of unchanged closures that the residual test may tell.
+    pub false_alarm_rate: f64,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
     pub saved_nodes: Vec<NodeChange>,
@@ -29,6 +31,8 @@ pub(super) struct Workspace {
     pub saved_edges: Vec<EdgeChange>,
     /// ΔF of every closure in the map, in the order of insertion.
     pub closures: Vec<ClosureSample>,
+    /// Those of them that came as edges, so that no two scans were matched for them.
+    pub given: BTreeSet<EdgeId>,
     /// The first closures that are not in the map any more, in the order of insertion.
     pub settled_closures: Vec<SettledClosure>,
     /// Whose each trip with a node in the map is.
@@ -77,13 +81,17 @@ impl Workspace {
         let closures = graph.edges.iter().filter_map(|edge| {
             Some(ClosureSample {
                 edge_id: edge.id,
-                delta_f: edge.closure?.delta_f,
+                delta_f: edge.delta_f?,
             })
         });
+        let given = graph.edges.iter();
+        let given = given.filter(|edge| edge.delta_f.is_some() && edge.closure.is_none());
         Ok(Self {
+            given: given.map(|edge| edge.id).collect(),
             revision: graph.revision,
             stage: graph.stage,
             detector: graph.settings.detector,
+            false_alarm_rate: graph.settings.false_alarm_rate,
             map,
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
@@ -153,21 +161,29 @@ impl Workspace {
             + size_of_val(self.saved_nodes.as_slice())
             + size_of_val(self.saved_edges.as_slice())
             + size_of_val(self.closures.as_slice())
+            + EDGE_ID_BYTES * self.given.len()
             + size_of_val(self.settled_closures.as_slice())
             + NAME_BYTES * 2 * self.vehicles.len()
             + alerts
     }
 }
 
+/// An edge id in a set.
+const EDGE_ID_BYTES: usize = 16;
 /// A name of a trip or a vehicle.
 const NAME_BYTES: usize = 64;
 
 fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     let node = &record.node;
-    let scan = decode_scan(&record.scan)
-        .with_context(|| format!("the scan of node {} cannot be read", node.id))?;
     let (trip, stamp) = (node.trip_id.clone(), node.stamp);
-    let mut keyframe = Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan);
+    let mut keyframe = match &record.scan {
+        Some(scan) => {
+            let scan = decode_scan(scan)
+                .with_context(|| format!("the scan of node {} cannot be read", node.id))?;
+            Keyframe::new(node.id, trip, stamp, node.odom_from_base, scan)
+        }
+        None => Keyframe::without_scan(node.id, trip, stamp, node.odom_from_base),
+    };
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
     keyframe.trip_order = node.trip_order;
@@ -237,10 +253,11 @@ impl Workspaces {
     pub async fn take(&self, store: &Store, route: &RouteId) -> anyhow::Result<Workspace> {
         let record = store.route(route).await?;
         let record = record.ok_or_else(|| anyhow!("the route is gone"))?;
-        if let Some(kept) = self.remove(route)
+        if let Some(mut kept) = self.remove(route)
             && kept.revision == record.revision
             && kept.detector == record.settings.detector
         {
+            kept.false_alarm_rate = record.settings.false_alarm_rate;
             return Ok(kept);
         }
         let graph = store.load_graph(route).await?;

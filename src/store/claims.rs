@@ -6,12 +6,16 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
-use super::columns::{micros, name};
+use super::columns::{micros, name, text};
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, job_of};
+use super::records::BatchKind;
 use super::request::Request;
 use super::trips::Place;
 use crate::ids::{BatchId, RouteId};
+
+/// Batches of edges without a tie to the map that a job takes along, at most.
+pub(super) const TAKEN_ALONG_MAX: i64 = 63;
 
 /// What a claim says; the bodies are read afterwards, outside the writer.
 #[derive(Debug)]
@@ -93,9 +97,15 @@ impl ClaimJob {
             .bind(job.place.batch_key)
             .execute(&mut *transaction)
             .await?;
-        let entries = entries(transaction, &job.place).await?;
-        let first = entries.first().map_or(job.place.sequence, |entry| entry.1);
-        let after_gap = first > 0 && !is_used(transaction, &job.place, first - 1).await?;
+        let (entries, after_gap) = match kind(transaction, &job.place).await? {
+            BatchKind::Scans => {
+                let entries = entries(transaction, &job.place).await?;
+                let first = entries.first().map_or(job.place.sequence, |entry| entry.1);
+                let after_gap = first > 0 && !is_used(transaction, &job.place, first - 1).await?;
+                (entries, after_gap)
+            }
+            BatchKind::Edges => (entries_of_edges(transaction, &job.place).await?, false),
+        };
         Ok(Claim {
             job_id: job.job_id,
             generation,
@@ -132,6 +142,37 @@ async fn entries(
     .bind(&place.trip_id)
     .bind(place.sequence)
     .bind(place.batch_key)
+    .fetch_all(transaction)
+    .await?;
+    let entry = |row: &SqliteRow| Ok((name(row, "id")?, row.try_get("sequence")?));
+    rows.iter().map(entry).collect()
+}
+
+async fn kind(transaction: &mut SqliteConnection, place: &Place) -> Result<BatchKind, StoreError> {
+    let row = sqlx::query("SELECT kind FROM batches WHERE batch_key = ?")
+        .bind(place.batch_key)
+        .fetch_one(transaction)
+        .await?;
+    text(&row, "kind")
+}
+
+/// The newest batches of edges of the job's vehicle that are not tied to the map yet, in the order
+/// of arrival, and the job's own, with their sequences.
+async fn entries_of_edges(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+) -> Result<Vec<(BatchId, i64)>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT id, sequence FROM batches \
+         WHERE batch_key = ?1 OR batch_key IN (SELECT batch_key FROM batches \
+             WHERE route_key = ?2 AND status = 'unanchored' AND kind = 'edges' \
+             AND vehicle_id = (SELECT vehicle_id FROM batches WHERE batch_key = ?1) \
+             ORDER BY batch_key DESC LIMIT ?3) \
+         ORDER BY batch_key = ?1, batch_key",
+    )
+    .bind(place.batch_key)
+    .bind(place.route_key)
+    .bind(TAKEN_ALONG_MAX)
     .fetch_all(transaction)
     .await?;
     let entry = |row: &SqliteRow| Ok((name(row, "id")?, row.try_get("sequence")?));

@@ -7,7 +7,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::error::{Corruption, StoreError};
-use super::records::{BatchStatus, Detector, Stage};
+use super::records::{BatchKind, BatchStatus, Detector, Stage};
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
 use crate::geometry::{Information, Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
@@ -41,6 +41,10 @@ text_column!(Detector {
 text_column!(Stage {
     Mapping = "mapping",
     Monitoring = "monitoring",
+});
+text_column!(BatchKind {
+    Scans = "scans",
+    Edges = "edges",
 });
 text_column!(BatchStatus {
     Queued = "queued",

@@ -17,12 +17,12 @@ macro_rules! node_columns {
     () => {
         "nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, stamp_ns, \
          x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, \
-         trip_order "
+         trip_order, client_id "
     };
 }
 
 macro_rules! select_nodes {
-    ($columns:literal, $joins:literal, $rest:literal) => {
+    ($columns:literal, $joins:expr, $rest:literal) => {
         concat!(
             "SELECT ",
             node_columns!(),
@@ -37,11 +37,14 @@ macro_rules! select_nodes {
 }
 
 macro_rules! select_nodes_with_scans {
-    ($rest:literal) => {
+    ($join:literal, $rest:literal) => {
         select_nodes!(
             ", scan, scan_sha256",
-            "JOIN node_scans ON node_scans.route_key = nodes.route_key \
-             AND node_scans.node_id = nodes.node_id",
+            concat!(
+                $join,
+                " node_scans ON node_scans.route_key = nodes.route_key \
+             AND node_scans.node_id = nodes.node_id"
+            ),
             $rest
         )
     };
@@ -50,15 +53,14 @@ macro_rules! select_nodes_with_scans {
 macro_rules! select_edges {
     ($from:literal, $rest:literal) => {
         concat!(
-            "SELECT edges.edge_id, from_node, to_node, kind, edges.status, \
+            "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
-             residual, edges.subgraph_id, closures.x AS all_x, closures.y AS all_y, \
+             residual, edges.subgraph_id, edges.delta_f, closures.x AS all_x, closures.y AS all_y, \
              closures.theta AS all_theta, closures.info_xx AS all_xx, \
              closures.info_xy AS all_xy, closures.info_xt AS all_xt, \
              closures.info_yy AS all_yy, closures.info_yt AS all_yt, \
-             closures.info_tt AS all_tt, overlap, inlier_share, rmse_m, delta_f, \
-             all_points_residual \
+             closures.info_tt AS all_tt, overlap, inlier_share, rmse_m, all_points_residual \
              FROM routes ",
             $from,
             " JOIN batches ON batches.batch_key = edges.batch_key \
@@ -103,6 +105,7 @@ async fn load_snapshot(
     .await?;
     let Some(row) = row else { return Ok(None) };
     let nodes = sqlx::query(select_nodes_with_scans!(
+        "LEFT JOIN",
         "AND nodes.active = 1 ORDER BY nodes.node_id"
     ))
     .bind(route.as_str())
@@ -196,12 +199,13 @@ pub(super) async fn trip_nodes(
     rows.iter().map(node_of).collect()
 }
 
-/// Every active node with its scan, by id.
+/// Every active node that has a scan, with it, by id.
 pub(super) async fn nodes_with_scans(
     readers: &SqlitePool,
     route: &RouteId,
 ) -> Result<Vec<NodeWithScan>, StoreError> {
     let rows = sqlx::query(select_nodes_with_scans!(
+        "JOIN",
         "AND active ORDER BY nodes.node_id"
     ))
     .bind(route.as_str())
@@ -287,12 +291,14 @@ fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
         active: row.try_get("active")?,
         subgraph_id: row.try_get("subgraph_id")?,
         trip_order: row.try_get("trip_order")?,
+        client_id: row.try_get("client_id")?,
     })
 }
 
 fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, StoreError> {
     let node = node_of(row)?;
-    let scan = scan_of(row, route, node.id)?;
+    let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
+    let scan = has_scan.then(|| scan_of(row, route, node.id)).transpose()?;
     Ok(NodeWithScan { node, scan })
 }
 
@@ -321,6 +327,7 @@ pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
         information: information(row, columns)?,
         residual: row.try_get("residual")?,
         subgraph_id: row.try_get("subgraph_id")?,
+        delta_f: row.try_get("delta_f")?,
         closure: closure_of(row)?,
     })
 }
@@ -336,7 +343,6 @@ fn closure_of(row: &SqliteRow) -> Result<Option<ClosureRecord>, StoreError> {
         overlap,
         inlier_share: row.try_get("inlier_share")?,
         rmse_m: row.try_get("rmse_m")?,
-        delta_f: row.try_get("delta_f")?,
         all_points_residual: row.try_get("all_points_residual")?,
     }))
 }

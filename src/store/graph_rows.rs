@@ -12,7 +12,7 @@ use super::results::Members;
 use crate::geometry::{Information, Pose2};
 use crate::ids::{BatchId, EdgeId};
 
-/// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 17.
+/// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
 const ROWS_MAX: usize = 256;
 
 type Values<'a, 'b> = Separated<'a, Sqlite, &'b str>;
@@ -27,7 +27,8 @@ pub(super) async fn insert_nodes(
     for rows in nodes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
-             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order) ",
+             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order, \
+             client_id) ",
         );
         query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
             values
@@ -42,7 +43,8 @@ pub(super) async fn insert_nodes(
                 .push_bind(node.reference)
                 .push_bind(node.active)
                 .push_bind(node.subgraph_id)
-                .push_bind(node.trip_order);
+                .push_bind(node.trip_order)
+                .push_bind(node.client_id.as_deref());
         });
         query.build().execute(&mut *transaction).await?;
         insert_scans(transaction, route_key, rows).await?;
@@ -55,13 +57,19 @@ async fn insert_scans(
     route_key: i64,
     nodes: &[NodeWithScan],
 ) -> Result<(), StoreError> {
+    let with_scans = nodes.iter();
+    let with_scans = with_scans.filter_map(|node| Some((node.node.id, node.scan.as_deref()?)));
+    let with_scans: Vec<_> = with_scans.collect();
+    if with_scans.is_empty() {
+        return Ok(());
+    }
     let mut query =
         QueryBuilder::new("INSERT INTO node_scans (route_key, node_id, scan, scan_sha256) ");
-    query.push_values(nodes, |mut values, NodeWithScan { node, scan }| {
+    query.push_values(with_scans, |mut values, (node, scan)| {
         values
             .push_bind(route_key)
-            .push_bind(node.id.0)
-            .push_bind(scan.as_slice())
+            .push_bind(node.0)
+            .push_bind(scan)
             .push_bind(checksum(scan).to_vec());
     });
     query.build().execute(transaction).await?;
@@ -79,7 +87,7 @@ pub(super) async fn insert_edges(
         let mut query = QueryBuilder::new(
             "INSERT INTO edges (route_key, edge_id, from_node, to_node, kind, status, batch_key, \
              x, y, theta, info_xx, info_xy, info_xt, info_yy, info_yt, info_tt, residual, \
-             subgraph_id) ",
+             subgraph_id, delta_f) ",
         );
         query.push_values(rows, |mut values, edge| {
             values
@@ -92,7 +100,10 @@ pub(super) async fn insert_edges(
                 .push_bind(batch_key(members, &edge.batch_id));
             push_pose(&mut values, &edge.measurement);
             push_information(&mut values, &edge.information);
-            values.push_bind(edge.residual).push_bind(edge.subgraph_id);
+            values
+                .push_bind(edge.residual)
+                .push_bind(edge.subgraph_id)
+                .push_bind(edge.delta_f);
         });
         query.build().execute(&mut *transaction).await?;
     }
@@ -111,8 +122,7 @@ async fn insert_closures(
     for rows in closures.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO closures (route_key, edge_id, x, y, theta, info_xx, info_xy, info_xt, \
-             info_yy, info_yt, info_tt, overlap, inlier_share, rmse_m, delta_f, \
-             all_points_residual) ",
+             info_yy, info_yt, info_tt, overlap, inlier_share, rmse_m, all_points_residual) ",
         );
         query.push_values(rows, |mut values, (id, closure)| {
             values.push_bind(route_key).push_bind(id.0);
@@ -122,7 +132,6 @@ async fn insert_closures(
                 .push_bind(closure.overlap)
                 .push_bind(closure.inlier_share)
                 .push_bind(closure.rmse_m)
-                .push_bind(closure.delta_f)
                 .push_bind(closure.all_points_residual);
         });
         query.build().execute(&mut *transaction).await?;

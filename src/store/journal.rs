@@ -14,7 +14,7 @@ use crate::ids::{BatchId, RouteId};
 macro_rules! select_batches {
     ($columns:literal, $rest:literal) => {
         concat!(
-            "SELECT routes.id AS route_id, batches.id, vehicle_id, trip_id, sequence, status, \
+            "SELECT routes.id AS route_id, batches.id, vehicle_id, trip_id, kind, sequence, status, \
              reason, flags, batches.scans, nodes_added, batches.loop_closures, received_at_us, \
              processed_at_us",
             $columns,
@@ -83,7 +83,7 @@ impl Journal {
                 batch_key,
                 route_key,
                 trip_id: self.batch.trip_id.to_string(),
-                sequence: self.batch.sequence,
+                sequence: placement.sequence,
             };
             add_job(transaction, &place).await?;
         }
@@ -101,7 +101,7 @@ impl Journal {
              NOT EXISTS (SELECT 1 FROM batches WHERE route_key = ?2 AND vehicle_id = ?3) \
              WHERE route_key = ?2",
         )
-        .bind(self.batch.scans)
+        .bind(self.batch.content.scans())
         .bind(route_key)
         .bind(self.batch.vehicle_id.as_str())
         .execute(transaction)
@@ -117,19 +117,20 @@ impl Journal {
     ) -> Result<i64, StoreError> {
         let batch = &self.batch;
         let batch_key = sqlx::query_scalar(
-            "INSERT INTO batches (route_key, id, vehicle_id, trip_id, sequence, status, reason, \
-             flags, scans, body_sha256, body_bytes, received_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
+            "INSERT INTO batches (route_key, id, vehicle_id, trip_id, kind, sequence, status, \
+             reason, flags, scans, body_sha256, body_bytes, received_at_us) \
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
         )
         .bind(route_key)
         .bind(batch.id.as_str())
         .bind(batch.vehicle_id.as_str())
         .bind(batch.trip_id.as_str())
-        .bind(batch.sequence)
+        .bind(batch.content.kind().text())
+        .bind(placement.sequence)
         .bind(placement.status.text())
         .bind(placement.reason.as_deref())
         .bind(flags_text(&batch.flags))
-        .bind(batch.scans)
+        .bind(batch.content.scans())
         .bind(self.body.sha256.as_slice())
         .bind(self.body.bytes)
         .bind(micros(batch.received_at))
@@ -231,6 +232,7 @@ fn batch_of(row: &SqliteRow) -> Result<BatchRecord, StoreError> {
         route_id: name(row, "route_id")?,
         vehicle_id: name(row, "vehicle_id")?,
         trip_id: name(row, "trip_id")?,
+        kind: text(row, "kind")?,
         sequence: row.try_get("sequence")?,
         status: text(row, "status")?,
         reason: row.try_get("reason")?,

@@ -11,6 +11,7 @@ mod alert_rows;
 mod alerts;
 mod body;
 mod claims;
+mod client_nodes;
 mod columns;
 mod connection;
 mod decisions;
@@ -48,7 +49,7 @@ use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, TripId};
+use crate::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, TripId, VehicleId};
 use connection::Database;
 use inbox::Outbox;
 use lock::DirectoryLock;
@@ -409,6 +410,19 @@ impl Store {
         edges: &[EdgeId],
     ) -> Result<Vec<NodeId>, StoreError> {
         named(settled::among(&self.shared.readers, route, nodes, edges).await)
+    }
+
+    /// The nodes of a vehicle's uploads of edges that it calls by some names, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn client_nodes(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+        names: &[String],
+    ) -> Result<Vec<(String, NodeId)>, StoreError> {
+        named(client_nodes::client_nodes(&self.shared.readers, route, vehicle, names).await)
     }
 
     /// Takes nodes back into the active graph, where they were, with their edges to other active

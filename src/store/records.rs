@@ -114,6 +114,15 @@ pub struct RouteUpdate {
     pub settings: Option<RouteSettings>,
 }
 
+/// What a batch holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BatchKind {
+    /// Scans, a part of a drive.
+    Scans,
+    /// Nodes and edges.
+    Edges,
+}
+
 /// Where a batch is on its way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum BatchStatus {
@@ -142,16 +151,46 @@ pub struct NewBatch {
     pub vehicle_id: VehicleId,
     /// Which drive.
     pub trip_id: TripId,
-    /// 0, 1, 2 … within the trip.
-    pub sequence: i64,
-    /// Number of scans.
-    pub scans: i64,
+    /// What it holds, and its place in its trip.
+    pub content: BatchContent,
     /// What was noticed while it was validated.
     pub flags: Vec<String>,
     /// The decompressed body as it was sent.
     pub body: Vec<u8>,
     /// When it came in.
     pub received_at: Timestamp,
+}
+
+/// What an upload holds, and its place in its trip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BatchContent {
+    /// Scans.
+    Scans {
+        /// 0, 1, 2 … within the trip.
+        sequence: i64,
+        /// How many.
+        scans: i64,
+    },
+    /// Nodes and edges: they are taken as they arrive.
+    Edges,
+}
+
+impl BatchContent {
+    /// What it holds.
+    pub fn kind(self) -> BatchKind {
+        match self {
+            Self::Scans { .. } => BatchKind::Scans,
+            Self::Edges => BatchKind::Edges,
+        }
+    }
+
+    /// Number of scans.
+    pub fn scans(self) -> i64 {
+        match self {
+            Self::Scans { scans, .. } => scans,
+            Self::Edges => 0,
+        }
+    }
 }
 
 /// What became of an upload.
@@ -176,7 +215,9 @@ pub struct BatchRecord {
     pub vehicle_id: VehicleId,
     /// Which drive.
     pub trip_id: TripId,
-    /// 0, 1, 2 … within the trip.
+    /// What it holds.
+    pub kind: BatchKind,
+    /// 0, 1, 2 … within the trip; of edges, in the order of arrival.
     pub sequence: i64,
     /// Where it is on its way.
     pub status: BatchStatus,
@@ -226,7 +267,8 @@ pub struct ClaimedJob {
     /// The route.
     pub route_id: RouteId,
     /// The trip's batches that are not in the map yet, in sequence: those that could not be
-    /// anchored before, and this job's own, last.
+    /// anchored before, and this job's own, last. Of a job of edges the vehicle's, in the order of
+    /// arrival.
     pub entries: Vec<JournalEntry>,
     /// Whether the predecessor of the first entry never came, or was quarantined, and it is used
     /// on its own. Gaps further on show in the entries' sequences.
@@ -261,6 +303,8 @@ pub struct NodeRecord {
     pub subgraph_id: Option<i64>,
     /// Its place in its trip: 0, 1, 2 …
     pub trip_order: u32,
+    /// What the vehicle calls it, if it came with a batch of edges.
+    pub client_id: Option<String>,
 }
 
 /// A node with its scan.
@@ -268,8 +312,8 @@ pub struct NodeRecord {
 pub struct NodeWithScan {
     /// The node.
     pub node: NodeRecord,
-    /// The bytes of [`crate::scan::encode_scan`].
-    pub scan: Vec<u8>,
+    /// The bytes of [`crate::scan::encode_scan`]; `None` if it came with a batch of edges.
+    pub scan: Option<Vec<u8>>,
 }
 
 /// What two matched scans say beside the estimate that is optimised.
@@ -285,8 +329,6 @@ pub struct ClosureRecord {
     pub inlier_share: f64,
     /// Root mean square distance of the agreeing points, metres.
     pub rmse_m: f64,
-    /// What the closure added to the optimum F when it was inserted (paper: ΔF).
-    pub delta_f: f64,
     /// eᵀΩe of the all-points estimate at the optimum when it was inserted.
     pub all_points_residual: f64,
 }
@@ -314,6 +356,9 @@ pub struct EdgeRecord {
     pub residual: f64,
     /// The block of the graph it lies in; `None` for bridges.
     pub subgraph_id: Option<i64>,
+    /// What a loop closure added to the optimum F when it was inserted (paper: ΔF); `None` for
+    /// odometry.
+    pub delta_f: Option<f64>,
     /// For loop closures between scans.
     pub closure: Option<ClosureRecord>,
 }
@@ -433,7 +478,7 @@ pub struct RouteGraph {
 pub const SETTLED_CLOSURES_MAX: usize = 1_000;
 
 /// A closure of which a node has left the active graph.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SettledClosure {
     /// The edge.
     pub id: EdgeId,
@@ -445,6 +490,10 @@ pub struct SettledClosure {
     pub subgraph_id: Option<i64>,
     /// What it added to the optimum F when it was inserted (paper: ΔF).
     pub delta_f: f64,
+    /// Who drove the node with the larger id.
+    pub vehicle_id: VehicleId,
+    /// Whether it came as an edge, and no two scans were matched for it.
+    pub given: bool,
 }
 
 /// Bodies that were deleted.

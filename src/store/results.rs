@@ -55,6 +55,7 @@ impl Request for ApplyResult {
         end_turn(transaction, &place).await?;
         if !result.nodes.is_empty() {
             queue_unanchored(transaction, place.route_key, nodes).await?;
+            queue_unanchored_edges(transaction, place.route_key, nodes).await?;
         }
         Ok(Applied::Committed)
     }
@@ -90,7 +91,10 @@ async fn marks(
 async fn members(transaction: &mut SqliteConnection, place: &Place) -> Result<Members, StoreError> {
     let rows = sqlx::query(
         "SELECT batch_key, id, vehicle_id, trip_id FROM batches \
-         WHERE (route_key = ?1 AND trip_id = ?2 AND status = 'unanchored') OR batch_key = ?3",
+         WHERE (route_key = ?1 AND trip_id = ?2 AND status = 'unanchored' AND kind = 'scans') \
+         OR (route_key = ?1 AND status = 'unanchored' AND kind = 'edges' AND (vehicle_id, kind) = \
+             (SELECT vehicle_id, kind FROM batches WHERE batch_key = ?3)) \
+         OR batch_key = ?3",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -266,10 +270,41 @@ async fn queue_unanchored(
 ) -> Result<(), StoreError> {
     let rows: Vec<(i64, String, i64)> = sqlx::query_as(
         "SELECT batch_key, trip_id, max(sequence) FROM batches \
-         WHERE route_key = ?1 AND status = 'unanchored' \
+         WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'scans' \
          AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
              AND jobs.trip_id = batches.trip_id) \
          GROUP BY trip_id HAVING 4 * ?2 >= 5 * nodes_at_try + 80 ORDER BY batch_key",
+    )
+    .bind(route_key)
+    .bind(nodes)
+    .fetch_all(&mut *transaction)
+    .await?;
+    for (batch_key, trip_id, sequence) in rows {
+        let place = Place {
+            batch_key,
+            route_key,
+            trip_id,
+            sequence,
+        };
+        queue(transaction, &place).await?;
+    }
+    Ok(())
+}
+
+/// Queues the last batch of edges of every vehicle that could not be tied to the map (its job
+/// brings the others along), by the same rule: they may name nodes that others made.
+async fn queue_unanchored_edges(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    nodes: i64,
+) -> Result<(), StoreError> {
+    let rows: Vec<(i64, String, i64)> = sqlx::query_as(
+        "SELECT max(batch_key), trip_id, sequence FROM batches AS batch \
+         WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'edges' \
+         AND NOT EXISTS (SELECT 1 FROM jobs JOIN batches AS other USING (batch_key) \
+             WHERE jobs.route_key = ?1 AND other.kind = 'edges' \
+             AND other.vehicle_id = batch.vehicle_id) \
+         GROUP BY vehicle_id HAVING 4 * ?2 >= 5 * nodes_at_try + 80 ORDER BY 1",
     )
     .bind(route_key)
     .bind(nodes)

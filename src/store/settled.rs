@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::json_text;
+use super::columns::{json_text, name};
 use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
 use super::records::{EdgeRecord, SETTLED_CLOSURES_MAX, SettledClosure};
@@ -36,15 +36,18 @@ pub(super) async fn first_closures(
     route: &RouteId,
 ) -> Result<Vec<SettledClosure>, StoreError> {
     let rows = sqlx::query(
-        "SELECT edges.edge_id, from_node, to_node, edges.subgraph_id, delta_f \
+        "SELECT edges.edge_id, from_node, to_node, edges.subgraph_id, delta_f, vehicle_id, \
+             closures.edge_id IS NULL AS given \
          FROM routes CROSS JOIN edges USING (route_key) \
-         JOIN closures ON closures.route_key = edges.route_key \
+         LEFT JOIN closures ON closures.route_key = edges.route_key \
              AND closures.edge_id = edges.edge_id \
          JOIN nodes AS older ON older.route_key = edges.route_key \
              AND older.node_id = edges.from_node \
          JOIN nodes AS newer ON newer.route_key = edges.route_key \
              AND newer.node_id = edges.to_node \
-         WHERE routes.id = ? AND NOT (older.active AND newer.active) \
+         JOIN batches ON batches.batch_key = \
+             iif(edges.to_node > edges.from_node, newer.batch_key, older.batch_key) \
+         WHERE routes.id = ? AND delta_f IS NOT NULL AND NOT (older.active AND newer.active) \
          ORDER BY edges.edge_id LIMIT ?",
     )
     .bind(route.as_str())
@@ -58,6 +61,8 @@ pub(super) async fn first_closures(
             to: NodeId(row.try_get("to_node")?),
             subgraph_id: row.try_get("subgraph_id")?,
             delta_f: row.try_get("delta_f")?,
+            vehicle_id: name(row, "vehicle_id")?,
+            given: row.try_get("given")?,
         })
     };
     rows.iter().map(closure).collect()

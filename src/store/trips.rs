@@ -1,12 +1,14 @@
 //! The order of the batches of a trip.
 //!
 //! A trip's batches are worked on one after the other: the one whose sequence is due has a job,
-//! later ones are held. When a batch ends, however it ends, the next one is due.
+//! later ones are held. When a batch ends, however it ends, the next one is due. Batches of edges
+//! are numbered as they arrive, so that each is due at once.
 
 use sqlx::SqliteConnection;
 
+use super::columns::Text;
 use super::error::StoreError;
-use super::records::{BatchStatus, NewBatch};
+use super::records::{BatchContent, BatchKind, BatchStatus, NewBatch};
 
 /// Where a batch is put when it arrives.
 #[derive(Debug, PartialEq, Eq)]
@@ -15,15 +17,8 @@ pub(super) struct Placement {
     pub(super) status: BatchStatus,
     /// Why it is quarantined.
     pub(super) reason: Option<String>,
-}
-
-impl Placement {
-    fn quarantined(reason: String) -> Self {
-        Self {
-            status: BatchStatus::Quarantined,
-            reason: Some(reason),
-        }
-    }
+    /// Its place in its trip.
+    pub(super) sequence: i64,
 }
 
 /// A batch's place in its trip.
@@ -57,31 +52,81 @@ pub(super) async fn place(
     .bind(batch.trip_id.as_str())
     .fetch_one(&mut *transaction)
     .await?;
-    let NewBatch {
-        trip_id, sequence, ..
-    } = batch;
+    let trip_id = &batch.trip_id;
+    let sequence = match batch.content {
+        BatchContent::Scans { sequence, .. } => sequence,
+        BatchContent::Edges => sequence_after_all(transaction, route_key, batch).await?,
+    };
+    let quarantined = |reason: String| {
+        Ok(Placement {
+            status: BatchStatus::Quarantined,
+            reason: Some(reason),
+            sequence,
+        })
+    };
     if vehicle_id != batch.vehicle_id.as_str() {
-        let reason = format!("trip {trip_id} belongs to vehicle {vehicle_id}");
-        return Ok(Placement::quarantined(reason));
+        return quarantined(format!("trip {trip_id} belongs to vehicle {vehicle_id}"));
     }
-    if let Some(holder) = holder(transaction, route_key, batch).await? {
-        let reason = format!("sequence {sequence} of trip {trip_id} was already used by {holder}");
-        return Ok(Placement::quarantined(reason));
+    if has_others(transaction, route_key, batch).await? {
+        return quarantined(match batch.content.kind() {
+            BatchKind::Scans => format!("trip {trip_id} has edges: send scans as another trip"),
+            BatchKind::Edges => format!("trip {trip_id} has scans: send edges as another trip"),
+        });
     }
-    let status = match batch.sequence.cmp(&next_sequence) {
-        std::cmp::Ordering::Less => {
-            let reason = format!(
+    let holder = holder(transaction, route_key, batch, sequence).await?;
+    if let Some(holder) = holder {
+        return quarantined(format!(
+            "sequence {sequence} of trip {trip_id} was already used by {holder}"
+        ));
+    }
+    let status = match (batch.content, sequence.cmp(&next_sequence)) {
+        (BatchContent::Edges, _) | (_, std::cmp::Ordering::Equal) => BatchStatus::Queued,
+        (_, std::cmp::Ordering::Greater) => BatchStatus::Held,
+        (_, std::cmp::Ordering::Less) => {
+            return quarantined(format!(
                 "sequence {sequence} of trip {trip_id} came after its successors were used"
-            );
-            return Ok(Placement::quarantined(reason));
+            ));
         }
-        std::cmp::Ordering::Equal => BatchStatus::Queued,
-        std::cmp::Ordering::Greater => BatchStatus::Held,
     };
     Ok(Placement {
         status,
         reason: None,
+        sequence,
     })
+}
+
+/// The sequence after those of all batches of the trip.
+async fn sequence_after_all(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    batch: &NewBatch,
+) -> Result<i64, StoreError> {
+    let sequence = sqlx::query_scalar(
+        "SELECT coalesce(max(sequence) + 1, 0) FROM batches WHERE route_key = ? AND trip_id = ?",
+    )
+    .bind(route_key)
+    .bind(batch.trip_id.as_str())
+    .fetch_one(transaction)
+    .await?;
+    Ok(sequence)
+}
+
+/// Whether the trip has batches of another kind, but for those that were refused on arrival.
+async fn has_others(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    batch: &NewBatch,
+) -> Result<bool, StoreError> {
+    let has_others = sqlx::query_scalar(
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? AND kind <> ? \
+         AND (status <> 'quarantined' OR processed_at_us IS NOT NULL))",
+    )
+    .bind(route_key)
+    .bind(batch.trip_id.as_str())
+    .bind(batch.content.kind().text())
+    .fetch_one(transaction)
+    .await?;
+    Ok(has_others)
 }
 
 /// The batch that has the sequence already: one that had its turn or waits for it, not one that
@@ -90,6 +135,7 @@ async fn holder(
     transaction: &mut SqliteConnection,
     route_key: i64,
     batch: &NewBatch,
+    sequence: i64,
 ) -> Result<Option<String>, StoreError> {
     let holder: Option<String> = sqlx::query_scalar(
         "SELECT id FROM batches WHERE route_key = ? AND trip_id = ? AND sequence = ? \
@@ -97,7 +143,7 @@ async fn holder(
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
-    .bind(batch.sequence)
+    .bind(sequence)
     .fetch_optional(transaction)
     .await?;
     Ok(holder)

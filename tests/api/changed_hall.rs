@@ -12,9 +12,9 @@ use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
-    AlertRecord, AlertResidual, Applied, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord,
-    GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, SYSTEM,
-    Stage, Store, StoreOptions,
+    AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord,
+    EdgeRecord, GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan,
+    RouteUpdate, SYSTEM, Stage, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -90,8 +90,10 @@ fn batch(route: &RouteId, now: Timestamp) -> NewBatch {
         id: batch_id(),
         vehicle_id: VehicleId::new("agv-07").unwrap(),
         trip_id: TripId::new("trip-1").unwrap(),
-        sequence: 0,
-        scans: 3,
+        content: BatchContent::Scans {
+            sequence: 0,
+            scans: 3,
+        },
         flags: Vec::new(),
         body: crate::body::batch(0, 3).to_string().into_bytes(),
         received_at: now,
@@ -133,8 +135,9 @@ fn node(id: i64) -> NodeWithScan {
             active: true,
             subgraph_id: Some(1),
             trip_order: 0,
+            client_id: None,
         },
-        scan: encode_scan(&look_around(&pose(id), id == 3)).unwrap(),
+        scan: Some(encode_scan(&look_around(&pose(id), id == 3)).unwrap()),
     }
 }
 
@@ -179,13 +182,13 @@ fn edge(id: i64, from: i64, to: i64, kind: EdgeKind) -> EdgeRecord {
         information,
         residual: 0.25,
         subgraph_id: Some(1),
+        delta_f: (kind == EdgeKind::LoopClosure).then_some(0.75),
         closure: (kind == EdgeKind::LoopClosure).then_some(ClosureRecord {
             all_points_measurement: measurement,
             all_points_information: information,
             overlap: 0.9,
             inlier_share: 0.95,
             rmse_m: 0.012,
-            delta_f: 0.75,
             all_points_residual: 1.5,
         }),
     }

@@ -14,8 +14,8 @@ use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId
 use mapshift::pipeline::PipelineOptions;
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
-    Applied, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord, JobResult, NewBatch, NodeRecord,
-    NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+    Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord, JobResult,
+    NewBatch, NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -101,8 +101,10 @@ async fn seed(directory: &TempDir) {
         id: BatchId::new("b-0").unwrap(),
         vehicle_id: VehicleId::new("agv-07").unwrap(),
         trip_id: TripId::new("trip-1").unwrap(),
-        sequence: 0,
-        scans: 3,
+        content: BatchContent::Scans {
+            sequence: 0,
+            scans: 3,
+        },
         flags: Vec::new(),
         body,
         received_at: now,
@@ -177,8 +179,9 @@ fn node(id: i64) -> NodeWithScan {
             active: true,
             subgraph_id: Some(1),
             trip_order: 0,
+            client_id: None,
         },
-        scan: encode_scan(&scan).unwrap(),
+        scan: Some(encode_scan(&scan).unwrap()),
     }
 }
 
@@ -196,13 +199,13 @@ fn edge(id: i64, from: i64, to: i64, kind: EdgeKind) -> EdgeRecord {
         information,
         residual: 0.25,
         subgraph_id: Some(1),
+        delta_f: (kind == EdgeKind::LoopClosure).then_some(0.75),
         closure: (kind == EdgeKind::LoopClosure).then_some(ClosureRecord {
             all_points_measurement: measurement,
             all_points_information: information,
             overlap: 0.9,
             inlier_share: 0.95,
             rmse_m: 0.012,
-            delta_f: 0.75,
             all_points_residual: 1.5,
         }),
     }

@@ -14,7 +14,7 @@ fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
         .iter()
         .zip(map.graph().nodes())
         .map(|(keyframe, node)| {
-            let scan = decode_scan(&encode_scan(&keyframe.scan).unwrap()).unwrap();
+            let scan = decode_scan(&encode_scan(keyframe.scan.as_ref().unwrap()).unwrap()).unwrap();
             let (trip, stamp) = (keyframe.trip.clone(), keyframe.stamp);
             let mut again = Keyframe::new(node.id, trip, stamp, keyframe.odom_from_base, scan);
             again.reference = keyframe.reference;

@@ -75,6 +75,33 @@ impl Client {
         }
     }
 
+    /// Sends a batch of edges once; the status and the answer.
+    pub async fn put_edges(&self, route: &str, id: &str, batch: &Value) -> (u16, Value) {
+        let url = format!("{}/v1/routes/{route}/edge-batches/{id}", self.url);
+        let answer = self.http.put(url).json(batch).send().await.unwrap();
+        (answer.status().as_u16(), answer.json().await.unwrap())
+    }
+
+    /// A batch once nobody works on it.
+    pub async fn ended(&self, route: &str, id: &str) -> Value {
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let batch = self.batch(route, id).await;
+            if !["queued", "processing"].contains(&batch["status"].as_str().unwrap()) {
+                return batch;
+            }
+            assert!(Instant::now() < give_up, "{batch}");
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// The status and the JSON of anything.
+    pub async fn get_any(&self, path: &str) -> (u16, Value) {
+        let url = format!("{}{path}", self.url);
+        let answer = self.http.get(url).send().await.unwrap();
+        (answer.status().as_u16(), answer.json().await.unwrap())
+    }
+
     pub async fn status_of(&self, path: &str) -> StatusCode {
         let url = format!("{}{path}", self.url);
         self.http.get(url).send().await.unwrap().status()

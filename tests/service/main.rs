@@ -8,6 +8,8 @@ mod agreement;
 mod changes;
 mod client;
 mod drives;
+mod edge_laps;
+mod edges;
 mod intel;
 mod kill;
 mod odd_trips;

@@ -2,7 +2,7 @@
 
 use mapshift::graph::EdgeKind;
 use mapshift::ids::VehicleId;
-use mapshift::store::{BatchStatus, ClaimedJob, RouteCounts};
+use mapshift::store::{BatchContent, BatchStatus, ClaimedJob, RouteCounts};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sqlx::SqliteConnection;
@@ -31,7 +31,10 @@ async fn journal(fixture: &Fixture, random: &mut ChaCha8Rng, seconds: i64) {
     let vehicle = if below(random, 20) == 0 { 9 } else { trip % 3 };
     batch.vehicle_id = VehicleId::new(format!("v{vehicle}")).unwrap();
     batch.received_at = at(seconds);
-    batch.scans = below(random, 9);
+    batch.content = BatchContent::Scans {
+        sequence,
+        scans: below(random, 9),
+    };
     fixture.journal(batch).await;
 }
 

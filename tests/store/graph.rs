@@ -15,7 +15,6 @@ fn closure() -> ClosureRecord {
         overlap: 0.7,
         inlier_share: 1.0,
         rmse_m: 0.012,
-        delta_f: -1e-12,
         all_points_residual: 3.5,
     }
 }
@@ -28,6 +27,7 @@ async fn a_graph_is_read_back_to_the_bit() {
     let mut result = fixture.chain(&job, 700).await;
     let mut loop_closure = edge(&job.entries[0].batch, 5_000, 1, 600);
     loop_closure.kind = EdgeKind::LoopClosure;
+    loop_closure.delta_f = Some(-1e-12);
     loop_closure.closure = Some(closure());
     loop_closure.subgraph_id = Some(4);
     result.edges.push(loop_closure.clone());
@@ -62,7 +62,7 @@ async fn a_graph_is_read_back_to_the_bit() {
     assert_eq!(active.len(), 699);
     assert_eq!(active[5], result.nodes[6]);
     let scan = store.node_scan(&route(), NodeId(9)).await.unwrap();
-    assert_eq!(scan.as_ref(), Some(&result.nodes[8].scan));
+    assert_eq!(scan, result.nodes[8].scan);
 
     assert_eq!(store.edges(&route()).await.unwrap(), result.edges);
     let page = store.edge_page(&route(), None, 2).await.unwrap();

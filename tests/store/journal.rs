@@ -1,7 +1,9 @@
 use std::collections::BTreeMap;
 
 use mapshift::ids::{RouteId, VehicleId};
-use mapshift::store::{BatchFilter, BatchStatus, Corruption, Journaled, Store, StoreError};
+use mapshift::store::{
+    BatchContent, BatchFilter, BatchStatus, Corruption, Journaled, Store, StoreError,
+};
 use sqlx::SqliteConnection;
 use tokio::task::JoinSet;
 
@@ -71,7 +73,12 @@ async fn one_faulty_write_does_not_spoil_its_group() {
         let store = fixture.store.clone();
         let mut batch = upload(&format!("b{k}"), &format!("t{k}"), 0);
         match k % 10 {
-            3 => batch.sequence = -1,
+            3 => {
+                batch.content = BatchContent::Scans {
+                    sequence: -1,
+                    scans: 3,
+                }
+            }
             7 => batch.route_id = RouteId::new("nowhere").unwrap(),
             _ => {}
         }

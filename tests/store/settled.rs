@@ -28,13 +28,13 @@ async fn settled() -> Fixture {
         let mut closure = edge(&job.entries[0].batch, 100 + k, k, 10 + k);
         closure.kind = EdgeKind::LoopClosure;
         closure.subgraph_id = Some(1);
+        closure.delta_f = Some(k as f64);
         closure.closure = Some(ClosureRecord {
             all_points_measurement: closure.measurement,
             all_points_information: closure.information,
             overlap: 0.5,
             inlier_share: 0.75,
             rmse_m: 0.01,
-            delta_f: k as f64,
             all_points_residual: 0.0,
         });
         second.edges.push(closure);

@@ -7,8 +7,8 @@ use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::store::{
-    BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord, JobResult, Journaled, NewBatch,
-    NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+    BatchContent, BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord, JobResult,
+    Journaled, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
 };
 use sqlx::{Connection, SqliteConnection};
 use tempfile::TempDir;
@@ -137,8 +137,7 @@ pub fn upload(id: &str, trip: &str, sequence: i64) -> NewBatch {
         id: batch_id(id),
         vehicle_id: VehicleId::new("v").unwrap(),
         trip_id: TripId::new(trip).unwrap(),
-        sequence,
-        scans: 3,
+        content: BatchContent::Scans { sequence, scans: 3 },
         flags: vec!["noted".to_owned()],
         body: id.as_bytes().to_vec(),
         received_at: at(0),
@@ -159,10 +158,11 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
         active: true,
         subgraph_id: (id % 3 == 0).then_some(id),
         trip_order: (id % 1_000) as u32,
+        client_id: None,
     };
     NodeWithScan {
         node,
-        scan: id.to_le_bytes().to_vec(),
+        scan: Some(id.to_le_bytes().to_vec()),
     }
 }
 
@@ -178,6 +178,7 @@ pub fn edge(batch: &BatchRecord, id: i64, from: i64, to: i64) -> EdgeRecord {
         information: Information::from_upper([4.0, 0.5, -0.25, 3.0, 0.125, 9.0]),
         residual: 1.0 / 3.0,
         subgraph_id: None,
+        delta_f: None,
         closure: None,
     }
 }

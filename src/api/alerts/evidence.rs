@@ -26,12 +26,16 @@ pub(super) const TOLERANCE: DepthTolerance = DepthTolerance::MATCHED;
 #[derive(Debug)]
 pub(super) struct Evidence {
     pub alert: AlertRecord,
-    /// The closure between the two looks; `None` if they are not matched with each other.
+    /// The closure between the two looks, or where there are none that of `tied`; `None` if the
+    /// looks are not matched with each other.
     pub edge_id: Option<EdgeId>,
     /// The closure that tells it most clearly; `None` if nothing but nodes does.
     pub told_by: Option<EdgeId>,
     /// The old and the new look; `None` where no two scans are known.
     pub looks: Option<[LookBack; 2]>,
+    /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
+    /// one first.
+    pub tied: Option<[Pose2; 2]>,
     /// The residuals around the closure that tells it.
     pub series: Option<SeriesAround>,
 }
@@ -67,6 +71,7 @@ pub(super) async fn gather(
     let all_nodes = state.store.nodes(&alert.route_id).await?;
     let nodes = named_nodes(&all_nodes, &alert, &edges);
     let pairs = pairs(&alert, &edges, &nodes);
+    let tied = tied(&pairs, &nodes);
     let scans = scans_of(state, &alert, &pairs, nodes).await?;
     let mut accepted = state.store.accepted_changes(&alert.route_id).await?;
     // The series as it stood against the map that the alert contradicts: an acceptance, the
@@ -77,7 +82,8 @@ pub(super) async fn gather(
         let vehicles = vehicles_of(&all_nodes);
         let chosen = choose(&pairs, &scans, &alert.evidence.region);
         let (pair, looks) = chosen.unzip();
-        let edge_id = pair.and_then(|pair| pair.edge);
+        let (tied_by, tied) = tied.filter(|_| looks.is_none()).unzip();
+        let edge_id = pair.and_then(|pair| pair.edge).or(tied_by);
         let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
         let series =
             |edge| series_around(&edges, &vehicles, edge, &settings, &accepted, SERIES_REACH);
@@ -86,6 +92,7 @@ pub(super) async fn gather(
             edge_id,
             told_by,
             looks,
+            tied,
             alert,
         }
     };
@@ -162,6 +169,13 @@ fn pairs(
         })
     };
     new.iter().filter_map(nearest).take(PAIRS_MAX).collect()
+}
+
+/// The closure of the first pair, and where its ends are.
+fn tied(pairs: &[Pair], nodes: &BTreeMap<NodeId, NodeRecord>) -> Option<(EdgeId, [Pose2; 2])> {
+    let pair = pairs.first()?;
+    let (old, new) = (nodes.get(&pair.old)?, nodes.get(&pair.new)?);
+    Some((pair.edge?, [old.pose, new.pose]))
 }
 
 async fn scans_of(

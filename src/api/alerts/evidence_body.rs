@@ -35,6 +35,7 @@ pub(in crate::api) struct EvidenceBody {
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
     /// The loop closure between the two scans; null if they are not matched with each other.
+    /// Where the uploads had no scans, the closure whose residual tells the alert.
     #[schema(required)]
     edge_id: Option<i64>,
     /// How far the depths of one surface may differ.
@@ -152,7 +153,8 @@ impl From<&Evidence> for EvidenceBody {
 /// Read the evidence behind an alert.
 ///
 /// The two scans that contradict each other most at the place, in the map frame and beam by beam,
-/// and the residual series around the closure that tells it.
+/// and the residual series around the closure that tells it. An alert by closures that came as
+/// edges has no scans: `scans` is empty, and the series is all there is.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence", tag = "alerts",
     params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),

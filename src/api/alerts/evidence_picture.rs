@@ -83,6 +83,7 @@ fn draw(evidence: &Evidence) -> String {
         views: finding.views,
         confidence: finding.confidence,
         looks,
+        tied: evidence.tied,
         curve: curve.map(|(around, edge)| Curve {
             entries: &around.series.entries,
             threshold: around.series.threshold,

@@ -27,6 +27,20 @@ pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> 
     raised.map(|(name, _)| (*name).to_owned()).collect()
 }
 
+/// Those of them that stamps alone raise.
+pub(in crate::formats) fn clock_flags(stamps: &[Timestamp], received_at: Timestamp) -> Vec<String> {
+    let age_ns = |stamp: &Timestamp| received_at.as_nanosecond() - stamp.as_nanosecond();
+    let flags = [
+        (
+            "clock_skew",
+            stamps.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
+        ),
+        ("late", stamps.iter().any(|s| age_ns(s) > LATE_MIN_NS)),
+    ];
+    let raised = flags.iter().filter(|(_, raised)| *raised);
+    raised.map(|(name, _)| (*name).to_owned()).collect()
+}
+
 fn is_wild(pair: &[DriveScan]) -> bool {
     let [before, after] = pair else { return false };
     let elapsed_s = (after.stamp.0 - before.stamp.0) as f64 * 1e-9;

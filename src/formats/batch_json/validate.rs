@@ -21,7 +21,7 @@ const SIGMA_XY_DEFAULT_M: f64 = 0.5;
 const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
 /// A heading that was never wrapped still means something up to here, radians.
-const HEADING_MAX_RAD: f64 = 1e4;
+pub(in crate::formats) const HEADING_MAX_RAD: f64 = 1e4;
 /// A range beyond this is a sentinel of some driver, not a measurement, metres.
 const RANGE_ABSURD_M: f64 = 1e6;
 /// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
@@ -188,7 +188,7 @@ fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
 }
 
 fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<DriveScan> {
-    let stamp = stamp(k, raw.stamp)?;
+    let stamp = stamp(raw.stamp, format!("/scans/{k}/stamp"))?;
     let odom_from_base = pose(raw.odometry.0, &format!("/scans/{k}/odometry"))?;
     let ranges_pointer = || format!("/scans/{k}/ranges");
     if raw.ranges.count != beams {
@@ -244,13 +244,17 @@ fn check_ranges(k: usize, ranges_m: &[f64]) -> Checked<()> {
     Ok(())
 }
 
-fn stamp(k: usize, stamp: Timestamp) -> Checked<StampNs> {
+/// A time as it is kept.
+///
+/// # Errors
+/// [`BatchProblem::OutOfRange`] at the pointer, if it is not between 2000 and 2100.
+pub(in crate::formats) fn stamp(stamp: Timestamp, pointer: String) -> Checked<StampNs> {
     let nanoseconds = i64::try_from(stamp.as_nanosecond()).ok();
     match nanoseconds {
         Some(ns) if (STAMP_MIN_S..STAMP_MAX_S).contains(&stamp.as_second()) => Ok(StampNs(ns)),
         _ => refuse(
             BatchProblem::OutOfRange,
-            format!("/scans/{k}/stamp"),
+            pointer,
             format!("{stamp} is not between 2000 and 2100: is the vehicle's clock set?"),
         ),
     }

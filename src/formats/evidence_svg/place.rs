@@ -60,6 +60,8 @@ impl Panel {
         let mut held = picture.region.to_vec();
         let reach = Vector2::repeat(0.5 * AROUND_M);
         held.extend([picture.location - reach, picture.location + reach]);
+        let tied = picture.tied.iter().flatten();
+        held.extend(tied.map(Pose2::translation));
         for look in picture.looks.iter().flatten() {
             held.push(look.map_from_base.translation());
             let ends = look.beams.iter().filter_map(|beam| beam.end);
@@ -135,6 +137,18 @@ impl Panel {
     /// Ends the group.
     pub(super) fn close(&self, svg: &mut String) {
         svg.push_str("</g>\n");
+    }
+
+    /// Draws the closure between two nodes, and a vehicle at each.
+    pub(super) fn draw_tie(&self, svg: &mut String, tied: Option<&[Pose2; 2]>) {
+        let Some([old, new]) = tied else { return };
+        let [from, to] = [old, new].map(|pose| self.at(&pose.translation()));
+        let ([x1, y1], [x2, y2]) = ([from.0, from.1].map(px), [to.0, to.1].map(px));
+        svg.push_str(&format!(
+            "<line x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\" stroke=\"{REGION}\" stroke-width=\"1.5\" stroke-dasharray=\"5 4\"/>\n"
+        ));
+        self.draw_vehicle(svg, old, OLD);
+        self.draw_vehicle(svg, new, NEW);
     }
 
     /// Draws the border.

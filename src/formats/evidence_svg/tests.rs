@@ -68,6 +68,7 @@ fn with_picture<T>(delta_f: &[f64], read: impl Fn(&EvidencePicture<'_>) -> T) ->
             look("agv-01, trip-1", 2.0, std::f64::consts::FRAC_PI_2, &old),
             look("agv-07, trip-9 <late>", 4.0, 1.2, &new),
         ]),
+        tied: None,
         curve: Some(Curve {
             entries: &entries,
             threshold,
@@ -142,6 +143,7 @@ fn what_is_missing_is_said() {
     let svg = with_picture(&[], |picture| {
         to_svg(&EvidencePicture {
             looks: None,
+            tied: None,
             curve: None,
             region: &[],
             ..picture.clone()

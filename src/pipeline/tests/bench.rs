@@ -22,8 +22,8 @@ use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::scan::decode_scan;
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
-    AlertFilter, AlertRecord, Applied, BatchRecord, EdgeRecord, Journaled, NewBatch, NodeRecord,
-    RouteUpdate, Store, StoreOptions,
+    AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,
+    NodeRecord, RouteUpdate, Store, StoreOptions,
 };
 
 /// Where the box is put down.
@@ -175,7 +175,7 @@ impl Bench {
         let accepted = store.accepted_changes(&route()).await.unwrap();
         let scans: Vec<_> = nodes
             .iter()
-            .map(|n| decode_scan(&n.scan).unwrap())
+            .map(|n| decode_scan(n.scan.as_ref().unwrap()).unwrap())
             .collect();
         let looks = nodes.iter().zip(&scans).map(|(n, scan)| Look {
             stamp: n.node.stamp,
@@ -287,8 +287,10 @@ pub fn upload_part(trip: &str, hour: i64, laps: usize, from: usize) -> NewBatch 
         id: BatchId::new(id).unwrap(),
         vehicle_id: VehicleId::new(format!("agv-{hour}")).unwrap(),
         trip_id: TripId::new(trip).unwrap(),
-        sequence,
-        scans: count,
+        content: BatchContent::Scans {
+            sequence,
+            scans: count,
+        },
         flags: Vec::new(),
         body: serde_json::to_vec(&body).unwrap(),
         received_at: at(hour),

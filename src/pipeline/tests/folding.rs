@@ -28,7 +28,7 @@ async fn an_alert_says_what_is_known() {
     let samples = of_subgraph.filter_map(|edge| {
         Some(ClosureSample {
             edge_id: edge.id,
-            delta_f: edge.closure?.delta_f,
+            delta_f: edge.delta_f?,
         })
     });
     let samples: Vec<_> = samples.collect();

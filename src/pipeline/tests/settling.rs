@@ -116,7 +116,7 @@ async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
 async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let bench = driven(1..=1).await;
     let mut first_half = upload("late", 2, 1);
-    let whole = first_half.scans;
+    let whole = first_half.content.scans();
     let from = usize::try_from(whole / 2).unwrap();
     let mut body: serde_json::Value = serde_json::from_slice(&first_half.body).unwrap();
     body["scans"].as_array_mut().unwrap().truncate(from);
@@ -150,8 +150,8 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let way_m = (after[before.len()].pose.translation() - last.pose.translation()).norm();
     assert!(way_m < 1.0, "{way_m}");
     // What the fetched nodes added to F is no news of the new ones.
-    let deltas = edges[edges_before..].iter().filter_map(|edge| edge.closure);
-    assert!(deltas.clone().all(|closure| closure.delta_f > -1e-6));
+    let deltas = edges[edges_before..].iter().filter_map(|edge| edge.delta_f);
+    assert!(deltas.clone().all(|delta_f| delta_f > -1e-6));
 
     for hour in 10..=13 {
         lap(&bench, hour).await;

@@ -1,0 +1,175 @@
+//! Batches of edges: upload. Their status is that of any batch.
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use utoipa::ToSchema;
+use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
+
+use super::ApiState;
+use super::batches::{BatchBody, answer_upload, store_upload};
+use super::extract::{ApiPath, NoQuery};
+use super::problem::Problem;
+use super::types::PoseBody;
+use crate::formats::edges_json;
+use crate::ids::{BatchId, RouteId, TripId};
+use crate::store::{BatchContent, NewBatch};
+
+/// Nodes and edges that a vehicle has measured itself.
+#[derive(ToSchema)]
+#[schema(as = EdgeBatchUpload, example = json!({
+    "vehicle_id": "agv-07", "trip_id": "2026-11-20-a",
+    "nodes": [{"id": 0, "pose": {"x": 0.0, "y": 0.0, "theta": 0.0}, "stamp": "2026-11-20T06:00:00Z"},
+              {"id": 1, "pose": {"x": 1.0, "y": 0.0, "theta": 0.0}}],
+    "edges": [{"from": 0, "to": 1, "measurement": {"x": 1.0, "y": 0.0, "theta": 0.0},
+               "information": [2500.0, 0.0, 0.0, 2500.0, 0.0, 10000.0], "kind": "odometry"}]
+}))]
+#[allow(dead_code)]
+pub(super) struct EdgeBatchUpload {
+    /// Who drove.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    vehicle_id: String,
+    /// Which drive; the batch itself if left out. A trip has edges or scans, not both.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    trip_id: Option<String>,
+    /// New nodes.
+    #[schema(max_items = 5000)]
+    nodes: Vec<NodeUpload>,
+    /// New edges; with the nodes at least one.
+    #[schema(max_items = 20000)]
+    edges: Vec<EdgeUpload>,
+}
+
+/// A new node.
+#[derive(ToSchema)]
+#[allow(dead_code)]
+struct NodeUpload {
+    /// What the vehicle calls it: a name or a whole number (7 and "7" are the same), that none of
+    /// the vehicle's nodes on this route had before.
+    #[schema(schema_with = own_name)]
+    id: String,
+    /// Where the vehicle takes itself to be. The first node of an empty map is put there; all
+    /// others begin where the edges lead.
+    pose: PoseBody,
+    /// RFC 3339, between 2000 and 2100; when the batch came in if left out.
+    #[schema(format = DateTime)]
+    stamp: Option<String>,
+}
+
+/// A new edge.
+#[derive(ToSchema)]
+#[allow(dead_code)]
+struct EdgeUpload {
+    /// A node of this batch, or of this or an earlier drive of the vehicle on this route, by the
+    /// vehicle's name for it; or `map:` with the number of any node of the map.
+    #[schema(schema_with = any_name)]
+    from: String,
+    /// As `from`; another node.
+    #[schema(schema_with = any_name)]
+    to: String,
+    /// `from_from_to`: where `to` is, seen from `from`.
+    measurement: PoseBody,
+    /// Information matrix in the order (x, y, θ), upper triangle row by row, as in g2o; positive
+    /// definite, no entry beyond 1e12. A route with detector `seed` takes the identity instead, as
+    /// the paper does.
+    #[schema(min_items = 6, max_items = 6)]
+    information: Vec<f64>,
+    /// What made it.
+    #[schema(inline)]
+    kind: EdgeUploadKind,
+}
+
+/// What made an edge.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[allow(dead_code)]
+enum EdgeUploadKind {
+    /// The vehicle's motion from one node to the next.
+    Odometry,
+    /// A place seen again.
+    LoopClosure,
+}
+
+fn own_name() -> Object {
+    name("^[A-Za-z0-9._-]{1,64}$")
+}
+
+fn any_name() -> Object {
+    name("^(map:[0-9]{1,19}|[A-Za-z0-9._-]{1,64})$")
+}
+
+fn name(pattern: &str) -> Object {
+    ObjectBuilder::new()
+        .schema_type(SchemaType::from_iter([Type::String, Type::Integer]))
+        .pattern(Some(pattern))
+        .build()
+}
+
+/// Upload a batch of edges.
+///
+/// For vehicles that match scans on board or have other sensors. Safe to repeat, answered and
+/// followed as a batch of scans is; ids are shared with those. Odometry edges are added, then loop
+/// closures one after the other, with the residuals that each leaves.
+///
+/// Every new node must be tied to the map by a chain of the batch's edges; in an empty map to the
+/// first node of the batch. A batch that names nodes which have not come yet, or that is tied to
+/// nothing, is `unanchored`: it is tried again with the vehicle's next batch, and when the map has
+/// grown. A batch that brings a node again is `quarantined`.
+#[utoipa::path(
+    put, path = "/v1/routes/{route}/edge-batches/{batch}", tag = "batches",
+    params(
+        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("batch" = String, Path, description = "Name of the batch, chosen by the client", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        ("Content-Encoding" = Option<String>, Header, nullable = false, description = "`gzip`, `zstd` or `identity`"),
+        ("Content-Digest" = Option<String>, Header, nullable = false, description = "`sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)"),
+    ),
+    request_body(content = EdgeBatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
+    responses(
+        (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
+        (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
+    )
+)]
+pub(super) async fn put_edge_batch(
+    State(state): State<ApiState>,
+    ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
+    _: NoQuery,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let (route, batch) = (route_id.clone(), id.clone());
+    let decode = move |body: Vec<u8>, received_at| {
+        let edges = edges_json::decode(&body, received_at)?;
+        let own_trip = || TripId::new(id.as_str()).map_err(Problem::internal);
+        Ok(NewBatch {
+            vehicle_id: edges.vehicle_id,
+            trip_id: edges.trip_id.map_or_else(own_trip, Ok)?,
+            content: BatchContent::Edges,
+            flags: edges.flags,
+            route_id,
+            id,
+            body,
+            received_at,
+        })
+    };
+    let outcome = store_upload(&state, route, batch, &headers, body, decode).await;
+    answer_upload(&state, outcome).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use jiff::Timestamp;
+    use utoipa::PartialSchema;
+
+    #[test]
+    fn the_documented_example_is_taken() {
+        let schema = serde_json::to_value(EdgeBatchUpload::schema()).unwrap();
+        let example = schema
+            .get("example")
+            .or_else(|| schema.pointer("/examples/0"));
+        let body = serde_json::to_vec(example.unwrap()).unwrap();
+        let batch = edges_json::decode(&body, Timestamp::now()).unwrap();
+        assert_eq!((batch.nodes.len(), batch.edges.len()), (2, 1));
+    }
+}

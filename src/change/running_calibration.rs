@@ -1,0 +1,180 @@
+//! The calibrated test as closures come in: a change must not widen the spread that it is judged
+//! by, so what is told stays out of it.
+
+use std::collections::BTreeMap;
+
+use super::calibration::{OWN_MIN, RESIDUALS_MIN, Spread, VehicleResidual, log_residual};
+
+/// For each residual, in the order of insertion, the probability of one as large without a change.
+///
+/// The first `baseline` residuals are taken for those of an unchanged world. Each later one is
+/// judged by the spread of those before it, its vehicle's own where there are enough, and joins
+/// them unless its probability is below `false_alarm_rate`. Spreads are learnt anew whenever their
+/// residuals have doubled in number, so that all costs O(n log n). `None` for all if the baseline
+/// is too small to tell.
+pub fn p_values_in_order<V: Ord + Copy>(
+    residuals: &[VehicleResidual<V>],
+    baseline: usize,
+    false_alarm_rate: f64,
+) -> Vec<Option<f64>> {
+    let (before, after) = residuals.split_at(baseline.min(residuals.len()));
+    let mut known = Known::of(before);
+    let judged = before.iter().map(|residual| known.p_value(residual));
+    let mut p_values: Vec<Option<f64>> = judged.collect();
+    for residual in after {
+        let p_value = known.p_value(residual);
+        if p_value.is_some_and(|p| p >= false_alarm_rate) {
+            known.join(residual);
+        }
+        p_values.push(p_value);
+    }
+    p_values
+}
+
+/// The residuals that stand for an unchanged world.
+struct Known<V> {
+    all: Pool,
+    own: BTreeMap<V, Pool>,
+}
+
+/// Residuals' logarithms with their spread as it was last learnt.
+#[derive(Default)]
+struct Pool {
+    logs: Vec<f64>,
+    spread: Option<Spread>,
+    learnt_from: usize,
+}
+
+impl Pool {
+    fn learn(&mut self, count_min: usize) {
+        self.spread = Spread::of(self.logs.clone(), count_min);
+        self.learnt_from = self.logs.len();
+    }
+
+    fn join(&mut self, log: f64, count_min: usize) {
+        self.logs.push(log);
+        if self.logs.len() >= (2 * self.learnt_from).max(count_min) {
+            self.learn(count_min);
+        }
+    }
+}
+
+impl<V: Ord + Copy> Known<V> {
+    fn of(baseline: &[VehicleResidual<V>]) -> Self {
+        let mut known = Self {
+            all: Pool::default(),
+            own: BTreeMap::new(),
+        };
+        for residual in baseline {
+            let log = log_residual(residual);
+            known.all.logs.push(log);
+            known
+                .own
+                .entry(residual.vehicle)
+                .or_default()
+                .logs
+                .push(log);
+        }
+        known.all.learn(RESIDUALS_MIN);
+        known.own.values_mut().for_each(|own| own.learn(OWN_MIN));
+        known
+    }
+
+    fn p_value(&self, residual: &VehicleResidual<V>) -> Option<f64> {
+        let own = self.own.get(&residual.vehicle).and_then(|own| own.spread);
+        let spread = own.or(self.all.spread)?;
+        Some(spread.p_value(log_residual(residual)))
+    }
+
+    fn join(&mut self, residual: &VehicleResidual<V>) {
+        let log = log_residual(residual);
+        self.all.join(log, RESIDUALS_MIN);
+        self.own
+            .entry(residual.vehicle)
+            .or_default()
+            .join(log, OWN_MIN);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{chi_squared, gaussian};
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    fn told(residuals: &[VehicleResidual<u8>], baseline: usize, rate: f64) -> Vec<bool> {
+        let p_values = p_values_in_order(residuals, baseline, rate);
+        p_values.iter().map(|p| p.unwrap() < rate).collect()
+    }
+
+    fn of(vehicle: u8, residual: f64) -> VehicleResidual<u8> {
+        VehicleResidual { vehicle, residual }
+    }
+
+    #[test]
+    fn a_change_of_half_of_the_closures_does_not_hide_itself() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let residuals: Vec<_> = (0..4_000)
+            .map(|k| {
+                let changed = if k > 400 && k % 2 == 0 { 300.0 } else { 1.0 };
+                of((k % 3) as u8, changed * (0.5 + chi_squared(&mut rng, 3)))
+            })
+            .collect();
+        let told = told(&residuals, 300, 1e-3);
+        let count = |from: usize| (from..4_000).step_by(2).filter(|k| told[*k]).count();
+        assert!(count(402) > 1_780, "{}", count(402));
+        assert!(count(401) < 4, "{}", count(401));
+    }
+
+    #[test]
+    fn the_stated_rate_is_kept_with_heavy_tails_and_with_light_ones() {
+        for (seed, sigma) in [(2, 1.0), (3, 2.0), (4, 0.0)] {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let residuals: Vec<_> = (0..60_000)
+                .map(|k| {
+                    let heavy = (sigma * gaussian(&mut rng)).exp();
+                    let light = chi_squared(&mut rng, 3);
+                    of((k % 2) as u8, if sigma > 0.0 { heavy } else { light })
+                })
+                .collect();
+            let told = told(&residuals, 2_000, 1e-3);
+            let share = told.iter().filter(|t| **t).count() as f64 / 60_000.0;
+            assert!(share < 2e-3, "{sigma}: {share}");
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_comes_late_gets_a_spread_of_its_own() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        // Five times as bold about its information as the others are.
+        let residuals: Vec<_> = (0..1_000)
+            .map(|k| {
+                let late = k >= 200 && k % 2 == 0;
+                let scale = if late { 5.0 } else { 1.0 };
+                of(u8::from(late), scale * chi_squared(&mut rng, 3))
+            })
+            .collect();
+        let p_values = p_values_in_order(&residuals, 200, 1e-3);
+        let medians = |late: bool| {
+            let own = (600..1_000).filter(|k| (residuals[*k].vehicle == 1) == late);
+            let mut own: Vec<f64> = own.map(|k| p_values[k].unwrap()).collect();
+            own.sort_by(f64::total_cmp);
+            own[own.len() / 2]
+        };
+        assert!((medians(true) - 0.5).abs() < 0.1 && (medians(false) - 0.5).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_small_baseline_tells_nothing() {
+        let residuals: Vec<_> = (0..40).map(|k| of(0, 1.0 + f64::from(k % 5))).collect();
+        let p_values = p_values_in_order(&residuals, 9, 1e-3);
+        assert!(p_values.iter().all(Option::is_none));
+        assert!(
+            p_values_in_order(&residuals, 10, 1e-3)
+                .iter()
+                .all(Option::is_some)
+        );
+        assert!(p_values_in_order::<u8>(&[], 10, 1e-3).is_empty());
+    }
+}

@@ -1,0 +1,87 @@
+//! What the residuals of closures without scans say: ΔF is the only witness that they have.
+
+use std::collections::BTreeMap;
+
+use super::workspace::Workspace;
+use crate::change::series::{ClosureSample, residual_series};
+use crate::change::{Finding, JudgedClosure, VehicleResidual, p_values_in_order, residual_runs};
+use crate::ids::{EdgeId, VehicleId};
+
+/// A closure that adds less to F hung on nothing else when it came: nothing could contradict it.
+const GROWTH_MIN: f64 = 1e-12;
+
+/// The places that closures without scans contradict.
+///
+/// Each sub-graph's are tested one after the other at the route's rate of false alarms, from where
+/// their mean has settled; those before are the baseline.
+pub(super) fn by_residuals(workspace: &Workspace) -> Vec<Finding> {
+    if workspace.given.is_empty() {
+        return Vec::new();
+    }
+    let settled = workspace.settled_closures.iter();
+    let settled: BTreeMap<EdgeId, &VehicleId> = settled
+        .filter(|closure| closure.given)
+        .map(|closure| (closure.id, &closure.vehicle_id))
+        .collect();
+    let mut judged = Vec::new();
+    for samples in workspace.closures_by_subgraph().into_values() {
+        let given = |sample: &ClosureSample| {
+            let id = sample.edge_id;
+            workspace.given.contains(&id) || settled.contains_key(&id)
+        };
+        let contradictable = |sample: &ClosureSample| sample.delta_f > GROWTH_MIN;
+        let samples = samples.into_iter();
+        let samples: Vec<_> = samples.filter(|s| given(s) && contradictable(s)).collect();
+        judged.extend(judge(workspace, &settled, &samples));
+    }
+    residual_runs(&judged)
+}
+
+/// The closures of a sub-graph that came after its baseline, and are in the map.
+fn judge(
+    workspace: &Workspace,
+    settled: &BTreeMap<EdgeId, &VehicleId>,
+    samples: &[ClosureSample],
+) -> Vec<JudgedClosure> {
+    let params = workspace.detector.series_params();
+    let Some(baseline) = residual_series(samples, &params).converged_at else {
+        return Vec::new();
+    };
+    let residuals = samples.iter().map(|sample| VehicleResidual {
+        vehicle: match settled.get(&sample.edge_id) {
+            Some(vehicle) => Some(*vehicle),
+            None => driver_of(workspace, sample.edge_id),
+        },
+        residual: sample.delta_f,
+    });
+    let residuals: Vec<_> = residuals.collect();
+    let rate = workspace.false_alarm_rate;
+    let p_values = p_values_in_order(&residuals, baseline, rate);
+    let tested = samples.iter().zip(p_values).skip(baseline);
+    tested
+        .filter_map(|(sample, p_value)| judged(workspace, sample.edge_id, p_value?, rate))
+        .collect()
+}
+
+fn driver_of(workspace: &Workspace, edge: EdgeId) -> Option<&VehicleId> {
+    let edge = workspace.map.graph().edge(edge)?;
+    let newer = workspace.map.keyframe(edge.from.max(edge.to))?;
+    workspace.vehicles.get(&newer.trip)
+}
+
+fn judged(workspace: &Workspace, id: EdgeId, p_value: f64, rate: f64) -> Option<JudgedClosure> {
+    let graph = workspace.map.graph();
+    let edge = graph.edge(id)?;
+    let nodes = [edge.from.min(edge.to), edge.from.max(edge.to)];
+    let [older, newer] = nodes.map(|node| graph.node(node).map(|n| n.pose.translation()));
+    let keyframe = workspace.map.keyframe(nodes[1])?;
+    Some(JudgedClosure {
+        edge: id,
+        nodes,
+        place: 0.5 * (older? + newer?),
+        stamp: keyframe.stamp,
+        trip: (keyframe.trip.clone(), keyframe.trip_order),
+        p_value,
+        told: p_value < rate,
+    })
+}
