@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 18] = [
     "ids",
     "geometry",
     "scan",
@@ -26,6 +26,7 @@ const LAYERS: [&str; 17] = [
     "formats",
     "store",
     "pipeline",
+    "delivery",
     "api",
     "config",
     "telemetry",
@@ -37,8 +38,9 @@ const LAYERS: [&str; 17] = [
 const CORE: usize = 9;
 
 /// What a core module must not name: runtimes, the world outside, clocks, chance without a seed.
-const NOT_IN_CORE: [&str; 17] = [
+const NOT_IN_CORE: [&str; 18] = [
     "axum",
+    "getrandom",
     "hyper",
     "jiff",
     "metrics",
@@ -68,7 +70,7 @@ const AT_HOME: [(&str, &[&str]); 11] = [
     ("crate::sim", &["sim", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
-    ("reqwest", &["cli"]),
+    ("reqwest", &["delivery", "cli"]),
     ("sqlx", &["store"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),

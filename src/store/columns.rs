@@ -33,6 +33,7 @@ macro_rules! text_column {
         }
     };
 }
+pub(super) use text_column;
 
 text_column!(Detector {
     Fused = "fused",

@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
+use mapshift::delivery::DeliveryOptions;
 use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -25,7 +26,7 @@ use crate::client::{Answer, Request};
 pub struct Service {
     pub app: RunningApp,
     pub address: SocketAddr,
-    _directory: TempDir,
+    directory: TempDir,
 }
 
 impl Service {
@@ -45,17 +46,26 @@ impl Service {
     }
 
     pub async fn start_in(directory: TempDir, limits: Limits) -> Self {
+        Self::start_delivering(directory, limits, DeliveryOptions::default()).await
+    }
+
+    pub async fn start_delivering(
+        directory: TempDir,
+        limits: Limits,
+        delivery: DeliveryOptions,
+    ) -> Self {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
             limits,
             pipeline: PipelineOptions::default(),
+            delivery,
         };
         let app = app::start(config).await.unwrap();
         Self {
             address: app.local_addr(),
             app,
-            _directory: directory,
+            directory,
         }
     }
 
@@ -73,7 +83,13 @@ impl Service {
     }
 
     pub async fn stop(self) {
+        self.stop_keeping().await;
+    }
+
+    /// Hands back the directory, for another service to go on in.
+    pub async fn stop_keeping(self) -> TempDir {
         self.app.shutdown().await.unwrap();
+        self.directory
     }
 }
 
