@@ -156,13 +156,13 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
 /// What a file holds.
 enum Content {
     Log(CarmenLog),
-    Graph(G2oGraph),
+    Graph(Box<G2oGraph>),
 }
 
 fn read(path: &Path) -> anyhow::Result<Content> {
     let is_graph = is_graph(path).with_context(|| path.display().to_string())?;
     Ok(match is_graph {
-        true => Content::Graph(read_graph(path)?),
+        true => Content::Graph(Box::new(read_graph(path)?)),
         false => Content::Log(recording::read(path)?),
     })
 }

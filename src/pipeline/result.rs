@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
-use crate::graph::Edge;
+use crate::graph::{Edge, PoseGraph};
 use crate::ids::{BatchId, EdgeId, NodeId, TripId, VehicleId};
 use crate::mapping::{Closure, RouteMap};
 use crate::scan::encode_scan;
@@ -83,8 +83,9 @@ pub(super) fn of_added(
     let new_edges = new_edges.map(|(k, state)| {
         let new = added.edges.get(&state.id);
         let new = new.with_context(|| format!("edge {} is of no batch", state.id))?;
-        let edge = &workspace.map.graph().edges()[old_edges + k];
-        anyhow::Ok(edge_record(edge, &origins[new.origin], new, state))
+        let graph = workspace.map.graph();
+        let edge = &graph.edges()[old_edges + k];
+        anyhow::Ok(edge_record(graph, edge, &origins[new.origin], new, state))
     });
     let result = JobResult {
         job_id: job.job_id,
@@ -154,7 +155,14 @@ fn node_record(
     Ok(NodeWithScan { node, scan })
 }
 
-fn edge_record(edge: &Edge, origin: &Origin, new: &AddedEdge, state: &EdgeChange) -> EdgeRecord {
+fn edge_record(
+    graph: &PoseGraph,
+    edge: &Edge,
+    origin: &Origin,
+    new: &AddedEdge,
+    state: &EdgeChange,
+) -> EdgeRecord {
+    let error = graph.error_of(edge);
     EdgeRecord {
         id: edge.id,
         from: edge.from,
@@ -164,7 +172,7 @@ fn edge_record(edge: &Edge, origin: &Origin, new: &AddedEdge, state: &EdgeChange
         batch_id: origin.batch_id.clone(),
         measurement: edge.measurement,
         information: edge.information,
-        residual: state.residual,
+        residual: error.map_or(0.0, |error| edge.information.squared_norm(&error)),
         subgraph_id: state.subgraph_id,
         delta_f: new.delta_f,
         closure: new.closure,

@@ -26,9 +26,6 @@ pub(super) fn edges_of(map: &RouteMap) -> Vec<EdgeChange> {
     let edges = edges.map(|(position, edge)| EdgeChange {
         id: edge.id,
         status: edge.status,
-        residual: graph
-            .error_of(edge)
-            .map_or(0.0, |error| edge.information.squared_norm(&error)),
         subgraph_id: blocks.subgraph_of_edge(position).map(|id| id.0),
     });
     edges.collect()

@@ -221,7 +221,6 @@ fn edge_change_of(record: &EdgeRecord) -> EdgeChange {
     EdgeChange {
         id: record.id,
         status: record.status,
-        residual: record.residual,
         subgraph_id: record.subgraph_id,
     }
 }

@@ -35,7 +35,12 @@ pub(super) fn share_growth(
     for (share, growth) in later.iter_mut().zip(of_later) {
         *share = growth;
     }
-    *first = growth - later.iter().sum::<f64>();
+    let sum: f64 = later.iter().sum();
+    if sum > growth {
+        // The errors are not so linear.
+        later.iter_mut().for_each(|share| *share *= growth / sum);
+    }
+    *first = (growth - sum).max(growth.min(0.0));
     shares
 }
 

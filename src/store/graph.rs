@@ -11,6 +11,7 @@ use super::error::{Corruption, StoreError};
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
 use super::settled;
+use crate::geometry::Pose2;
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
 macro_rules! node_columns {
@@ -56,7 +57,8 @@ macro_rules! select_edges {
             "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
-             residual, edges.subgraph_id, edges.delta_f, closures.x AS all_x, closures.y AS all_y, \
+             edges.subgraph_id, edges.delta_f, a.x AS a_x, a.y AS a_y, a.theta AS a_theta, \
+             b.x AS b_x, b.y AS b_y, b.theta AS b_theta, closures.x AS all_x, closures.y AS all_y, \
              closures.theta AS all_theta, closures.info_xx AS all_xx, \
              closures.info_xy AS all_xy, closures.info_xt AS all_xt, \
              closures.info_yy AS all_yy, closures.info_yt AS all_yt, \
@@ -66,6 +68,8 @@ macro_rules! select_edges {
             " JOIN batches ON batches.batch_key = edges.batch_key \
              LEFT JOIN closures ON closures.route_key = edges.route_key \
                  AND closures.edge_id = edges.edge_id \
+             LEFT JOIN nodes AS a ON a.route_key = edges.route_key AND a.node_id = from_node \
+             LEFT JOIN nodes AS b ON b.route_key = edges.route_key AND b.node_id = to_node \
              WHERE routes.id = ? ",
             $rest
         )
@@ -316,6 +320,11 @@ pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
     let columns = [
         "info_xx", "info_xy", "info_xt", "info_yy", "info_yt", "info_tt",
     ];
+    let measurement = pose(row, ["x", "y", "theta"])?;
+    let information = information(row, columns)?;
+    let from_pose = pose(row, ["a_x", "a_y", "a_theta"])?;
+    let to_pose = pose(row, ["b_x", "b_y", "b_theta"])?;
+    let error = Pose2::edge_error(&from_pose, &to_pose, &measurement);
     Ok(EdgeRecord {
         id: EdgeId(row.try_get("edge_id")?),
         from: NodeId(row.try_get("from_node")?),
@@ -323,9 +332,9 @@ pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
         kind: text(row, "kind")?,
         status: text(row, "status")?,
         batch_id: name(row, "batch_id")?,
-        measurement: pose(row, ["x", "y", "theta"])?,
-        information: information(row, columns)?,
-        residual: row.try_get("residual")?,
+        measurement,
+        information,
+        residual: information.squared_norm(&error),
         subgraph_id: row.try_get("subgraph_id")?,
         delta_f: row.try_get("delta_f")?,
         closure: closure_of(row)?,

@@ -86,7 +86,7 @@ pub(super) async fn insert_edges(
     for rows in edges.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO edges (route_key, edge_id, from_node, to_node, kind, status, batch_key, \
-             x, y, theta, info_xx, info_xy, info_xt, info_yy, info_yt, info_tt, residual, \
+             x, y, theta, info_xx, info_xy, info_xt, info_yy, info_yt, info_tt, \
              subgraph_id, delta_f) ",
         );
         query.push_values(rows, |mut values, edge| {
@@ -100,10 +100,7 @@ pub(super) async fn insert_edges(
                 .push_bind(batch_key(members, &edge.batch_id));
             push_pose(&mut values, &edge.measurement);
             push_information(&mut values, &edge.information);
-            values
-                .push_bind(edge.residual)
-                .push_bind(edge.subgraph_id)
-                .push_bind(edge.delta_f);
+            values.push_bind(edge.subgraph_id).push_bind(edge.delta_f);
         });
         query.build().execute(&mut *transaction).await?;
     }
@@ -171,7 +168,7 @@ pub(super) async fn update_nodes(
     Ok(())
 }
 
-/// Brings residuals, states and blocks of edges up to date.
+/// Brings states and blocks of edges up to date.
 ///
 /// # Errors
 /// [`StoreError::InvalidResult`] if one of them is not there.
@@ -181,16 +178,15 @@ pub(super) async fn update_edges(
     changes: &[EdgeChange],
 ) -> Result<(), StoreError> {
     for rows in changes.chunks(ROWS_MAX) {
-        let mut query = QueryBuilder::new("WITH change(id, status, residual, block) AS (");
+        let mut query = QueryBuilder::new("WITH change(id, status, block) AS (");
         query.push_values(rows, |mut values, change| {
             values
                 .push_bind(change.id.0)
                 .push_bind(change.status.text())
-                .push_bind(change.residual)
                 .push_bind(change.subgraph_id);
         });
         query.push(
-            ") UPDATE edges SET status = change.status, residual = change.residual, \
+            ") UPDATE edges SET status = change.status, \
              subgraph_id = change.block FROM change \
              WHERE edges.edge_id = change.id AND edges.route_key = ",
         );

@@ -352,7 +352,7 @@ pub struct EdgeRecord {
     pub measurement: Pose2,
     /// Of the measurement.
     pub information: Information,
-    /// eᵀΩe at the current poses.
+    /// eᵀΩe at the poses of its nodes; not stored, but told of them when the edge is read.
     pub residual: f64,
     /// The block of the graph it lies in; `None` for bridges.
     pub subgraph_id: Option<i64>,
@@ -399,7 +399,7 @@ pub struct JobResult {
     pub edges: Vec<EdgeRecord>,
     /// Nodes that moved or changed their block.
     pub changed_nodes: Vec<NodeChange>,
-    /// Edges whose residual, status or block changed.
+    /// Edges whose status or block changed.
     pub changed_edges: Vec<EdgeChange>,
     /// Alerts as they are to be, new ones and the next revisions of others.
     pub alerts: Vec<AlertRecord>,
@@ -431,8 +431,6 @@ pub struct EdgeChange {
     pub id: EdgeId,
     /// Whether it is optimised.
     pub status: EdgeStatus,
-    /// eᵀΩe at the current poses.
-    pub residual: f64,
     /// The block of the graph it lies in.
     pub subgraph_id: Option<i64>,
 }

@@ -75,7 +75,6 @@ async fn apply(fixture: &Fixture, random: &mut ChaCha8Rng, job: &ClaimedJob, end
                 } else {
                     edge.status
                 },
-                residual: 0.5,
                 subgraph_id: (below(random, 2) == 0).then_some(below(random, 5)),
             });
         }

@@ -6,7 +6,7 @@ use mapshift::store::{
     Put, RouteSettings, RouteUpdate, Stage, StoreError,
 };
 
-use crate::support::{Fixture, at, batch_id, edge, route, upload};
+use crate::support::{Fixture, at, batch_id, edge, route, upload, with_residuals};
 
 fn closure() -> ClosureRecord {
     ClosureRecord {
@@ -41,7 +41,8 @@ async fn a_graph_is_read_back_to_the_bit() {
     let mut active = result.nodes.clone();
     let settled = active.remove(5).node.id;
     assert_eq!(graph.nodes, active);
-    let mut between = result.edges.clone();
+    let nodes: Vec<_> = result.nodes.iter().map(|n| n.node.clone()).collect();
+    let mut between = with_residuals(result.edges.clone(), &nodes);
     between.retain(|edge| edge.from != settled && edge.to != settled);
     assert_eq!(between.len(), result.edges.len() - 2);
     assert_eq!(graph.edges, between);
@@ -98,7 +99,6 @@ async fn changes_touch_what_they_name() {
     }
     let mut edges = first.edges.clone();
     for edge in edges.iter_mut().skip(1) {
-        edge.residual = edge.id.0 as f64 / 3.0;
         edge.status = EdgeStatus::Retired;
         if edge.id.0 % 2 == 0 {
             edge.status = EdgeStatus::Active;
@@ -107,7 +107,6 @@ async fn changes_touch_what_they_name() {
         second.changed_edges.push(EdgeChange {
             id: edge.id,
             status: edge.status,
-            residual: edge.residual,
             subgraph_id: edge.subgraph_id,
         });
     }
@@ -115,6 +114,7 @@ async fn changes_touch_what_they_name() {
     let applied = fixture.store.apply_result(second).await.unwrap();
     assert_eq!(applied, Applied::Committed);
     assert_eq!(fixture.store.nodes(&route()).await.unwrap(), nodes);
+    let edges = with_residuals(edges, &nodes);
     assert_eq!(fixture.store.edges(&route()).await.unwrap(), edges);
     let counts = fixture.store.route(&route()).await.unwrap().unwrap().counts;
     // Active edges have even ids: blocks 0, 2, 4.
@@ -124,13 +124,12 @@ async fn changes_touch_what_they_name() {
 #[tokio::test]
 async fn what_is_not_finite_or_out_of_range_does_not_get_in() {
     type Spoiler = fn(&mut JobResult);
-    let spoilers: [Spoiler; 12] = [
+    let spoilers: [Spoiler; 11] = [
         |r| r.nodes[1].node.pose.x = f64::NAN,
         |r| r.nodes[1].node.pose.y = f64::INFINITY,
         |r| r.nodes[1].node.pose.theta = 7.0,
         |r| r.nodes[1].node.odom_from_base.x = f64::NEG_INFINITY,
-        |r| r.edges[0].residual = f64::NAN,
-        |r| r.edges[0].residual = f64::INFINITY,
+        |r| r.edges[0].delta_f = Some(f64::INFINITY),
         |r| r.edges[0].information = Information::from_upper([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0]),
         |r| r.edges[0].measurement.theta = f64::NAN,
         |r| r.edges[0].to = NodeId(4_711),

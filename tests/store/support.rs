@@ -176,9 +176,19 @@ pub fn edge(batch: &BatchRecord, id: i64, from: i64, to: i64) -> EdgeRecord {
         batch_id: batch.id.clone(),
         measurement: Pose2::new(0.1 + 0.2, 1e-300, -1.0),
         information: Information::from_upper([4.0, 0.5, -0.25, 3.0, 0.125, 9.0]),
-        residual: 1.0 / 3.0,
+        residual: 0.0,
         subgraph_id: None,
         delta_f: None,
         closure: None,
     }
+}
+
+/// Edges as they are read: with the residuals that the poses of their nodes make.
+pub fn with_residuals(mut edges: Vec<EdgeRecord>, nodes: &[NodeRecord]) -> Vec<EdgeRecord> {
+    let pose = |id: NodeId| nodes.iter().find(|node| node.id == id).unwrap().pose;
+    for edge in &mut edges {
+        let error = Pose2::edge_error(&pose(edge.from), &pose(edge.to), &edge.measurement);
+        edge.residual = edge.information.squared_norm(&error);
+    }
+    edges
 }

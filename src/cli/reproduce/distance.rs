@@ -7,7 +7,7 @@ use crate::sim::Shape;
 const STEP_M: f64 = 0.05;
 
 /// How far a point is from a solid shape, metres: 0 within.
-pub(super) fn distance_m(shape: &Shape, point: &Vector2<f64>) -> f64 {
+fn distance_m(shape: &Shape, point: &Vector2<f64>) -> f64 {
     if shape.contains(point) {
         0.0
     } else {

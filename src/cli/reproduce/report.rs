@@ -149,7 +149,7 @@ fn event_table(summary: &Summary) -> Table {
         "A change counts if at least 3 beams of at least 4 scans meet the object before it goes or \
          after it comes. A closure tells every change that one of its two scans looks at with 3 \
          beams; a region tells the changes of its kind within 0.35 m. The location error is the \
-         distance to the object, 0 within it. The paper's rule and the fused one raise a change \
+         distance to the object's middle. The paper's rule and the fused one raise a change \
          once; the others keep no memory and alert anew in each lap.",
     );
     table

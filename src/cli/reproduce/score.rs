@@ -3,12 +3,13 @@
 use serde::Serialize;
 
 use super::counts::Counts;
-use super::distance::{distance_m, region_distance_m};
+use super::distance::region_distance_m;
 use super::laps::{Laps, TrueChange};
 use super::mapped::Mapped;
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
 use super::wilson::Share;
 use crate::change::ChangeKind;
+use crate::geometry::Vector2;
 
 /// A closure is changed if the change shows in more than this share of a scan's beams, and
 /// unchanged if it shows in none; what lies between is not scored.
@@ -59,7 +60,7 @@ pub(super) struct Event {
     pub found: bool,
     /// Laps from the first that looks at its place to the alert; 0 for the same lap.
     pub laps_until_raised: Option<usize>,
-    /// From the place that was told to the object, metres; 0 within it.
+    /// From the place that was told to the object's middle, metres.
     pub location_error_m: Option<f64>,
 }
 
@@ -205,7 +206,7 @@ fn lap_truth(laps: &Laps, lap: usize) -> LapTruth {
     }
 }
 
-/// The changes that an alert tells, with how far it is from each, metres.
+/// The changes that an alert tells, with how far it is from the middle of each, metres.
 ///
 /// A closure tells every change that one of its two scans looks at, if the world changed between
 /// them; a region tells the changes of its kind that it touches.
@@ -220,7 +221,7 @@ fn changes_told(laps: &Laps, raised: &Raised) -> Vec<(usize, f64)> {
                     .iter()
                     .any(|s| laps.scans[*s].looks_at.contains(k))
             };
-            let error_m = |k: usize| (k, distance_m(&laps.changes[k].shape, position));
+            let error_m = |k: usize| (k, from_middle_m(&laps.changes[k], position));
             (0..laps.changes.len()).filter(seen).map(error_m).collect()
         }
         Told::Region {
@@ -235,10 +236,14 @@ fn changes_told(laps: &Laps, raised: &Raised) -> Vec<(usize, f64)> {
             };
             let changes = laps.changes.iter().enumerate().filter(touches);
             changes
-                .map(|(k, change)| (k, distance_m(&change.shape, location)))
+                .map(|(k, change)| (k, from_middle_m(change, location)))
                 .collect()
         }
     }
+}
+
+fn from_middle_m(change: &TrueChange, place: &Vector2<f64>) -> f64 {
+    (change.shape.bounding_circle().0 - place).norm()
 }
 
 #[cfg(test)]

@@ -67,8 +67,8 @@ pub(super) struct Row {
     pub alerts_true: Share,
     /// Of alerts and events.
     pub event_f_score: Option<f64>,
-    /// Distance from the told place to the object, metres, 0 within it: the median and what nine
-    /// of ten stay below.
+    /// Distance from the told place to the object's middle, metres: the median and what nine of
+    /// ten stay below.
     pub location_error_m: [Option<f64>; 2],
     /// Found events by laps until they were raised: 0, 1, 2 and more.
     pub laps_until_raised: [usize; 3],

@@ -100,7 +100,6 @@ async fn half_a_decision_is_none() {
     let nowhere = EdgeChange {
         id: EdgeId(9_999),
         status: crate::graph::EdgeStatus::Retired,
-        residual: 0.0,
         subgraph_id: None,
     };
     let map = MapDecision {

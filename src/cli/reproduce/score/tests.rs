@@ -180,7 +180,7 @@ fn regions_tell_changes_of_their_kind_where_they_are() {
     assert_eq!((near.true_alerts, near.false_alerts), (1, 0));
     let event = near.events[0];
     assert!(event.found && event.laps_until_raised == Some(0));
-    assert!((event.location_error_m.unwrap() - 0.4).abs() < 1e-9);
+    assert!((event.location_error_m.unwrap() - 0.9).abs() < 1e-9);
     assert!(!near.events[1].found);
 
     let wrong_kind = region(4, ChangeKind::Disappeared, 0.0, 2.0);
@@ -213,5 +213,5 @@ fn closures_tell_what_their_scans_look_at_if_they_cross_the_change() {
     let score = told_regions(vec![closure(4, 0), closure(3, 1), closure(4, 2)]);
     assert_eq!((score.true_alerts, score.false_alerts), (1, 2));
     assert!(score.events[0].found && !score.events[1].found);
-    assert!((score.events[0].location_error_m.unwrap() - 1.5).abs() < 1e-9);
+    assert!((score.events[0].location_error_m.unwrap() - 2.0).abs() < 1e-9);
 }
