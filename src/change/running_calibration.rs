@@ -1,16 +1,21 @@
 //! The calibrated test as closures come in: a change must not widen the spread that it is judged
-//! by, so what is told stays out of it.
+//! by, so what is told stays out of it. Where many residuals are spread as a scaled χ² is they are
+//! taken for one, so that the rate is the stated one where residuals are that benign.
 
 use std::collections::BTreeMap;
 
 use super::calibration::{OWN_MIN, RESIDUALS_MIN, Spread, VehicleResidual, log_residual};
+
+/// Fewer residuals do not tell χ² from a heavier tail: of so many, drawn from a log-normal with
+/// σ = 1, one set in fifty looks like it.
+const CHI_SQUARED_FROM: usize = 400;
 
 /// For each residual, in the order of insertion, the probability of one as large without a change.
 ///
 /// The first `baseline` residuals are taken for those of an unchanged world. Each later one is
 /// judged by the spread of those before it, its vehicle's own where there are enough, and joins
 /// them unless its probability is below `false_alarm_rate`. Spreads are learnt anew whenever their
-/// residuals have doubled in number, so that all costs O(n log n). `None` for all if the baseline
+/// residuals have grown by a quarter, so that all costs O(n log n). `None` for all if the baseline
 /// is too small to tell.
 pub fn p_values_in_order<V: Ord + Copy>(
     residuals: &[VehicleResidual<V>],
@@ -47,13 +52,17 @@ struct Pool {
 
 impl Pool {
     fn learn(&mut self, count_min: usize) {
-        self.spread = Spread::of(self.logs.clone(), count_min);
         self.learnt_from = self.logs.len();
+        let spread = Spread::of(self.logs.clone(), count_min);
+        self.spread = match self.learnt_from {
+            0..CHI_SQUARED_FROM => spread,
+            _ => spread.map(Spread::as_chi_squared),
+        };
     }
 
     fn join(&mut self, log: f64, count_min: usize) {
         self.logs.push(log);
-        if self.logs.len() >= (2 * self.learnt_from).max(count_min) {
+        if self.logs.len() >= (self.learnt_from + self.learnt_from / 4).max(count_min) {
             self.learn(count_min);
         }
     }
@@ -140,7 +149,7 @@ mod tests {
                 .collect();
             let told = told(&residuals, 2_000, 1e-3);
             let share = told.iter().filter(|t| **t).count() as f64 / 60_000.0;
-            assert!(share < 2e-3, "{sigma}: {share}");
+            assert!((4e-4..2e-3).contains(&share), "{sigma}: {share}");
         }
     }
 

@@ -15,6 +15,7 @@ mod bad_requests;
 mod body;
 mod changed_hall;
 mod client;
+mod edge_batches;
 mod lifecycle;
 mod limits;
 mod resources;
