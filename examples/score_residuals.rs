@@ -17,9 +17,9 @@ use mapshift::mapping::{End, GivenEdge, GivenGraph, GivenNode, RouteMap, Weighti
 mod edge_laps;
 use edge_laps::{Displaced, LAP, Laps};
 
-const LAPS: usize = 24;
+const LAPS: usize = 14;
 /// From this lap on closures are displaced.
-const CHANGED: usize = 20;
+const CHANGED: usize = 10;
 /// Where they are displaced: a fifth of the way.
 const PLACES: std::ops::Range<usize> = 10..18;
 

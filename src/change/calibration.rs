@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 
 use super::median::median;
-use super::threshold::{CHI_SQUARED_3_MEDIAN, chi_squared_survival};
+use super::threshold::chi_squared_survival;
 
 /// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
 pub(super) const OWN_MIN: usize = 30;
@@ -19,10 +19,8 @@ pub(super) const RESIDUALS_MIN: usize = 10;
 const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
 /// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
 const SPREAD_MIN: f64 = 0.84;
-/// Spreads up to so many times that of χ²₃ may be its own.
-const CHI_SQUARED_SPREAD_MAX: f64 = 1.05;
 /// Below it there is only rounding.
-pub(super) const RESIDUAL_MIN: f64 = 1e-12;
+const RESIDUAL_MIN: f64 = 1e-12;
 
 /// A closure's residual eᵀΩe, and whose closure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,8 +61,6 @@ pub(super) fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
 pub(super) struct Spread {
     median: f64,
     sigma: f64,
-    /// Whether the residuals are taken for a scaled χ²₃.
-    chi_squared: bool,
 }
 
 impl Spread {
@@ -79,24 +75,11 @@ impl Spread {
         Some(Self {
             median: middle,
             sigma: sigma.max(SPREAD_MIN),
-            chi_squared: false,
         })
     }
 
-    /// The same spread with the tail of a scaled χ²₃, if it is that of one.
-    pub fn as_chi_squared(self) -> Self {
-        Self {
-            chi_squared: self.sigma <= CHI_SQUARED_SPREAD_MAX * SPREAD_MIN,
-            ..self
-        }
-    }
-
-    /// The upper tail of χ²₃, or that of a Gaussian by χ² with one degree of freedom.
+    /// The upper tail of a Gaussian, by that of χ² with one degree of freedom.
     pub fn p_value(self, log: f64) -> f64 {
-        if self.chi_squared {
-            let scaled = CHI_SQUARED_3_MEDIAN * (log - self.median).exp();
-            return chi_squared_survival(scaled, 3);
-        }
         let z = (log - self.median) / self.sigma;
         let beyond = 0.5 * chi_squared_survival(z * z, 1);
         if z > 0.0 { beyond } else { 1.0 - beyond }
