@@ -288,7 +288,7 @@ async fn a_restart_in_between_changes_no_bit() {
     let displaced = Displaced {
         laps: 7..9,
         places: 10..14,
-        by: Pose2::new(0.3, 0.0, 0.0),
+        by: Pose2::new(0.4, 0.2, 0.0),
     };
     let laps = Laps::drive("agv-1", 9, 5, &displaced);
     let mut told = Vec::new();
