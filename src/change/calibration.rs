@@ -20,7 +20,7 @@ const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
 /// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
 const SPREAD_MIN: f64 = 0.84;
 /// Below it there is only rounding.
-pub(super) const RESIDUAL_MIN: f64 = 1e-12;
+const RESIDUAL_MIN: f64 = 1e-12;
 
 /// A closure's residual eᵀΩe, and whose closure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,7 @@
 //!
 //! One closure decides little: at any rate of false alarms some are told in a world that does not
 //! change. A place is told by several closures of one pass, or of passes one after the other, and
-//! it ends with the first pass of which no closure is told.
+//! it ends with the first pass of which every closure is usual.
 
 use std::collections::BTreeSet;
 
@@ -21,6 +21,8 @@ const AT_PLACE_M: f64 = 1.0;
 const PASS_NODES: u32 = 12;
 /// Fewer told closures are no finding.
 const TOLD_MIN: usize = 2;
+/// A pass agrees with the map if no closure of it is less likely: that none is told proves little.
+const USUAL_P_MIN: f64 = 0.01;
 /// Round each told closure, metres: residuals do not say what differs there.
 const REGION_RADIUS_M: f64 = 0.5;
 
@@ -98,7 +100,7 @@ fn findings_at(place: &[&JudgedClosure], in_order: &[&JudgedClosure]) -> Vec<Fin
         let told_last = episode.last().map_or(0, |last| told_in(last));
         if told > 0 {
             episode.push(pass);
-        } else if 2 * pass.len() >= told_last {
+        } else if 2 * pass.len() >= told_last && pass.iter().all(|c| c.p_value >= USUAL_P_MIN) {
             let until = pass.iter().map(|closure| closure.stamp).min();
             findings.extend(finding_of(&episode, until, in_order.len()));
             episode.clear();
@@ -219,6 +221,15 @@ mod tests {
         let spans: Vec<_> = found.iter().map(|f| (f.laps, f.until)).collect();
         let agrees = |lap: u32| Some(StampNs(i64::from(lap * LAP + 19)));
         assert_eq!(spans, [(2, agrees(5)), (1, agrees(8))]);
+    }
+
+    #[test]
+    fn a_lap_that_is_neither_usual_nor_told_ends_nothing() {
+        let mut closures = laps(6, |lap, at| [3, 5].contains(&lap) && (20..23).contains(&at));
+        closures[(4 * LAP + 21) as usize].p_value = 5e-3;
+        let found = residual_runs(&closures);
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].laps, found[0].until), (2, None));
     }
 
     #[test]

@@ -20,12 +20,7 @@ const BEGINNING_BYTES: u64 = 1 << 16;
 pub(super) fn read_graph(path: &Path) -> anyhow::Result<G2oGraph> {
     let name = path.display();
     let text = read_text(path).with_context(|| format!("cannot read {name}"))?;
-    let read = read_g2o(&text).with_context(|| format!("{name} is not a planar g2o graph"))?;
-    anyhow::ensure!(
-        !read.graph.nodes().is_empty(),
-        "{name} has no VERTEX_SE2 and no EDGE_SE2 line: there is nothing in it"
-    );
-    Ok(read)
+    read_g2o(&text).with_context(|| format!("{name} is not a planar g2o graph"))
 }
 
 /// Whether a file begins as a graph does, whatever its name is.

@@ -69,6 +69,11 @@ struct SwitchedOff {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let read = read_graph(&args.file)?;
     let mut graph = read.graph;
+    anyhow::ensure!(
+        !graph.nodes().is_empty(),
+        "{} has no VERTEX_SE2 and no EDGE_SE2 line: there is nothing to optimise",
+        args.file.display()
+    );
     if !read.without_pose.is_empty() {
         start_along_odometry(&mut graph);
     }

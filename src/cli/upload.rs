@@ -1,5 +1,7 @@
 //! `mapshift upload`.
 
+mod graph;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -7,15 +9,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 
 use super::batch_body::{ScanToSend, Trip};
-use super::edge_batch_body::GraphParts;
 use super::gateway::{Gateway, GatewayError, Outcome};
 use super::graph_file::{is_graph, read_graph};
 use super::progress::{Progress, say};
 use super::recording;
 use crate::formats::CarmenLog;
-use crate::formats::g2o::G2oGraph;
 use crate::geometry::Pose2;
-use crate::graph::{EdgeKind, PoseGraph};
+use crate::graph::PoseGraph;
 use crate::ids::{BatchId, RouteId, TripId, VehicleId};
 
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
@@ -124,7 +124,7 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
                 upload_log(&gateway, args, path, &log, tally).await?;
             }
             Ok(Content::Graph(graph)) => {
-                upload_graph(&gateway, args, path, &graph.graph, tally).await?;
+                graph::upload(&gateway, args, path, &graph, tally).await?;
             }
             Err(error) => tally.failures.push(format!("{error:#}")),
         }
@@ -156,13 +156,13 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
 /// What a file holds.
 enum Content {
     Log(CarmenLog),
-    Graph(Box<G2oGraph>),
+    Graph(Box<PoseGraph>),
 }
 
 fn read(path: &Path) -> anyhow::Result<Content> {
     let is_graph = is_graph(path).with_context(|| path.display().to_string())?;
     Ok(match is_graph {
-        true => Content::Graph(Box::new(read_graph(path)?)),
+        true => Content::Graph(Box::new(read_graph(path)?.graph)),
         false => Content::Log(recording::read(path)?),
     })
 }
@@ -185,52 +185,6 @@ fn trip_of(args: &Args, path: &Path) -> anyhow::Result<TripId> {
         Some(trip) => Ok(trip.clone()),
         None => recording::trip_of(path),
     }
-}
-
-async fn upload_graph(
-    gateway: &Gateway,
-    args: &Args,
-    path: &Path,
-    graph: &PoseGraph,
-    tally: &mut Tally,
-) -> anyhow::Result<()> {
-    let closures = graph.edges().iter();
-    let closures = closures.filter(|edge| edge.kind == EdgeKind::LoopClosure);
-    say(&format!(
-        "{}: {} nodes, {} edges, {} of them loop closures",
-        path.display(),
-        graph.nodes().len(),
-        graph.edges().len(),
-        closures.count(),
-    ));
-    let parts = GraphParts::of(graph, args.batch_nodes.into())?;
-    let trip = trip_of(args, path)?;
-    let mut progress = Progress::new(graph.nodes().len() as u64, "nodes");
-    let gateway = gateway.notifying(progress.speaker());
-    for part in parts.encode(&args.vehicle, &trip) {
-        let (batch, nodes) = part?;
-        match gateway.put_batch(&args.route, &batch).await {
-            Ok(Outcome::Stored) => {
-                tally.stored += 1;
-                tally.nodes_stored += nodes;
-            }
-            Ok(Outcome::Replayed) => tally.replayed += 1,
-            Err(error @ GatewayError::Refused { .. }) => {
-                let advice = advice(&error);
-                let failure = format!(
-                    "{}: {error}{advice}; its rest is not stored",
-                    path.display()
-                );
-                tally.failures.push(failure);
-                break;
-            }
-            Err(error) => return Err(error.into()),
-        }
-        tally.batches.push(batch.id);
-        progress.advance(nodes as u64);
-    }
-    progress.finish();
-    Ok(())
 }
 
 async fn upload_log(

@@ -83,24 +83,23 @@ impl EdgeJob {
         edges.flat_map(|edge| [&edge.from, &edge.to])
     }
 
-    /// Why a batch can never be used: it brings a node that was brought before.
-    fn refusal(&self, k: usize) -> Option<String> {
-        let earlier = &self.uploads[..k];
-        let brought = |name: &String| {
-            self.known.contains_key(name)
-                || earlier
-                    .iter()
-                    .any(|u| u.nodes.iter().any(|n| n.name == *name))
-        };
-        let again = self.uploads[k]
-            .nodes
-            .iter()
-            .find(|node| brought(&node.name))?;
-        Some(format!(
-            "node {} came with an earlier batch of this vehicle: name it in edges alone, and give \
-             new nodes new ids",
-            again.name
-        ))
+    /// The batches that can never be used, and why: they bring a node that was brought before.
+    fn refused(&self) -> BTreeMap<usize, String> {
+        let mut refused = BTreeMap::new();
+        let mut brought: BTreeSet<&str> = self.known.keys().map(String::as_str).collect();
+        for (k, upload) in self.uploads.iter().enumerate() {
+            let mut names = upload.nodes.iter().map(|node| node.name.as_str());
+            if let Some(name) = names.clone().find(|name| brought.contains(name)) {
+                let reason = format!(
+                    "node {name} came with an earlier batch of this vehicle: name it in edges \
+                     alone, and give new nodes new ids"
+                );
+                refused.insert(k, reason);
+            } else {
+                brought.extend(&mut names);
+            }
+        }
+        refused
     }
 }
 
@@ -116,21 +115,22 @@ pub(super) fn process_edges(
     job: &ClaimedJob,
     edges: &EdgeJob,
 ) -> anyhow::Result<(Workspace, JobResult)> {
-    let mut refused = BTreeMap::new();
-    for k in 0..edges.uploads.len() {
-        refused.extend(edges.refusal(k).map(|reason| (k, reason)));
-    }
+    let refused = edges.refused();
     let usable = (0..edges.uploads.len()).filter(|k| !refused.contains_key(k));
     let (selected, waiting) = select(edges, usable.collect(), &workspace.map);
-    let mut joined = Joined::of(edges, &selected, &workspace.map);
-    let attached = workspace.map.attach(&joined.graph)?;
+    let Joined {
+        graph,
+        node_sources,
+        edge_sources,
+    } = Joined::of(edges, &selected, &workspace.map);
+    let attached = workspace.map.attach(&graph)?;
     let mut added = Added::default();
-    let new_nodes = attached.nodes.iter().zip(joined.node_sources);
+    let new_nodes = attached.nodes.iter().zip(node_sources);
     for (node, (origin, client_id)) in new_nodes {
         let client_id = Some(client_id);
         added.nodes.insert(*node, AddedNode { origin, client_id });
     }
-    for ((edge, delta_f), origin) in attached.edges.iter().zip(joined.edge_sources.drain(..)) {
+    for ((edge, delta_f), origin) in attached.edges.iter().zip(edge_sources) {
         let new = AddedEdge {
             origin,
             delta_f: *delta_f,
@@ -165,6 +165,7 @@ fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usi
             left_out.extend(missing(edges, k, &brought, map).map(|reason| (k, reason)));
         }
         if left_out.is_empty() {
+            selected = in_order(edges, selected, map);
             let joined = Joined::of(edges, &selected, map);
             for node in map.untied(&joined.graph) {
                 let (k, name) = &joined.node_sources[node];
@@ -173,7 +174,7 @@ fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usi
             }
         }
         if left_out.is_empty() {
-            return (in_order(edges, selected, map), waiting);
+            return (selected, waiting);
         }
         selected.retain(|k| !left_out.contains_key(k));
         waiting.append(&mut left_out);

@@ -3,6 +3,7 @@
 mod accepting;
 mod bench;
 mod deciding;
+mod edges;
 mod folding;
 mod memory;
 mod settling;

@@ -35,12 +35,14 @@ pub(super) fn share_growth(
     for (share, growth) in later.iter_mut().zip(of_later) {
         *share = growth;
     }
-    let sum: f64 = later.iter().sum();
+    let mut sum: f64 = later.iter().sum();
     if sum > growth {
         // The errors are not so linear.
-        later.iter_mut().for_each(|share| *share *= growth / sum);
+        let part = growth.max(0.0) / sum;
+        later.iter_mut().for_each(|share| *share *= part);
+        sum *= part;
     }
-    *first = (growth - sum).max(growth.min(0.0));
+    *first = growth - sum;
     shares
 }
 

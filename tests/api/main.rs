@@ -16,6 +16,7 @@ mod bad_webhook_requests;
 mod body;
 mod changed_hall;
 mod client;
+mod edge_batches;
 mod hooked;
 mod lifecycle;
 mod limits;

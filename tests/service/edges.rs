@@ -288,7 +288,7 @@ async fn a_restart_in_between_changes_no_bit() {
     let displaced = Displaced {
         laps: 7..9,
         places: 10..14,
-        by: Pose2::new(0.3, 0.0, 0.0),
+        by: Pose2::new(0.4, 0.2, 0.0),
     };
     let laps = Laps::drive("agv-1", 9, 5, &displaced);
     let mut told = Vec::new();
@@ -338,7 +338,7 @@ async fn displaced_closures_raise_one_alert_at_their_place() {
         let displaced = Displaced {
             laps: 7..9,
             places: 10..15,
-            by: Pose2::new(0.25, 0.1, 0.0),
+            by: Pose2::new(0.3, 0.15, 0.0),
         };
         let (service, alerts) = alerts_of(&displaced, 9, seed).await;
         assert_eq!(alerts.len(), 1, "seed {seed}: {alerts:#?}");
@@ -391,7 +391,7 @@ async fn an_alert_ends_by_itself_when_laps_agree_again() {
     let displaced = Displaced {
         laps: 7..8,
         places: 10..15,
-        by: Pose2::new(0.25, 0.1, 0.0),
+        by: Pose2::new(0.3, 0.15, 0.0),
     };
     let (service, alerts) = alerts_of(&displaced, 9, 31).await;
     assert_eq!(alerts.len(), 1, "{alerts:#?}");
@@ -438,7 +438,7 @@ async fn a_residual_alert_can_be_accepted_and_taken_back() {
     let displaced = Displaced {
         laps: 7..9,
         places: 10..15,
-        by: Pose2::new(0.25, 0.1, 0.0),
+        by: Pose2::new(0.3, 0.15, 0.0),
     };
     let (service, alerts) = alerts_of(&displaced, 9, 11).await;
     let client = &service.client;

@@ -32,6 +32,9 @@ async fn a_graph_is_read_back_to_the_bit() {
     loop_closure.subgraph_id = Some(4);
     result.edges.push(loop_closure.clone());
     result.nodes[5].node.active = false;
+    // As a batch of edges brings them.
+    result.nodes[7].scan = None;
+    result.nodes[7].node.client_id = Some("07".to_owned());
     result.stage = Stage::Monitoring;
     let applied = fixture.store.apply_result(result.clone()).await.unwrap();
     assert_eq!(applied, Applied::Committed);
@@ -60,7 +63,14 @@ async fn a_graph_is_read_back_to_the_bit() {
     let one = store.node(&route(), NodeId(9)).await.unwrap();
     assert_eq!(one.as_ref(), Some(&nodes[8]));
     let active = store.nodes_with_scans(&route()).await.unwrap();
-    assert_eq!(active.len(), 699);
+    assert_eq!(active.len(), 698);
+    let vehicle = &job.entries[0].batch.vehicle_id;
+    let names = ["7", "07", "none"].map(str::to_owned);
+    let known = store.client_nodes(&route(), vehicle, &names).await.unwrap();
+    assert_eq!(known, [("07".to_owned(), NodeId(8))]);
+    let other = mapshift::ids::VehicleId::new("other").unwrap();
+    let known = store.client_nodes(&route(), &other, &names).await.unwrap();
+    assert_eq!(known, []);
     assert_eq!(active[5], result.nodes[6]);
     let scan = store.node_scan(&route(), NodeId(9)).await.unwrap();
     assert_eq!(scan, result.nodes[8].scan);

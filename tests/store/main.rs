@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod consistency;
+mod edges;
 mod graph;
 mod jobs;
 mod journal;

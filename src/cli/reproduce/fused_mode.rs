@@ -2,8 +2,7 @@
 
 use super::mapped::{MadeClosure, Mapped};
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
-use crate::change::series::{ClosureSample, SeriesParams, residual_series};
-use crate::change::{ChangeKind, Finding, VehicleResidual, calibrated_p_values, p_values_in_order};
+use crate::change::{ChangeKind, Finding, VehicleResidual, calibrated_p_values};
 
 /// A closure is told if a residual this large has a smaller probability without a change.
 const FALSE_ALARM_RATE: f64 = 1e-3;
@@ -19,19 +18,8 @@ pub(super) fn judge(mapped: &Mapped) -> Judged {
     };
     let residuals: Vec<VehicleResidual<()>> = mapped.closures.iter().map(of_closure).collect();
     let scores = residuals.iter().map(|r| r.residual).collect();
-    let sample = |made: &MadeClosure| ClosureSample {
-        edge_id: made.closure.edge,
-        delta_f: made.closure.delta_f,
-    };
-    let samples: Vec<ClosureSample> = mapped.closures.iter().map(sample).collect();
-    let settled = residual_series(&samples, &SeriesParams::default()).converged_at;
-    let p_values = match settled {
-        Some(baseline) => p_values_in_order(&residuals, baseline, FALSE_ALARM_RATE),
-        None => calibrated_p_values(&residuals),
-    };
-    let told = p_values
-        .into_iter()
-        .map(|p_value| p_value.is_some_and(|p| p < FALSE_ALARM_RATE));
+    let p_values = calibrated_p_values(&residuals).into_iter();
+    let told = p_values.map(|p_value| p_value.is_some_and(|p| p < FALSE_ALARM_RATE));
     let judged = Judged::by_closure(mapped, Some(scores), told.collect());
     Judged {
         raised: alerts(&mapped.findings),

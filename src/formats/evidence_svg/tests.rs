@@ -150,6 +150,20 @@ fn what_is_missing_is_said() {
         })
     });
     assert!(svg.contains("There are no scans to compare."));
+    let tied = with_picture(&[], |picture| {
+        to_svg(&EvidencePicture {
+            looks: None,
+            tied: Some([Pose2::new(3.0, 3.0, 0.0), Pose2::new(3.5, 3.4, 1.0)]),
+            curve: None,
+            region: &[],
+            ..picture.clone()
+        })
+    });
+    // In each of the two panels.
+    assert_eq!(
+        tied.matches("<line").count(),
+        svg.matches("<line").count() + 2
+    );
     assert!(svg.contains("No loop closure carries this alert."));
     assert!(!svg.contains("NaN") && !svg.contains("inf\""));
 }
