@@ -5,6 +5,10 @@
 //! least once: its row is pending until an attempt has been noted. How an alert is written is the
 //! interface's affair and handed in.
 //!
+//! Whatever is sent is the alert as it is then. So an update that a receiver knows already is
+//! dropped, and of those that a receiver does not take, all but the newest of each alert
+//! (`store/webhook_attempts.rs`).
+//!
 //! Whoever registers a webhook makes the service open connections. [`ReceiverPolicy`] says where
 //! to; it is asked when a URL is registered, before each attempt, and for every address that a
 //! name resolves to (`resolver.rs`). Redirects are not followed, proxies of the environment not

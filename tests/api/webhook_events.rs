@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use mapshift::delivery::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::changed_hall::APPEARED;
@@ -20,6 +20,17 @@ async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
     let call = receiver.call().await;
     assert_eq!(call.path, "/hook");
     let event = call.verified(secret(&webhook));
+    let document = service.get("/openapi.json").await.json();
+    let documented = &document["components"]["schemas"]["WebhookMessage"]["properties"];
+    let keys = |value: &Value| {
+        value
+            .as_object()
+            .unwrap()
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(keys(&event), keys(documented));
     assert_eq!(event["type"], "alert.updated");
     assert_eq!(event["timestamp"], alert["updated_at"]);
     assert_eq!(event["data"], alert);
@@ -81,28 +92,20 @@ async fn events_arrive_in_order() {
     service.stop().await;
 }
 
-/// Ten events, and as few calls as tell the state after each of them.
 #[tokio::test]
 async fn updates_that_a_call_has_told_already_are_not_sent() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    receiver.then(500);
+    receiver.then_nothing();
     let webhook = told(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
-    tried(&service, &webhook).await;
-    let directory = service.stop_keeping().await;
-    // Nothing is sent meanwhile: these settings lead nowhere.
-    let mut nowhere = options(HOUR);
-    nowhere.policy = ReceiverPolicy::Public;
-    let service = start_in(directory, nowhere).await;
     let mut alert = Value::Null;
     for _ in 0..9 {
         alert = happen(&service).await;
     }
     assert_eq!(deliveries(&service, &webhook).await.len(), 10);
     let directory = service.stop_keeping().await;
-    make_due(&directory).await;
     let service = start_in(directory, options(HOUR)).await;
     let event = receiver.call().await.verified(secret(&webhook));
     assert_eq!(event["data"], alert);
@@ -112,6 +115,36 @@ async fn updates_that_a_call_has_told_already_are_not_sent() {
     happen(&service).await;
     let event = receiver.call().await.verified(secret(&webhook));
     assert_eq!(event["data"]["revision"], 12);
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
+
+/// Each event is tried as it comes; what is tried again is the newest, and tells all of them.
+#[tokio::test]
+async fn a_receiver_that_was_down_is_told_each_alert_once() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    receiver.then(500).then(500).then(500);
+    let webhook = told(&service, &receiver).await;
+    let mut ids = Vec::new();
+    let mut alert = Value::Null;
+    for _ in 0..3 {
+        alert = happen(&service).await;
+        let call = receiver.call().await;
+        assert_eq!(tried(&service, &webhook).await["attempts"], 1);
+        let waiting = deliveries(&service, &webhook).await;
+        assert_eq!(waiting.len(), 1);
+        assert_eq!(waiting[0]["id"], call.header("webhook-id"));
+        ids.push(waiting[0]["id"].clone());
+    }
+    assert!(ids[0] != ids[1] && ids[1] != ids[2]);
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    let service = start_in(directory, options(HOUR)).await;
+    let call = receiver.call().await;
+    assert_eq!(ids[2], call.header("webhook-id"));
+    assert_eq!(call.verified(secret(&webhook))["data"], alert);
+    assert_eq!(ended(&service, &webhook).await["attempts"], 2);
     assert!(!receiver.has_call());
     service.stop().await;
 }
