@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 18] = [
     "ids",
     "geometry",
     "scan",
@@ -26,6 +26,7 @@ const LAYERS: [&str; 17] = [
     "formats",
     "store",
     "pipeline",
+    "delivery",
     "api",
     "config",
     "telemetry",
@@ -68,7 +69,7 @@ const AT_HOME: [(&str, &[&str]); 11] = [
     ("crate::sim", &["sim", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
-    ("reqwest", &["cli"]),
+    ("reqwest", &["delivery", "cli"]),
     ("sqlx", &["store"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),

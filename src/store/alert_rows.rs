@@ -5,6 +5,7 @@ use sqlx::SqliteConnection;
 use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{Text, json_text, micros, polygon_bytes};
 use super::error::StoreError;
+use super::webhook_deliveries::{Happened, queue};
 
 /// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
 /// the route's anew.
@@ -26,12 +27,7 @@ pub(super) async fn write_alerts(
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
         add_history(transaction, alert_key, &alert.history).await?;
         link_batches(transaction, route_key, alert_key, alert).await?;
-        sqlx::query("INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?)")
-            .bind(alert_key)
-            .bind(alert.revision)
-            .bind(micros(alert.updated_at))
-            .execute(&mut *transaction)
-            .await?;
+        tell(transaction, route_key, alert_key, alert).await?;
     }
     sqlx::query(
         "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
@@ -41,6 +37,33 @@ pub(super) async fn write_alerts(
     .execute(transaction)
     .await?;
     Ok(())
+}
+
+/// Writes what happened to an alert where streams read it, and queues it for webhooks.
+async fn tell(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    alert_key: i64,
+    alert: &AlertRecord,
+) -> Result<(), StoreError> {
+    let at_us = micros(alert.updated_at);
+    let sequence = sqlx::query_scalar(
+        "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
+         RETURNING sequence",
+    )
+    .bind(alert_key)
+    .bind(alert.revision)
+    .bind(at_us)
+    .fetch_one(&mut *transaction)
+    .await?;
+    let happened = Happened {
+        route_key,
+        alert_key,
+        sequence,
+        revision: alert.revision,
+        at_us,
+    };
+    queue(transaction, &happened).await
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {

@@ -31,11 +31,15 @@ mod retention;
 mod routes;
 mod settled;
 mod trips;
+mod webhook_deliveries;
+mod webhook_records;
+mod webhooks;
 mod writer;
 
 pub use alert_records::*;
 pub use error::{Corruption, StoreError};
 pub use records::*;
+pub use webhook_records::*;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,0 +1,331 @@
+//! Events on their way to receivers: queued with the change that they tell of, tried, ended.
+
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection, SqlitePool};
+
+use super::columns::{Text, alert_id, corrupt, micros, optional_time, text, time, webhook_id};
+use super::error::StoreError;
+use super::request::Request;
+use super::webhook_records::{
+    Attempt, AttemptEnd, AttemptVerdict, DeliveryFailure, DeliveryRecord, DeliveryStatus,
+    NextDelivery, TestQueued, WebhookEvent, WebhookSecret,
+};
+use super::{Store, named};
+use crate::ids::{AlertId, WebhookId};
+
+/// Most deliveries that are deleted in one step: other writes wait as long as it takes.
+const DELETED_AT_ONCE: i64 = 500;
+
+impl Store {
+    /// Queues a test of an active webhook; while one waits, that one is handed back.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn queue_webhook_test(
+        &self,
+        webhook: WebhookId,
+        now: Timestamp,
+    ) -> Result<TestQueued, StoreError> {
+        self.work(QueueTest { webhook, now }).await
+    }
+
+    /// What is sent next to each active webhook that something waits for, whether it is due
+    /// already or not.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn next_deliveries(&self) -> Result<Vec<NextDelivery>, StoreError> {
+        named(next_deliveries(&self.shared.readers).await)
+    }
+
+    /// Notes an attempt and what follows from it. Nothing is written if the delivery is gone or
+    /// has been tried by somebody else meanwhile.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn record_attempt(&self, attempt: Attempt) -> Result<(), StoreError> {
+        self.work(Record(attempt)).await
+    }
+
+    /// The deliveries of a webhook, the newest first, queued before the one with the key
+    /// `before`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn deliveries(
+        &self,
+        webhook: WebhookId,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<Vec<DeliveryRecord>, StoreError> {
+        named(deliveries(&self.shared.readers, webhook, before, limit).await)
+    }
+
+    /// Deletes deliveries of events before a time, whatever became of them, at most a few hundred;
+    /// returns how many.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_deliveries(&self, before: Timestamp) -> Result<u64, StoreError> {
+        self.work(DeleteOld { before }).await
+    }
+}
+
+/// An event of an alert, as it is written to `alert_events`.
+pub(super) struct Happened {
+    pub(super) route_key: i64,
+    pub(super) alert_key: i64,
+    pub(super) sequence: i64,
+    /// The alert's revision after it; 1 is the raising.
+    pub(super) revision: i64,
+    pub(super) at_us: i64,
+}
+
+/// Queues a delivery for every active webhook that wants to know.
+pub(super) async fn queue(
+    transaction: &mut SqliteConnection,
+    happened: &Happened,
+) -> Result<(), StoreError> {
+    let event = match happened.revision {
+        1 => WebhookEvent::AlertRaised,
+        _ => WebhookEvent::AlertUpdated,
+    };
+    sqlx::query(
+        "INSERT INTO webhook_deliveries (webhook_key, id, event, event_sequence, alert_key, \
+         at_us, status, attempts, next_attempt_at_us) \
+         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), ?1, ?2, ?3, ?4, 'pending', 0, \
+         ?4 FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5) \
+         AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = ?1) ORDER BY webhook_key",
+    )
+    .bind(event.text())
+    .bind(happened.sequence)
+    .bind(happened.alert_key)
+    .bind(happened.at_us)
+    .bind(happened.route_key)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+macro_rules! select_deliveries {
+    ($rest:literal) => {
+        concat!(
+            "SELECT webhook_deliveries.*, alerts.id AS alert_id FROM webhook_deliveries \
+             JOIN webhooks USING (webhook_key) LEFT JOIN alerts USING (alert_key) ",
+            $rest
+        )
+    };
+}
+
+struct QueueTest {
+    webhook: WebhookId,
+    now: Timestamp,
+}
+
+impl Request for QueueTest {
+    type Outcome = TestQueued;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<TestQueued, StoreError> {
+        let active: Option<bool> = sqlx::query_scalar("SELECT active FROM webhooks WHERE id = ?")
+            .bind(self.webhook.to_string())
+            .fetch_optional(&mut *transaction)
+            .await?;
+        match active {
+            None => return Ok(TestQueued::Unknown),
+            Some(false) => return Ok(TestQueued::Disabled),
+            Some(true) => {}
+        }
+        if let Some(waiting) = self.waiting(transaction).await? {
+            return Ok(TestQueued::Queued(waiting));
+        }
+        sqlx::query(
+            "INSERT INTO webhook_deliveries (webhook_key, id, event, at_us, status, attempts, \
+             next_attempt_at_us) SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), \
+             'webhook.test', ?2, 'pending', 0, ?2 FROM webhooks WHERE id = ?1",
+        )
+        .bind(self.webhook.to_string())
+        .bind(micros(self.now))
+        .execute(&mut *transaction)
+        .await?;
+        let queued = self.waiting(transaction).await?;
+        queued
+            .map(TestQueued::Queued)
+            .ok_or_else(|| corrupt("webhook_deliveries"))
+    }
+}
+
+impl QueueTest {
+    async fn waiting(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<DeliveryRecord>, StoreError> {
+        let row = sqlx::query(select_deliveries!(
+            "WHERE webhooks.id = ? AND event = 'webhook.test' AND status = 'pending'"
+        ))
+        .bind(self.webhook.to_string())
+        .fetch_optional(transaction)
+        .await?;
+        row.as_ref().map(delivery_of).transpose()
+    }
+}
+
+struct Record(Attempt);
+
+impl Request for Record {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let attempt = &self.0;
+        let (status, next) = match attempt.verdict {
+            AttemptVerdict::Delivered => (DeliveryStatus::Delivered, None),
+            AttemptVerdict::RetryAt(at) => (DeliveryStatus::Pending, Some(micros(at))),
+            AttemptVerdict::Failed | AttemptVerdict::Gone => (DeliveryStatus::Failed, None),
+        };
+        let (answer, failure) = match attempt.end {
+            AttemptEnd::Answer(status) => (Some(status), None),
+            AttemptEnd::Failure(failure) => (None, Some(failure.text())),
+        };
+        sqlx::query(
+            "UPDATE webhook_deliveries SET status = ?3, attempts = ?2, attempted_at_us = ?4, \
+             next_attempt_at_us = ?5, answer_status = ?6, failure = ?7 \
+             WHERE delivery_key = ?1 AND attempts = ?2 - 1 AND status = 'pending'",
+        )
+        .bind(attempt.delivery_key)
+        .bind(attempt.attempts)
+        .bind(status.text())
+        .bind(micros(attempt.ended_at))
+        .bind(next)
+        .bind(answer)
+        .bind(failure)
+        .execute(&mut *transaction)
+        .await?;
+        if attempt.verdict == AttemptVerdict::Gone {
+            self.disable(transaction).await?;
+        }
+        Ok(())
+    }
+}
+
+impl Record {
+    /// Unless somebody has edited the webhook meanwhile: then it may lead elsewhere.
+    async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        sqlx::query(
+            "UPDATE webhooks SET active = 0, gone_at_us = ?2, updated_at_us = ?2, \
+             revision = revision + 1 WHERE active = 1 AND revision = ?3 AND webhook_key = \
+             (SELECT webhook_key FROM webhook_deliveries WHERE delivery_key = ?1)",
+        )
+        .bind(self.0.delivery_key)
+        .bind(micros(self.0.ended_at))
+        .bind(self.0.webhook_revision)
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+}
+
+struct DeleteOld {
+    before: Timestamp,
+}
+
+impl Request for DeleteOld {
+    type Outcome = u64;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
+        let deleted = sqlx::query(
+            "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
+                 SELECT delivery_key FROM webhook_deliveries WHERE at_us < ? \
+                 ORDER BY at_us LIMIT ?)",
+        )
+        .bind(micros(self.before))
+        .bind(DELETED_AT_ONCE)
+        .execute(transaction)
+        .await?;
+        Ok(deleted.rows_affected())
+    }
+}
+
+async fn next_deliveries(readers: &SqlitePool) -> Result<Vec<NextDelivery>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT delivery.delivery_key, delivery.id, webhooks.id AS webhook_id, \
+         webhooks.revision, url, secret, event, alerts.id AS alert_id, at_us, attempts, \
+         next_attempt_at_us FROM webhooks JOIN webhook_deliveries AS delivery \
+         ON delivery.delivery_key = ( \
+             SELECT delivery_key FROM webhook_deliveries AS pending \
+             WHERE pending.webhook_key = webhooks.webhook_key AND pending.status = 'pending' \
+             ORDER BY next_attempt_at_us, delivery_key LIMIT 1) \
+         LEFT JOIN alerts USING (alert_key) \
+         WHERE webhooks.active = 1 ORDER BY next_attempt_at_us, delivery_key",
+    )
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(next_of).collect()
+}
+
+async fn deliveries(
+    readers: &SqlitePool,
+    webhook: WebhookId,
+    before: Option<i64>,
+    limit: u32,
+) -> Result<Vec<DeliveryRecord>, StoreError> {
+    let rows = sqlx::query(select_deliveries!(
+        "WHERE webhooks.id = ? AND delivery_key < ? ORDER BY delivery_key DESC LIMIT ?"
+    ))
+    .bind(webhook.to_string())
+    .bind(before.unwrap_or(i64::MAX))
+    .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(delivery_of).collect()
+}
+
+fn next_of(row: &SqliteRow) -> Result<NextDelivery, StoreError> {
+    let secret: &[u8] = row.try_get("secret")?;
+    Ok(NextDelivery {
+        key: row.try_get("delivery_key")?,
+        id: row.try_get("id")?,
+        webhook_id: webhook_id(row, "webhook_id")?,
+        webhook_revision: row.try_get("revision")?,
+        url: row.try_get("url")?,
+        secret: WebhookSecret(secret.try_into().map_err(|_| corrupt("secret"))?),
+        event: text(row, "event")?,
+        alert_id: optional_alert_id(row)?,
+        at: time(row, "at_us")?,
+        attempts: row.try_get("attempts")?,
+        due_at: time(row, "next_attempt_at_us")?,
+    })
+}
+
+fn delivery_of(row: &SqliteRow) -> Result<DeliveryRecord, StoreError> {
+    Ok(DeliveryRecord {
+        key: row.try_get("delivery_key")?,
+        id: row.try_get("id")?,
+        event: text(row, "event")?,
+        event_sequence: row.try_get("event_sequence")?,
+        alert_id: optional_alert_id(row)?,
+        at: time(row, "at_us")?,
+        status: text(row, "status")?,
+        attempts: row.try_get("attempts")?,
+        attempted_at: optional_time(row, "attempted_at_us")?,
+        next_attempt_at: optional_time(row, "next_attempt_at_us")?,
+        last_end: last_end_of(row)?,
+    })
+}
+
+fn last_end_of(row: &SqliteRow) -> Result<Option<AttemptEnd>, StoreError> {
+    let answer: Option<u16> = row.try_get("answer_status")?;
+    if let Some(status) = answer {
+        return Ok(Some(AttemptEnd::Answer(status)));
+    }
+    let failure: Option<&str> = row.try_get("failure")?;
+    let failure = failure.map(|text| DeliveryFailure::parse(text).ok_or_else(|| corrupt("failure")));
+    Ok(failure.transpose()?.map(AttemptEnd::Failure))
+}
+
+fn optional_alert_id(row: &SqliteRow) -> Result<Option<AlertId>, StoreError> {
+    let there: Option<&str> = row.try_get("alert_id")?;
+    there.map(|_| alert_id(row, "alert_id")).transpose()
+}

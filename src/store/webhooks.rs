@@ -1,0 +1,258 @@
+//! Webhooks: registered, changed, deleted, read.
+
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection, SqlitePool};
+
+use super::columns::{
+    Text, corrupt, json, json_text, micros, name, optional_time, time, webhook_id,
+};
+use super::error::StoreError;
+use super::request::Request;
+use super::webhook_records::{
+    Edited, NewWebhook, Registered, WEBHOOKS_MAX, WebhookEvent, WebhookRecord, WebhookUpdate,
+};
+use super::{Store, named};
+use crate::ids::WebhookId;
+
+impl Store {
+    /// Registers a webhook. It is told of what happens from now on.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn register_webhook(&self, webhook: NewWebhook) -> Result<Registered, StoreError> {
+        self.work(Register(webhook)).await
+    }
+
+    /// Changes a webhook, if it is still at `revision` where one is given.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn update_webhook(
+        &self,
+        id: WebhookId,
+        revision: Option<i64>,
+        update: WebhookUpdate,
+        now: Timestamp,
+    ) -> Result<Edited, StoreError> {
+        let request = Update {
+            id,
+            revision,
+            update,
+            now,
+        };
+        self.work(request).await
+    }
+
+    /// Deletes a webhook with its deliveries, if it is still at `revision` where one is given.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_webhook(
+        &self,
+        id: WebhookId,
+        revision: Option<i64>,
+    ) -> Result<Edited, StoreError> {
+        self.work(Delete { id, revision }).await
+    }
+
+    /// One webhook.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn webhook(&self, id: WebhookId) -> Result<Option<WebhookRecord>, StoreError> {
+        named(webhook(&self.shared.readers, id).await)
+    }
+
+    /// By id, that is the oldest first, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn webhooks(
+        &self,
+        after: Option<WebhookId>,
+        limit: u32,
+    ) -> Result<Vec<WebhookRecord>, StoreError> {
+        named(webhooks(&self.shared.readers, after, limit).await)
+    }
+}
+
+struct Register(NewWebhook);
+
+impl Request for Register {
+    type Outcome = Registered;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Registered, StoreError> {
+        let webhook = &self.0;
+        let count: u32 = sqlx::query_scalar("SELECT count(*) FROM webhooks")
+            .fetch_one(&mut *transaction)
+            .await?;
+        if count >= WEBHOOKS_MAX {
+            return Ok(Registered::TooMany);
+        }
+        let route = webhook.route_id.as_ref().map(|route| route.as_str());
+        let inserted = sqlx::query(
+            "INSERT INTO webhooks (id, revision, url, secret, events, route_key, description, \
+             active, created_at_us, updated_at_us) \
+             SELECT ?1, 1, ?2, ?3, ?4, (SELECT route_key FROM routes WHERE id = ?5), ?6, 1, ?7, ?7 \
+             WHERE ?5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = ?5)",
+        )
+        .bind(webhook.id.to_string())
+        .bind(&webhook.url)
+        .bind(webhook.secret.0.as_slice())
+        .bind(events_text(&webhook.events)?)
+        .bind(route)
+        .bind(webhook.description.as_deref())
+        .bind(micros(webhook.created_at))
+        .execute(transaction)
+        .await?;
+        match inserted.rows_affected() {
+            0 => Ok(Registered::UnknownRoute),
+            _ => Ok(Registered::Created),
+        }
+    }
+}
+
+struct Update {
+    id: WebhookId,
+    revision: Option<i64>,
+    update: WebhookUpdate,
+    now: Timestamp,
+}
+
+impl Request for Update {
+    type Outcome = Edited;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
+        let update = &self.update;
+        let events = update.events.as_deref().map(events_text).transpose()?;
+        let changed = sqlx::query(
+            "UPDATE webhooks SET revision = revision + 1, url = coalesce(?3, url), \
+             events = coalesce(?4, events), description = coalesce(?5, description), \
+             active = coalesce(?6, active), \
+             gone_at_us = CASE WHEN ?6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = ?7 \
+             WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
+        )
+        .bind(self.id.to_string())
+        .bind(self.revision)
+        .bind(update.url.as_deref())
+        .bind(events)
+        .bind(update.description.as_deref())
+        .bind(update.active)
+        .bind(micros(self.now))
+        .execute(&mut *transaction)
+        .await?;
+        edited(transaction, self.id, changed.rows_affected()).await
+    }
+}
+
+struct Delete {
+    id: WebhookId,
+    revision: Option<i64>,
+}
+
+impl Request for Delete {
+    type Outcome = Edited;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
+        let deleted =
+            sqlx::query("DELETE FROM webhooks WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)")
+                .bind(self.id.to_string())
+                .bind(self.revision)
+                .execute(&mut *transaction)
+                .await?;
+        edited(transaction, self.id, deleted.rows_affected()).await
+    }
+}
+
+/// Why an edit touched so many rows.
+async fn edited(
+    transaction: &mut SqliteConnection,
+    id: WebhookId,
+    rows: u64,
+) -> Result<Edited, StoreError> {
+    if rows > 0 {
+        return Ok(Edited::Done);
+    }
+    let is_there: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM webhooks WHERE id = ?)")
+        .bind(id.to_string())
+        .fetch_one(transaction)
+        .await?;
+    Ok(match is_there {
+        true => Edited::Stale,
+        false => Edited::Unknown,
+    })
+}
+
+macro_rules! select_webhooks {
+    ($rest:literal) => {
+        concat!(
+            "SELECT webhooks.id, webhooks.revision, url, events, routes.id AS route_id, \
+             description, active, gone_at_us, webhooks.created_at_us, webhooks.updated_at_us \
+             FROM webhooks LEFT JOIN routes USING (route_key) ",
+            $rest
+        )
+    };
+}
+
+async fn webhook(
+    readers: &SqlitePool,
+    id: WebhookId,
+) -> Result<Option<WebhookRecord>, StoreError> {
+    let row = sqlx::query(select_webhooks!("WHERE webhooks.id = ?"))
+        .bind(id.to_string())
+        .fetch_optional(readers)
+        .await?;
+    row.as_ref().map(webhook_of).transpose()
+}
+
+async fn webhooks(
+    readers: &SqlitePool,
+    after: Option<WebhookId>,
+    limit: u32,
+) -> Result<Vec<WebhookRecord>, StoreError> {
+    let rows = sqlx::query(select_webhooks!(
+        "WHERE webhooks.id > ? ORDER BY webhooks.id LIMIT ?"
+    ))
+    .bind(after.map_or_else(String::new, |id| id.to_string()))
+    .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(webhook_of).collect()
+}
+
+fn webhook_of(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
+    let route: Option<&str> = row.try_get("route_id")?;
+    let route_id = match route {
+        Some(_) => Some(name(row, "route_id")?),
+        None => None,
+    };
+    Ok(WebhookRecord {
+        id: webhook_id(row, "id")?,
+        revision: row.try_get("revision")?,
+        url: row.try_get("url")?,
+        events: parse_events(row)?,
+        route_id,
+        description: row.try_get("description")?,
+        active: row.try_get("active")?,
+        gone_at: optional_time(row, "gone_at_us")?,
+        created_at: time(row, "created_at_us")?,
+        updated_at: time(row, "updated_at_us")?,
+    })
+}
+
+fn events_text(events: &[WebhookEvent]) -> Result<String, StoreError> {
+    let names: Vec<&str> = events.iter().map(|event| event.text()).collect();
+    json_text(&names)
+}
+
+fn parse_events(row: &SqliteRow) -> Result<Vec<WebhookEvent>, StoreError> {
+    let names: Vec<String> = json(row, "events")?;
+    let events = names.iter().map(|name| WebhookEvent::parse(name));
+    events
+        .collect::<Option<_>>()
+        .ok_or_else(|| corrupt("events"))
+}
