@@ -13,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, ApiState};
 use crate::config::AppConfig;
+use crate::delivery;
 use crate::pipeline;
 use crate::store::{Store, StoreOptions};
 use crate::telemetry;
@@ -54,6 +55,10 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     // The one place where background tasks start. Each ends soon after `stopping` is cancelled.
     let pipeline = pipeline::start(&store, config.pipeline, &stopping)?;
     let mut background = pipeline.tasks;
+    let receivers = config.delivery.policy;
+    let delivery = delivery::start(&store, config.delivery, api::alert_text, &stopping)
+        .context("cannot call webhooks")?;
+    background.extend(delivery);
     let upkeep_metrics = metrics.clone();
     let upkeep_store = store.clone();
     let upkeep = move || {
@@ -69,6 +74,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         draining.clone(),
         metrics,
         pipeline.decisions,
+        receivers,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;
     let connections = Connections::new(router, config.limits, draining.clone());

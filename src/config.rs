@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use crate::api::Limits;
+use crate::delivery::{DeliveryOptions, ReceiverPolicy};
 use crate::pipeline::PipelineOptions;
 
 /// Settings of `serve`. Each can be a flag or a variable; the flag wins.
@@ -33,6 +34,11 @@ pub struct ServiceArgs {
     /// Listen on an address that others can reach, although the service asks nobody for a key.
     #[arg(long, env = "MAPSHIFT_INSECURE_OPEN_TO_NETWORK")]
     pub insecure_open_to_network: bool,
+    /// Send webhooks to private networks too, and by http: for closed plants whose receivers live in
+    /// the plant's own network. Whoever may register webhooks can then make the service call
+    /// whatever it reaches there.
+    #[arg(long, env = "MAPSHIFT_WEBHOOKS_TO_PRIVATE_NETWORKS")]
+    pub webhooks_to_private_networks: bool,
 }
 
 /// Form of the log.
@@ -55,6 +61,8 @@ pub struct AppConfig {
     pub limits: Limits,
     /// How much is kept.
     pub pipeline: PipelineOptions,
+    /// How webhooks are called.
+    pub delivery: DeliveryOptions,
 }
 
 /// Why settings are refused.
@@ -81,6 +89,7 @@ impl ServiceArgs {
             data_dir: self.data.clone(),
             limits: Limits::default(),
             pipeline: self.pipeline_options(),
+            delivery: self.delivery_options(),
         })
     }
 }
@@ -92,6 +101,18 @@ impl ServiceArgs {
             map_memory_bytes: self.map_memory_mb.saturating_mul(1 << 20),
             keep_bodies: self.keep_bodies_days.map(days),
             ..PipelineOptions::default()
+        }
+    }
+}
+
+impl ServiceArgs {
+    fn delivery_options(&self) -> DeliveryOptions {
+        DeliveryOptions {
+            policy: match self.webhooks_to_private_networks {
+                false => ReceiverPolicy::Public,
+                true => ReceiverPolicy::PrivateToo,
+            },
+            ..DeliveryOptions::default()
         }
     }
 }
@@ -114,7 +135,17 @@ mod tests {
             log_format: LogFormat::Text,
             log: "info".into(),
             insecure_open_to_network,
+            webhooks_to_private_networks: false,
         }
+    }
+
+    #[test]
+    fn private_networks_are_a_choice() {
+        let mut args = args("127.0.0.1:0", false);
+        let policy = |args: &ServiceArgs| args.app_config().unwrap().delivery.policy;
+        assert_eq!(policy(&args), ReceiverPolicy::Public);
+        args.webhooks_to_private_networks = true;
+        assert_eq!(policy(&args), ReceiverPolicy::PrivateToo);
     }
 
     #[test]

@@ -57,6 +57,15 @@ fn install() -> anyhow::Result<PrometheusHandle> {
         "Batches that wait to be processed"
     );
     metrics::describe_gauge!("mapshift_connections", "Open connections");
+    metrics::describe_counter!(
+        "mapshift_webhook_attempts_total",
+        "Attempts to call webhooks by what followed: delivered, retried, failed, gone"
+    );
+    metrics::describe_histogram!(
+        "mapshift_webhook_attempt_duration_seconds",
+        metrics::Unit::Seconds,
+        "Time to call a webhook"
+    );
     describe_what_is_kept();
     Ok(handle)
 }

@@ -7,6 +7,7 @@ use anyhow::Context;
 use mapshift::api::Limits;
 use mapshift::app;
 use mapshift::config::{AppConfig, temporary_data_dir};
+use mapshift::delivery::DeliveryOptions;
 use mapshift::pipeline::PipelineOptions;
 
 /// `sysconf(_SC_CLK_TCK)`, which Linux has at 100 on all common machines.
@@ -20,6 +21,7 @@ pub async fn serve() -> anyhow::Result<()> {
         data_dir: data_dir.clone(),
         limits: Limits::default(),
         pipeline: PipelineOptions::default(),
+        delivery: DeliveryOptions::default(),
     };
     let service = app::start(config).await?;
     writeln!(std::io::stdout(), "http://{}", service.local_addr())?;

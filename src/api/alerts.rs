@@ -77,6 +77,14 @@ pub(super) async fn get_alert(
     Ok(with_etag(known_alert(&state, id).await?))
 }
 
+/// An alert as this interface shows it: a JSON object.
+///
+/// # Errors
+/// If it does not serialise.
+pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
+    serde_json::to_string(&AlertBody::from(alert))
+}
+
 /// A page of the list and where the next one begins.
 async fn page(
     state: &ApiState,

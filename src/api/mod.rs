@@ -1,7 +1,8 @@
 //! The HTTP interface: one file per resource, one error type, the OpenAPI document, the page.
 //!
-//! Knows the store, and the pipeline's [`Decisions`](crate::pipeline::Decisions); knows nothing of
-//! matching, solving and workers.
+//! Knows the store, the pipeline's [`Decisions`](crate::pipeline::Decisions), and where webhooks may
+//! lead ([`ReceiverPolicy`](crate::delivery::ReceiverPolicy)); knows nothing of matching, solving
+//! and workers.
 
 mod alerts;
 mod batches;
@@ -9,6 +10,7 @@ mod documents;
 mod edges;
 mod extract;
 mod graph;
+mod if_match;
 mod layers;
 mod limits;
 mod maps;
@@ -27,6 +29,7 @@ mod types;
 mod upload;
 mod version_maps;
 mod versions;
+mod webhooks;
 
 use axum::Router;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -35,6 +38,7 @@ use utoipa::OpenApi as _;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+pub use alerts::alert_text;
 pub use limits::Limits;
 pub use state::ApiState;
 
@@ -78,6 +82,14 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::dismiss_alert))
         .routes(routes!(alerts::reopen_alert))
         .routes(routes!(alerts::undo_alert))
+        .routes(routes!(webhooks::list_webhooks, webhooks::register_webhook))
+        .routes(routes!(
+            webhooks::get_webhook,
+            webhooks::change_webhook,
+            webhooks::delete_webhook
+        ))
+        .routes(routes!(webhooks::test_webhook))
+        .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(operations::livez))
         .routes(routes!(operations::readyz))
         .routes(routes!(operations::metrics))

@@ -19,6 +19,7 @@ use super::problem::{FieldError, ProblemBody, ProblemKind};
         (name = "graph", description = "Nodes, edges, trajectories"),
         (name = "residuals", description = "The statistics that tell a changed world"),
         (name = "alerts", description = "Where the world has changed, and what was decided about it"),
+        (name = "webhooks", description = "Who is told of alerts by a POST. The body is `{\"type\", \"timestamp\", \"data\"}`, where `data` is the alert as `GET /v1/alerts/{alert}` shows it when it is sent. It is signed as Standard Webhooks has it: `webhook-signature` is `v1,` and the base64 of HMAC-SHA256 over `webhook-id.webhook-timestamp.body`, keyed with the bytes whose base64 follows `whsec_` in the secret"),
         (name = "map", description = "Pictures and versions of the map"),
         (name = "operations", description = "For those who run the service")
     ),
@@ -89,6 +90,9 @@ fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
     if path.starts_with("/v1/alerts") {
         kinds.extend(of_alerts(path, method));
     }
+    if path.starts_with("/v1/webhooks") {
+        kinds.extend(of_webhooks(path, method));
+    }
     if path == "/readyz" {
         kinds.push(K::NotReady);
     }
@@ -116,6 +120,26 @@ fn of_alerts(path: &str, method: &str) -> Vec<ProblemKind> {
         kinds.extend([K::PreconditionRequired, K::PreconditionFailed]);
         kinds.push(K::TransitionNotAllowed);
     }
+    kinds
+}
+
+/// What operations on webhooks can end in beside the rest.
+fn of_webhooks(path: &str, method: &str) -> Vec<ProblemKind> {
+    use ProblemKind as K;
+    let mut kinds = Vec::new();
+    if path.contains("{webhook}") {
+        kinds.extend([K::InvalidField, K::NotFound]);
+    }
+    match (path, method) {
+        (_, "get") => return kinds,
+        ("/v1/webhooks", _) => kinds.extend([K::UnknownRoute, K::TooManyWebhooks]),
+        (path, _) if path.ends_with("/test") => kinds.push(K::WebhookDisabled),
+        _ => kinds.push(K::PreconditionFailed),
+    }
+    if ["post", "patch"].contains(&method) && !path.ends_with("/test") {
+        kinds.extend([K::InvalidField, K::WebhookUrlRefused]);
+    }
+    kinds.push(K::DiskFull);
     kinds
 }
 
@@ -196,7 +220,15 @@ mod tests {
             if let Some(choices) = schema.get("oneOf").and_then(Value::as_array) {
                 assert!(choices.iter().all(|c| c["type"] == "string"), "{name}");
             }
-            let sent_by_clients = ["Put", "Upload", "InitialPose", "Lidar", "Decision"];
+            let sent_by_clients = [
+                "Put",
+                "Upload",
+                "InitialPose",
+                "Lidar",
+                "Decision",
+                "Registration",
+                "Change",
+            ];
             let is_request = sent_by_clients.iter().any(|end| name.ends_with(end));
             let properties = schema["properties"].as_object();
             for property in properties.into_iter().flatten().map(|(name, _)| name) {

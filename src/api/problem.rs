@@ -57,6 +57,8 @@ problem_kinds! {
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
     NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
+    TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
+    WebhookDisabled = CONFLICT, "webhook-disabled", "The webhook is not active";
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
     PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
     TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
@@ -65,6 +67,7 @@ problem_kinds! {
     ScanGeometry = UNPROCESSABLE_ENTITY, "scan-geometry", "The scans fit no lidar";
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
+    WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
     Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
     ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";

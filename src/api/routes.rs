@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
 use super::upload::small_json;
@@ -266,18 +267,11 @@ fn with_etag(status: StatusCode, route: RouteRecord) -> Response {
 
 /// Whether `If-Match` allows a write to the route as it is.
 fn check_if_match(headers: &HeaderMap, current: Option<&RouteRecord>) -> Result<(), Problem> {
-    let Some(wanted) = headers.get(header::IF_MATCH) else {
-        return Ok(());
+    let allowed = match current {
+        Some(route) => if_match(headers, &etag(route)).unwrap_or(true),
+        None => !headers.contains_key(header::IF_MATCH),
     };
-    let wanted = wanted.to_str().unwrap_or_default();
-    let matches = current.is_some_and(|route| {
-        let tag = etag(route);
-        wanted
-            .split(',')
-            .map(str::trim)
-            .any(|t| t == "*" || t == tag)
-    });
-    if matches {
+    if allowed {
         return Ok(());
     }
     Err(Problem::new(

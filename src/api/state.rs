@@ -11,6 +11,7 @@ use super::alerts::STREAMS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
+use crate::delivery::ReceiverPolicy;
 use crate::ids::RouteId;
 use crate::pipeline::Decisions;
 use crate::store::{RouteRecord, Store};
@@ -31,6 +32,8 @@ pub struct Shared {
     pub metrics: PrometheusHandle,
     /// Who carries decisions about alerts out.
     pub decisions: Decisions,
+    /// Where webhooks may lead.
+    pub receivers: ReceiverPolicy,
     /// Uploads that may be under way.
     pub(super) upload_slots: Arc<Semaphore>,
     /// Kibibytes of uploads as they are sent.
@@ -55,6 +58,7 @@ impl ApiState {
         draining: CancellationToken,
         metrics: PrometheusHandle,
         decisions: Decisions,
+        receivers: ReceiverPolicy,
     ) -> Self {
         Self(Arc::new(Shared {
             upload_slots: Arc::new(Semaphore::new(limits.uploads)),
@@ -69,6 +73,7 @@ impl ApiState {
             draining,
             metrics,
             decisions,
+            receivers,
         }))
     }
 

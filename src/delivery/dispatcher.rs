@@ -62,7 +62,10 @@ impl Dispatcher {
                 () = tokio::time::sleep(LOOK) => {}
             }
         }
-        if tokio::time::timeout(GRACE, under_way.all_ended()).await.is_err() {
+        if tokio::time::timeout(GRACE, under_way.all_ended())
+            .await
+            .is_err()
+        {
             tracing::info!("deliveries under way were cut off; they are sent again");
         }
     }

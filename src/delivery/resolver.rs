@@ -52,15 +52,27 @@ mod tests {
     use super::*;
 
     fn left(policy: ReceiverPolicy, found: &[&str]) -> Option<Vec<String>> {
-        let found = found.iter().map(|text| SocketAddr::new(text.parse().unwrap(), 0));
+        let found = found
+            .iter()
+            .map(|text| SocketAddr::new(text.parse().unwrap(), 0));
         let left = allowed(policy, found).ok()?;
-        Some(left.iter().map(|address| address.ip().to_string()).collect())
+        Some(
+            left.iter()
+                .map(|address| address.ip().to_string())
+                .collect(),
+        )
     }
 
     #[test]
     fn what_is_refused_is_dropped_wherever_it_stands() {
         let public = ReceiverPolicy::Public;
-        let mixed = ["10.0.0.1", "8.8.8.8", "::1", "2606:4700::1111", "169.254.169.254"];
+        let mixed = [
+            "10.0.0.1",
+            "8.8.8.8",
+            "::1",
+            "2606:4700::1111",
+            "169.254.169.254",
+        ];
         assert_eq!(
             left(public, &mixed).unwrap(),
             ["8.8.8.8", "2606:4700::1111"]

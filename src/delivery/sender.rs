@@ -161,7 +161,11 @@ mod tests {
         let sent = sender.send(&next(&url), "{}".into()).await;
         let head = receiver.await.unwrap().to_ascii_lowercase();
         assert!(head.starts_with("post /hook http/1.1"), "{head}");
-        for header in ["content-type: application/json", "webhook-id: msg_1", "user-agent: mapshift/"] {
+        for header in [
+            "content-type: application/json",
+            "webhook-id: msg_1",
+            "user-agent: mapshift/",
+        ] {
             assert!(head.contains(header), "{head}");
         }
         sent
@@ -169,13 +173,17 @@ mod tests {
 
     #[tokio::test]
     async fn an_answer_is_its_status_and_the_wait_that_it_asks_for() {
-        let sent = answered(b"HTTP/1.1 503 No\r\nretry-after: 7\r\ncontent-length: 0\r\n\r\n").await;
+        let sent =
+            answered(b"HTTP/1.1 503 No\r\nretry-after: 7\r\ncontent-length: 0\r\n\r\n").await;
         assert_eq!(sent.end, AttemptEnd::Answer(503));
         assert_eq!(sent.asked, Some(Duration::from_secs(7)));
         // A body that never comes is not waited for.
         let sent = answered(b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n").await;
         assert_eq!(sent.end, AttemptEnd::Answer(200));
-        let sent = answered(b"HTTP/1.1 302 There\r\nlocation: http://127.0.0.1:1/\r\ncontent-length: 0\r\n\r\n").await;
+        let sent = answered(
+            b"HTTP/1.1 302 There\r\nlocation: http://127.0.0.1:1/\r\ncontent-length: 0\r\n\r\n",
+        )
+        .await;
         assert_eq!(sent.end, AttemptEnd::Answer(302));
         let sent = answered(b"SSH-2.0-OpenSSH_9.9\r\n").await;
         assert_eq!(sent.end, DeliveryFailure::BrokenAnswer.into_end());
@@ -192,15 +200,28 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let port = listener.local_addr().unwrap().port();
         let public = ReceiverPolicy::Public;
-        for host in ["127.0.0.1", "2130706433", "[::1]", "localhost", "169.254.169.254"] {
+        for host in [
+            "127.0.0.1",
+            "2130706433",
+            "[::1]",
+            "localhost",
+            "169.254.169.254",
+        ] {
             for scheme in ["http", "https"] {
                 let end = sent(public, LONG, &format!("{scheme}://{host}:{port}/")).await;
-                assert_eq!(end, DeliveryFailure::UrlRefused.into_end(), "{scheme} {host}");
+                assert_eq!(
+                    end,
+                    DeliveryFailure::UrlRefused.into_end(),
+                    "{scheme} {host}"
+                );
             }
         }
         // A name that passes the check of URLs, and leads to this machine.
         let client = Sender::new(public, LONG).unwrap().client;
-        let error = client.post(format!("https://localhost:{port}/")).send().await;
+        let error = client
+            .post(format!("https://localhost:{port}/"))
+            .send()
+            .await;
         let failure = failure_of(&error.unwrap_err());
         assert_eq!(failure, DeliveryFailure::AddressRefused);
         let nobody = tokio::time::timeout(Duration::from_millis(50), listener.accept()).await;

@@ -56,7 +56,12 @@ mod tests {
             "whsec_AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8="
         );
         assert_eq!(
-            signature(&secret, "msg_0001", 1_795_154_409, r#"{"type":"alert.raised"}"#),
+            signature(
+                &secret,
+                "msg_0001",
+                1_795_154_409,
+                r#"{"type":"alert.raised"}"#
+            ),
             "v1,Wca+HubgWG90acgyHFAaj/r+OMbXJ48ibPLwHJ4/wbk="
         );
     }
@@ -68,7 +73,10 @@ mod tests {
         assert_ne!(signed, signature(&secret, "msg_2", 5, "body"));
         assert_ne!(signed, signature(&secret, "msg_1", 6, "body"));
         assert_ne!(signed, signature(&secret, "msg_1", 5, "body "));
-        assert_ne!(signed, signature(&WebhookSecret([8; 32]), "msg_1", 5, "body"));
+        assert_ne!(
+            signed,
+            signature(&WebhookSecret([8; 32]), "msg_1", 5, "body")
+        );
     }
 
     #[test]

@@ -321,7 +321,8 @@ fn last_end_of(row: &SqliteRow) -> Result<Option<AttemptEnd>, StoreError> {
         return Ok(Some(AttemptEnd::Answer(status)));
     }
     let failure: Option<&str> = row.try_get("failure")?;
-    let failure = failure.map(|text| DeliveryFailure::parse(text).ok_or_else(|| corrupt("failure")));
+    let failure =
+        failure.map(|text| DeliveryFailure::parse(text).ok_or_else(|| corrupt("failure")));
     Ok(failure.transpose()?.map(AttemptEnd::Failure))
 }
 

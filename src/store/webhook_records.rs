@@ -155,13 +155,6 @@ pub enum DeliveryFailure {
     BrokenAnswer,
 }
 
-impl DeliveryFailure {
-    /// Its name to the outside.
-    pub fn name(self) -> &'static str {
-        super::columns::Text::text(self)
-    }
-}
-
 /// An event on its way to a receiver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeliveryRecord {

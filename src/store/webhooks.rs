@@ -198,10 +198,7 @@ macro_rules! select_webhooks {
     };
 }
 
-async fn webhook(
-    readers: &SqlitePool,
-    id: WebhookId,
-) -> Result<Option<WebhookRecord>, StoreError> {
+async fn webhook(readers: &SqlitePool, id: WebhookId) -> Result<Option<WebhookRecord>, StoreError> {
     let row = sqlx::query(select_webhooks!("WHERE webhooks.id = ?"))
         .bind(id.to_string())
         .fetch_optional(readers)

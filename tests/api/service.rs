@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
+use mapshift::delivery::DeliveryOptions;
 use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -50,6 +51,7 @@ impl Service {
             data_dir: directory.path().join("data"),
             limits,
             pipeline: PipelineOptions::default(),
+            delivery: DeliveryOptions::default(),
         };
         let app = app::start(config).await.unwrap();
         Self {

@@ -5,6 +5,7 @@ use std::path::Path;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
+use mapshift::delivery::DeliveryOptions;
 use mapshift::pipeline::PipelineOptions;
 use tempfile::TempDir;
 
@@ -32,6 +33,7 @@ impl Running {
             data_dir: directory.join("data"),
             limits: Limits::default(),
             pipeline: PipelineOptions::default(),
+            delivery: DeliveryOptions::default(),
         };
         let app = app::start(config).await.unwrap();
         Self {

@@ -2,7 +2,7 @@
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -11,6 +11,7 @@ use super::body::{allowed_actions, etag};
 use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::if_match::if_match;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::upload::small_json;
 use crate::change::AlertAction;
@@ -76,20 +77,16 @@ impl AlertDecision {
 
 /// A decision must name the revision that its maker has seen.
 fn check_if_match(headers: &HeaderMap, alert: &AlertRecord) -> Result<(), Problem> {
-    let Some(wanted) = headers.get(header::IF_MATCH) else {
-        return Err(Problem::new(
+    match if_match(headers, &etag(alert)) {
+        Some(true) => Ok(()),
+        Some(false) => Err(stale()),
+        None => Err(Problem::new(
             ProblemKind::PreconditionRequired,
             "send If-Match with the alert's ETag (its revision in quotes), so that nobody decides \
              about something else than was looked at",
         )
-        .at("If-Match"));
-    };
-    let (wanted, tag) = (wanted.to_str().unwrap_or_default(), etag(alert));
-    let mut tags = wanted.split(',').map(str::trim);
-    if tags.any(|t| t == "*" || t == tag) {
-        return Ok(());
+        .at("If-Match")),
     }
-    Err(stale())
 }
 
 fn stale() -> Problem {

@@ -115,7 +115,15 @@ fn what_is_not_public_is_refused() {
 #[test]
 fn what_is_no_url_is_refused() {
     let long = format!("https://example.com/{}", "x".repeat(URL_LENGTH_MAX));
-    for text in ["", "example.com", "/hook", "https://", "https:// /", "https://[::1", &long] {
+    for text in [
+        "",
+        "example.com",
+        "/hook",
+        "https://",
+        "https:// /",
+        "https://[::1",
+        &long,
+    ] {
         for policy in [ReceiverPolicy::Public, ReceiverPolicy::PrivateToo] {
             assert!(policy.check_url(text).is_err(), "{text}");
         }
@@ -127,14 +135,20 @@ fn public_receivers_are_taken_in_their_normal_form() {
     for (text, normal) in [
         ("https://example.com", "https://example.com/"),
         ("https://Example.COM:443/a?b=c", "https://example.com/a?b=c"),
-        ("https://hooks.example.com:8443/x/", "https://hooks.example.com:8443/x/"),
+        (
+            "https://hooks.example.com:8443/x/",
+            "https://hooks.example.com:8443/x/",
+        ),
         ("https://bücher.example/", "https://xn--bcher-kva.example/"),
         ("https://8.8.8.8/", "https://8.8.8.8/"),
         ("https://172.32.0.1/", "https://172.32.0.1/"),
         ("https://[2606:4700::1111]/", "https://[2606:4700::1111]/"),
         ("https://notlocalhost.com/", "https://notlocalhost.com/"),
         ("https://my-internal.com/", "https://my-internal.com/"),
-        ("https://internal.example.com/", "https://internal.example.com/"),
+        (
+            "https://internal.example.com/",
+            "https://internal.example.com/",
+        ),
         (" https://example.com/\n", "https://example.com/"),
         ("https:\\\\example.com\\a", "https://example.com/a"),
     ] {
@@ -165,17 +179,35 @@ fn private_networks_are_reached_where_that_is_chosen() {
         "ftp://10.0.0.7/",
         "http://user:secret@10.0.0.7/",
     ] {
-        assert!(ReceiverPolicy::PrivateToo.check_url(text).is_err(), "{text}");
+        assert!(
+            ReceiverPolicy::PrivateToo.check_url(text).is_err(),
+            "{text}"
+        );
     }
 }
 
 #[test]
 fn refusals_teach() {
-    let said = |text| ReceiverPolicy::Public.check_url(text).unwrap_err().to_string();
+    let said = |text| {
+        ReceiverPolicy::Public
+            .check_url(text)
+            .unwrap_err()
+            .to_string()
+    };
     let private = said("https://192.168.1.4/");
-    assert!(private.starts_with("192.168.1.4 is in a private network"), "{private}");
-    for text in ["https://192.168.1.4/", "https://plc.local/", "http://example.com/"] {
-        assert!(said(text).contains("--webhooks-to-private-networks"), "{text}");
+    assert!(
+        private.starts_with("192.168.1.4 is in a private network"),
+        "{private}"
+    );
+    for text in [
+        "https://192.168.1.4/",
+        "https://plc.local/",
+        "http://example.com/",
+    ] {
+        assert!(
+            said(text).contains("--webhooks-to-private-networks"),
+            "{text}"
+        );
     }
     assert!(!said("https://user:secret@example.com/").contains("secret"));
 }

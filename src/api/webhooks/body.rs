@@ -1,0 +1,132 @@
+//! A webhook as clients see it.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::api::problem::{Problem, ProblemKind};
+use crate::store::{WebhookEvent, WebhookRecord};
+
+const DESCRIPTION_CHARS_MAX: usize = 200;
+
+/// Somebody who is told of alerts by a POST.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Webhook, example = json!({
+    "id": "019aa000-0000-7000-8000-00000000a001", "url": "https://hooks.example.com/mapshift",
+    "events": ["alert.raised", "alert.updated"], "route_id": null, "description": "tickets",
+    "active": true, "gone_at": null, "secret": null,
+    "created_at": "2026-11-20T06:00:00Z", "updated_at": "2026-11-20T06:00:00Z"
+}))]
+pub(super) struct WebhookBody {
+    /// UUID of version 7: sorts by when the webhook was registered.
+    #[schema(format = "uuid")]
+    id: String,
+    /// Where events are sent.
+    #[schema(format = "uri")]
+    url: String,
+    /// Which ones.
+    events: Vec<WebhookEventName>,
+    /// Only of alerts of this route; null for all routes.
+    #[schema(required)]
+    route_id: Option<String>,
+    /// For people.
+    #[schema(required)]
+    description: Option<String>,
+    /// Whether events are sent. What happens meanwhile is not sent later.
+    active: bool,
+    /// When the receiver answered 410 Gone, which disabled the webhook; null otherwise.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    gone_at: Option<Timestamp>,
+    /// What events are signed with: `whsec_` and base64. Told once, in the answer to the
+    /// registration; null ever after.
+    #[schema(required)]
+    pub secret: Option<String>,
+    /// When it was registered.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// When it last changed.
+    #[schema(value_type = String, format = DateTime)]
+    updated_at: Timestamp,
+}
+
+/// What a webhook can tell of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+pub(super) enum WebhookEventName {
+    /// An alert was raised.
+    #[serde(rename = "alert.raised")]
+    AlertRaised,
+    /// An alert changed.
+    #[serde(rename = "alert.updated")]
+    AlertUpdated,
+}
+
+impl From<WebhookEventName> for WebhookEvent {
+    fn from(name: WebhookEventName) -> Self {
+        match name {
+            WebhookEventName::AlertRaised => Self::AlertRaised,
+            WebhookEventName::AlertUpdated => Self::AlertUpdated,
+        }
+    }
+}
+
+/// The name of an event that can be asked for: all but tests.
+fn event_name(event: WebhookEvent) -> Option<WebhookEventName> {
+    match event {
+        WebhookEvent::AlertRaised => Some(WebhookEventName::AlertRaised),
+        WebhookEvent::AlertUpdated => Some(WebhookEventName::AlertUpdated),
+        WebhookEvent::Test => None,
+    }
+}
+
+impl From<WebhookRecord> for WebhookBody {
+    fn from(webhook: WebhookRecord) -> Self {
+        Self {
+            id: webhook.id.to_string(),
+            url: webhook.url,
+            events: webhook.events.into_iter().filter_map(event_name).collect(),
+            route_id: webhook.route_id.map(|route| route.to_string()),
+            description: webhook.description,
+            active: webhook.active,
+            gone_at: webhook.gone_at,
+            secret: None,
+            created_at: webhook.created_at,
+            updated_at: webhook.updated_at,
+        }
+    }
+}
+
+/// The ETag of a webhook.
+pub(super) fn etag(webhook: &WebhookRecord) -> String {
+    format!("\"{}\"", webhook.revision)
+}
+
+/// Events in one order, each once.
+///
+/// # Errors
+/// 422 for none at all: that would be a webhook that is never called.
+pub(super) fn checked_events(
+    mut names: Vec<WebhookEventName>,
+) -> Result<Vec<WebhookEvent>, Problem> {
+    names.sort_unstable();
+    names.dedup();
+    if names.is_empty() {
+        let detail = "name an event, or leave events out for all of them";
+        return Err(Problem::new(ProblemKind::OutOfRange, detail).at("/events"));
+    }
+    Ok(names.into_iter().map(WebhookEvent::from).collect())
+}
+
+/// A description for people.
+///
+/// # Errors
+/// 422 for one that is too long or does not print.
+pub(super) fn check_description(text: Option<&str>) -> Result<(), Problem> {
+    let is_fit = |text: &str| {
+        text.chars().count() <= DESCRIPTION_CHARS_MAX && !text.chars().any(char::is_control)
+    };
+    if text.is_none_or(is_fit) {
+        return Ok(());
+    }
+    let detail = "a description has at most 200 characters and no control characters";
+    Err(Problem::new(ProblemKind::OutOfRange, detail).at("/description"))
+}

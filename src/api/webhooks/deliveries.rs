@@ -1,0 +1,207 @@
+//! What became of the events that a webhook was to be told of, and trying a webhook out.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::{known_webhook, unknown_webhook};
+use crate::api::ApiState;
+use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use crate::api::paging::{checked_limit, cut_page, key_of_cursor};
+use crate::api::problem::{Problem, ProblemKind};
+use crate::ids::WebhookId;
+use crate::store::{
+    AttemptEnd, DeliveryFailure, DeliveryRecord, DeliveryStatus, TestQueued, WebhookEvent,
+};
+
+/// An event on its way to a receiver.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = WebhookDelivery)]
+pub(in crate::api) struct DeliveryBody {
+    /// The header `webhook-id`: the same for every attempt.
+    #[schema(example = "msg_0f1e2d3c4b5a69788796a5b4c3d2e1f0")]
+    id: String,
+    /// What it tells of.
+    #[serde(rename = "type")]
+    event: DeliveryEventName,
+    /// The event's `id` in the stream of alerts; null for a test.
+    #[schema(required)]
+    event_id: Option<i64>,
+    /// The alert; null for a test.
+    #[schema(required, format = "uuid")]
+    alert_id: Option<String>,
+    /// When the event happened.
+    #[schema(value_type = String, format = DateTime)]
+    timestamp: Timestamp,
+    /// How far it has come.
+    status: DeliveryStatusName,
+    /// Attempts so far.
+    attempts: i64,
+    /// When the last one ended; null before the first.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    last_attempt_at: Option<Timestamp>,
+    /// Status of the last answer; null if there was none.
+    #[schema(required)]
+    last_status_code: Option<u16>,
+    /// Why there was no answer last; null if there was one.
+    #[schema(required)]
+    last_failure: Option<DeliveryFailureName>,
+    /// When the next attempt follows, at the earliest; null if none follows.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    next_attempt_at: Option<Timestamp>,
+}
+
+/// What a delivery tells of.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+enum DeliveryEventName {
+    /// An alert was raised.
+    #[serde(rename = "alert.raised")]
+    AlertRaised,
+    /// An alert changed.
+    #[serde(rename = "alert.updated")]
+    AlertUpdated,
+    /// Somebody tries the webhook out.
+    #[serde(rename = "webhook.test")]
+    Test,
+}
+
+/// How far a delivery has come.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum DeliveryStatusName {
+    /// An attempt follows, as long as the webhook is active.
+    Pending,
+    /// The receiver answered 2xx.
+    Delivered,
+    /// No attempt follows.
+    Failed,
+}
+
+/// Why an attempt had no answer.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum DeliveryFailureName {
+    /// No answer in time.
+    Timeout,
+    /// No connection: refused, cut, or its certificate is not trusted.
+    Connection,
+    /// The host's name has no address.
+    NameUnknown,
+    /// The host's name has only addresses that webhooks are not sent to.
+    AddressRefused,
+    /// Webhooks are not sent to such a URL any more: the service runs with other settings.
+    UrlRefused,
+    /// What came back was not HTTP.
+    BrokenAnswer,
+}
+
+/// A part of the list of deliveries.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = WebhookDeliveryPage)]
+pub(in crate::api) struct DeliveryPage {
+    /// The newest first.
+    items: Vec<DeliveryBody>,
+    /// Where the next part begins; null at the end.
+    #[schema(required)]
+    next_cursor: Option<String>,
+}
+
+impl From<DeliveryRecord> for DeliveryBody {
+    fn from(delivery: DeliveryRecord) -> Self {
+        let (last_status_code, last_failure) = match delivery.last_end {
+            None => (None, None),
+            Some(AttemptEnd::Answer(status)) => (Some(status), None),
+            Some(AttemptEnd::Failure(failure)) => (None, Some(failure.into())),
+        };
+        Self {
+            id: delivery.id,
+            event: match delivery.event {
+                WebhookEvent::AlertRaised => DeliveryEventName::AlertRaised,
+                WebhookEvent::AlertUpdated => DeliveryEventName::AlertUpdated,
+                WebhookEvent::Test => DeliveryEventName::Test,
+            },
+            event_id: delivery.event_sequence,
+            alert_id: delivery.alert_id.map(|id| id.to_string()),
+            timestamp: delivery.at,
+            status: match delivery.status {
+                DeliveryStatus::Pending => DeliveryStatusName::Pending,
+                DeliveryStatus::Delivered => DeliveryStatusName::Delivered,
+                DeliveryStatus::Failed => DeliveryStatusName::Failed,
+            },
+            attempts: delivery.attempts,
+            last_attempt_at: delivery.attempted_at,
+            last_status_code,
+            last_failure,
+            next_attempt_at: delivery.next_attempt_at,
+        }
+    }
+}
+
+impl From<DeliveryFailure> for DeliveryFailureName {
+    fn from(failure: DeliveryFailure) -> Self {
+        match failure {
+            DeliveryFailure::Timeout => Self::Timeout,
+            DeliveryFailure::Connection => Self::Connection,
+            DeliveryFailure::NameUnknown => Self::NameUnknown,
+            DeliveryFailure::AddressRefused => Self::AddressRefused,
+            DeliveryFailure::UrlRefused => Self::UrlRefused,
+            DeliveryFailure::BrokenAnswer => Self::BrokenAnswer,
+        }
+    }
+}
+
+/// List a webhook's deliveries.
+///
+/// Of the last 30 days, the newest first, in parts. What receivers answer beside a status is
+/// neither kept nor shown.
+#[utoipa::path(
+    get, path = "/v1/webhooks/{webhook}/deliveries", tag = "webhooks",
+    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook"), PageQuery),
+    responses((status = 200, description = "A part of the list", body = DeliveryPage))
+)]
+pub(in crate::api) async fn list_deliveries(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<WebhookId>,
+    ApiQuery(query): ApiQuery<PageQuery>,
+) -> Result<Json<DeliveryPage>, Problem> {
+    let limit = checked_limit(query.limit)?;
+    let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    known_webhook(&state, id).await?;
+    let mut deliveries = state.store.deliveries(id, before, limit + 1).await?;
+    let next_cursor = cut_page(&mut deliveries, limit, |delivery| delivery.key.to_string());
+    Ok(Json(DeliveryPage {
+        items: deliveries.into_iter().map(DeliveryBody::from).collect(),
+        next_cursor,
+    }))
+}
+
+/// Try a webhook out.
+///
+/// Sends a signed `webhook.test` at once, whatever events the webhook is for. It is tried a single
+/// time; the list of deliveries says what became of it. While a test waits, no other is queued.
+#[utoipa::path(
+    post, path = "/v1/webhooks/{webhook}/test", tag = "webhooks",
+    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook")),
+    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody))
+)]
+pub(in crate::api) async fn test_webhook(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<WebhookId>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
+    match state.store.queue_webhook_test(id, Timestamp::now()).await? {
+        TestQueued::Queued(delivery) => {
+            let body = DeliveryBody::from(delivery);
+            Ok((StatusCode::ACCEPTED, Json(body)).into_response())
+        }
+        TestQueued::Unknown => Err(unknown_webhook()),
+        TestQueued::Disabled => {
+            let detail = "the webhook is not active: change it to {\"active\": true} first";
+            Err(Problem::new(ProblemKind::WebhookDisabled, detail))
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Registering webhooks.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Deserialize;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::body::{WebhookBody, WebhookEventName, check_description, checked_events, etag};
+use super::{known_webhook, url_refused};
+use crate::api::ApiState;
+use crate::api::extract::NoQuery;
+use crate::api::problem::{Problem, ProblemKind};
+use crate::api::upload::small_json;
+use crate::delivery::{generate_secret, secret_text};
+use crate::ids::{RouteId, WebhookId};
+use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
+
+/// A webhook to register.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"url": "https://hooks.example.com/mapshift", "route_id": "line-4"}))]
+pub(in crate::api) struct WebhookRegistration {
+    /// Where events are sent: an https URL of a public host, up to 2,048 bytes.
+    #[schema(format = "uri", max_length = 2048)]
+    url: String,
+    /// Which ones; all of them if left out.
+    #[schema(min_items = 1)]
+    events: Option<Vec<WebhookEventName>>,
+    /// Only of alerts of this route; of all routes if left out.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", value_type = Option<String>)]
+    route_id: Option<RouteId>,
+    /// For people, up to 200 characters.
+    #[schema(max_length = 200)]
+    description: Option<String>,
+}
+
+impl WebhookRegistration {
+    fn check(self, state: &ApiState) -> Result<NewWebhook, Problem> {
+        let url = state.receivers.check_url(&self.url).map_err(url_refused)?;
+        let all = vec![
+            WebhookEventName::AlertRaised,
+            WebhookEventName::AlertUpdated,
+        ];
+        check_description(self.description.as_deref())?;
+        Ok(NewWebhook {
+            id: WebhookId(Uuid::now_v7()),
+            url,
+            secret: generate_secret().map_err(Problem::internal)?,
+            events: checked_events(self.events.unwrap_or(all))?,
+            route_id: self.route_id,
+            description: self.description,
+            created_at: Timestamp::now(),
+        })
+    }
+}
+
+/// Register a webhook.
+///
+/// From now on, events of alerts are sent to the URL: signed as Standard Webhooks has it, at least
+/// once each, in order as long as the receiver takes them. The answer holds the secret for
+/// checking signatures, which is told only here. Registering the same URL again makes another
+/// webhook.
+#[utoipa::path(
+    post, path = "/v1/webhooks", tag = "webhooks",
+    request_body(content = WebhookRegistration, description = "Whom to tell, and of what"),
+    responses((status = 201, description = "Registered; with its secret", body = WebhookBody, headers(
+        ("ETag" = String, description = "Changes with every edit"),
+        ("Location" = String, description = "Path of the webhook"),
+    )))
+)]
+pub(in crate::api) async fn register_webhook(
+    State(state): State<ApiState>,
+    _: NoQuery,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let registration: WebhookRegistration = small_json(&state, &headers, body).await?;
+    let webhook = registration.check(&state)?;
+    let (id, secret) = (webhook.id, secret_text(&webhook.secret));
+    match state.store.register_webhook(webhook).await? {
+        Registered::Created => {}
+        Registered::UnknownRoute => return Err(Problem::unknown_route().at("/route_id")),
+        Registered::TooMany => {
+            let detail = format!("there are {WEBHOOKS_MAX} webhooks: delete one that is not used");
+            return Err(Problem::new(ProblemKind::TooManyWebhooks, detail));
+        }
+    }
+    let webhook = known_webhook(&state, id).await?;
+    let headers = [
+        (header::ETAG, etag(&webhook)),
+        (header::LOCATION, format!("/v1/webhooks/{id}")),
+        // It holds a secret.
+        (header::CACHE_CONTROL, "no-store".to_owned()),
+    ];
+    let mut body = WebhookBody::from(webhook);
+    body.secret = Some(secret);
+    Ok((StatusCode::CREATED, headers, Json(body)).into_response())
+}
