@@ -162,7 +162,7 @@ impl QueueTest {
         transaction: &mut SqliteConnection,
     ) -> Result<Option<DeliveryRecord>, StoreError> {
         let row = sqlx::query(select_deliveries!(
-            "WHERE webhooks.id = ? AND event = 'webhook.test' AND status = 'pending'"
+            "WHERE webhooks.id = ? AND event = 'webhook.test' AND webhook_deliveries.status = 'pending'"
         ))
         .bind(self.webhook.to_string())
         .fetch_optional(transaction)

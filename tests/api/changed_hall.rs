@@ -33,6 +33,11 @@ const START_NS: i64 = 1_795_154_400_000_000_000;
 /// Starts a service with the route `hall`: three nodes, a closure, two alerts; and the route
 /// `yard` without anything, not even a place on the Earth.
 pub async fn start() -> Service {
+    Service::start_in(directory().await, Limits::default()).await
+}
+
+/// What such a service starts from.
+pub async fn directory() -> TempDir {
     let directory = TempDir::new().unwrap();
     let data_dir = directory.path().join("data");
     let store = Store::open(StoreOptions { data_dir }).await.unwrap();
@@ -73,7 +78,7 @@ pub async fn start() -> Service {
     let applied = store.apply_result(result).await.unwrap();
     assert_eq!(applied, Applied::Committed);
     store.close().await.unwrap();
-    Service::start_in(directory, Limits::default()).await
+    directory
 }
 
 fn time(text: &str) -> Timestamp {

@@ -12,11 +12,16 @@ mod alert_stream;
 mod alerts;
 mod bad_alert_requests;
 mod bad_requests;
+mod bad_webhook_requests;
 mod body;
 mod changed_hall;
 mod client;
 mod lifecycle;
 mod limits;
+#[path = "../common/receiver.rs"]
+mod receiver;
 mod resources;
 mod service;
 mod uploads;
+mod webhook_attempts;
+mod webhooks;

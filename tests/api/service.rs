@@ -26,7 +26,7 @@ use crate::client::{Answer, Request};
 pub struct Service {
     pub app: RunningApp,
     pub address: SocketAddr,
-    _directory: TempDir,
+    directory: TempDir,
 }
 
 impl Service {
@@ -46,18 +46,26 @@ impl Service {
     }
 
     pub async fn start_in(directory: TempDir, limits: Limits) -> Self {
+        Self::start_delivering(directory, limits, DeliveryOptions::default()).await
+    }
+
+    pub async fn start_delivering(
+        directory: TempDir,
+        limits: Limits,
+        delivery: DeliveryOptions,
+    ) -> Self {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
             limits,
             pipeline: PipelineOptions::default(),
-            delivery: DeliveryOptions::default(),
+            delivery,
         };
         let app = app::start(config).await.unwrap();
         Self {
             address: app.local_addr(),
             app,
-            _directory: directory,
+            directory,
         }
     }
 
@@ -75,7 +83,13 @@ impl Service {
     }
 
     pub async fn stop(self) {
+        self.stop_keeping().await;
+    }
+
+    /// Hands back the directory, for another service to go on in.
+    pub async fn stop_keeping(self) -> TempDir {
         self.app.shutdown().await.unwrap();
+        self.directory
     }
 }
 

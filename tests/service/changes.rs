@@ -7,3 +7,4 @@ mod picture;
 mod raised;
 mod shop;
 mod told;
+mod webhooks;

@@ -106,6 +106,13 @@ impl Client {
         answer.json().await.unwrap()
     }
 
+    pub async fn register_webhook(&self, body: Value) -> Value {
+        let url = format!("{}/v1/webhooks", self.url);
+        let answer = self.http.post(url).json(&body).send().await.unwrap();
+        assert_eq!(answer.status(), StatusCode::CREATED, "{body}");
+        answer.json().await.unwrap()
+    }
+
     /// Every item of a list, read in parts of `limit`.
     pub async fn list(&self, path: &str, limit: usize) -> Vec<Value> {
         let mut items = Vec::new();

@@ -14,6 +14,8 @@ mod odd_trips;
 mod order;
 mod parallel;
 mod process;
+#[path = "../common/receiver.rs"]
+mod receiver;
 mod restart;
 mod running;
 mod state;

@@ -28,12 +28,16 @@ impl Running {
     }
 
     pub async fn start_in(directory: &Path) -> Self {
+        Self::start_delivering(directory, DeliveryOptions::default()).await
+    }
+
+    pub async fn start_delivering(directory: &Path, delivery: DeliveryOptions) -> Self {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.join("data"),
             limits: Limits::default(),
             pipeline: PipelineOptions::default(),
-            delivery: DeliveryOptions::default(),
+            delivery,
         };
         let app = app::start(config).await.unwrap();
         Self {

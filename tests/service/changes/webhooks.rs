@@ -1,0 +1,53 @@
+//! From a changed world to the receiver of a webhook.
+
+use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use super::shop::Shop;
+use super::told::{ROUTE, after_lap, alerts, only};
+use crate::receiver::Receiver;
+use crate::running::Running;
+
+const CHANGED_LAP: usize = 2;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_receiver_is_told_what_comes_and_what_is_decided_in_order() {
+    let shop = Shop::new(5).with_crate(CHANGED_LAP, None);
+    let directory = TempDir::new().unwrap();
+    let options = DeliveryOptions {
+        policy: ReceiverPolicy::PrivateToo,
+        ..DeliveryOptions::default()
+    };
+    let service = Running::start_delivering(directory.path(), options).await;
+    let client = &service.client;
+    client.put_route(ROUTE, Value::Null).await;
+    let mut receiver = Receiver::start().await;
+    let body = json!({"url": receiver.url, "route_id": ROUTE});
+    let webhook = client.register_webhook(body).await;
+    let secret = webhook["secret"].as_str().unwrap();
+    for lap in 0..CHANGED_LAP {
+        assert_eq!(after_lap(client, &shop, lap).await, Vec::<Value>::new());
+    }
+    assert!(!receiver.has_call(), "nothing has changed yet");
+
+    let alert = only(after_lap(client, &shop, CHANGED_LAP).await);
+    let accepted = client.decide(&alert, "accept").await;
+    // Raised, perhaps changed by later batches of the lap, accepted: one event a revision.
+    let revisions = accepted["revision"].as_i64().unwrap();
+    let mut last = Value::Null;
+    for revision in 1..=revisions {
+        last = receiver.call().await.verified(secret);
+        let kind = match revision {
+            1 => "alert.raised",
+            _ => "alert.updated",
+        };
+        assert_eq!(last["type"], kind, "{last}");
+        assert_eq!(last["data"]["id"], alert["id"]);
+        assert!(last["data"]["revision"].as_i64().unwrap() >= revision);
+    }
+    assert_eq!(last["data"], accepted);
+    assert_eq!(last["data"], only(alerts(client).await));
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
