@@ -64,7 +64,7 @@ pub struct DeliveryError(#[from] reqwest::Error);
 /// cancelled; what is cut off is sent again at the next start.
 ///
 /// # Errors
-/// [`DeliveryError`] if the system's certificates cannot be had.
+/// [`DeliveryError`] if no HTTP client can be had.
 pub fn start(
     store: &Store,
     options: DeliveryOptions,

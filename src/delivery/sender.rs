@@ -42,20 +42,18 @@ pub(super) struct Sender {
 
 impl Sender {
     /// A sender that gives up on an answer after `timeout`, the look-up of the name included.
+    /// On a system without certificates it trusts nobody, and reaches receivers by http alone.
     ///
     /// # Errors
-    /// If the system's certificates cannot be had.
+    /// If no client can be had at all.
     pub fn new(policy: ReceiverPolicy, timeout: Duration) -> Result<Self, reqwest::Error> {
-        let client = reqwest::Client::builder()
-            .dns_resolver(Arc::new(GuardedResolver(policy)))
-            // A redirect, or a proxy that the environment names, would lead past the checks.
-            .redirect(redirect::Policy::none())
-            .no_proxy()
-            .https_only(policy == ReceiverPolicy::Public)
-            .timeout(timeout)
-            .pool_max_idle_per_host(1)
-            .user_agent(USER_AGENT)
-            .build()?;
+        let client = client(policy, timeout).build().or_else(|error| {
+            tracing::warn!(
+                cause = ?error,
+                "no certificates of authorities are to be had: webhooks cannot be sent by https"
+            );
+            client(policy, timeout).tls_certs_only([]).build()
+        })?;
         Ok(Self { client, policy })
     }
 
@@ -87,6 +85,18 @@ impl Sender {
             Err(error) => failure_of(&error).into(),
         }
     }
+}
+
+fn client(policy: ReceiverPolicy, timeout: Duration) -> reqwest::ClientBuilder {
+    reqwest::Client::builder()
+        .dns_resolver(Arc::new(GuardedResolver(policy)))
+        // A redirect, or a proxy that the environment names, would lead past the checks.
+        .redirect(redirect::Policy::none())
+        .no_proxy()
+        .https_only(policy == ReceiverPolicy::Public)
+        .timeout(timeout)
+        .pool_max_idle_per_host(1)
+        .user_agent(USER_AGENT)
 }
 
 fn failure_of(error: &reqwest::Error) -> DeliveryFailure {

@@ -58,12 +58,37 @@ async fn an_idle_connection_does_not_hold_up_shutdown() {
     assert!(idle.rest().await.is_empty());
 }
 
+fn serve(directory: &TempDir) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mapshift"));
+    command
+        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+        .arg(directory.path().join("data"));
+    command
+}
+
+/// As in a bare container: it cannot call webhooks by https, and does everything else.
+#[test]
+fn the_command_starts_on_a_system_without_certificates() {
+    let directory = TempDir::new().unwrap();
+    let mut service = serve(&directory)
+        .env("SSL_CERT_FILE", directory.path().join("none"))
+        .env("SSL_CERT_DIR", directory.path().join("none"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    let output = service.stdout.as_mut().unwrap();
+    BufReader::new(output).read_line(&mut line).unwrap();
+    service.kill().unwrap();
+    service.wait().unwrap();
+    assert!(line.starts_with("mapshift listens on"), "{line}");
+}
+
 #[test]
 fn the_command_says_where_it_listens_and_stops_on_sigterm() {
     let directory = TempDir::new().unwrap();
-    let mut service = Command::new(env!("CARGO_BIN_EXE_mapshift"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
-        .arg(directory.path().join("data"))
+    let mut service = serve(&directory)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

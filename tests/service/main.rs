@@ -15,6 +15,7 @@ mod order;
 mod parallel;
 mod process;
 #[path = "../common/receiver.rs"]
+#[allow(dead_code, reason = "the tests of the interface use more of it")]
 mod receiver;
 mod restart;
 mod running;
