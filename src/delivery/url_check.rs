@@ -123,11 +123,11 @@ impl ReceiverPolicy {
 
 fn is_private_name(host: &str) -> bool {
     let name = host.trim_end_matches('.');
-    let below = |domain: &&str| {
-        name.strip_suffix(*domain)
+    let below = |domain: &str| {
+        name.strip_suffix(domain)
             .is_some_and(|rest| rest.is_empty() || rest.ends_with('.'))
     };
-    !name.contains('.') || PRIVATE_DOMAINS.iter().any(|domain| below(&domain))
+    !name.contains('.') || PRIVATE_DOMAINS.iter().any(|domain| below(domain))
 }
 
 #[cfg(test)]

@@ -11,3 +11,4 @@ mod life;
 mod settled;
 mod support;
 mod trips;
+mod webhooks;
