@@ -25,7 +25,8 @@ CREATE TABLE webhooks (
 
 CREATE INDEX webhooks_by_route ON webhooks (route_key);
 
--- One for each event and each webhook that is told of it, written with the event itself.
+-- One for each event and each webhook that is told of it, written with the event itself. An update
+-- that waits is deleted when its receiver has taken the same alert as new as that, or newer.
 CREATE TABLE webhook_deliveries (
     -- In the order of commits; never used again.
     delivery_key    INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -39,6 +40,8 @@ CREATE TABLE webhook_deliveries (
     -- What it tells of: an entry of alert_events and its alert; NULL for a test.
     event_sequence  INTEGER,
     alert_key       INTEGER REFERENCES alerts ON DELETE CASCADE,
+    -- Of the alert after the event: whoever was told of this one or a later needs it no more.
+    alert_revision  INTEGER CHECK (alert_revision >= 1),
     -- When that happened.
     at_us           INTEGER NOT NULL,
     status          TEXT    NOT NULL CHECK (status IN (
@@ -62,6 +65,7 @@ CREATE TABLE webhook_deliveries (
     )),
     CHECK ((event = 'webhook.test') = (alert_key IS NULL)),
     CHECK ((alert_key IS NULL) = (event_sequence IS NULL)),
+    CHECK ((alert_key IS NULL) = (alert_revision IS NULL)),
     CHECK ((status = 'pending') = (next_attempt_at_us IS NOT NULL)),
     CHECK ((attempts = 0) = (attempted_at_us IS NULL)),
     CHECK (answer_status IS NULL OR failure IS NULL)

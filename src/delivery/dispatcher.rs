@@ -90,11 +90,11 @@ impl Dispatcher {
 
     /// Reads, sends, and notes what became of it.
     async fn attempt(&self, next: &NextDelivery) -> Result<(), AttemptError> {
-        let Some(body) = message(&self.store, self.form, next).await? else {
+        let Some(message) = message(&self.store, self.form, next).await? else {
             return Ok(());
         };
         let started = std::time::Instant::now();
-        let sent = self.sender.send(next, body).await;
+        let sent = self.sender.send(next, message.body).await;
         metrics::histogram!("mapshift_webhook_attempt_duration_seconds").record(started.elapsed());
         let ended_at = Timestamp::now();
         let verdict = verdict(next, sent.end, sent.asked, &self.pauses, ended_at);
@@ -102,6 +102,7 @@ impl Dispatcher {
             delivery_key: next.key,
             attempts: next.attempts + 1,
             webhook_revision: next.webhook_revision,
+            alert_revision: message.alert_revision,
             ended_at,
             end: sent.end,
             verdict,

@@ -26,7 +26,15 @@ pub(super) enum MessageError {
     Json(#[from] serde_json::Error),
 }
 
-/// The body of a delivery: what happened, when, and the alert as it is now, so that an attempt
+/// What is sent.
+#[derive(Debug)]
+pub(super) struct Message {
+    pub body: String,
+    /// The revision of the alert in it; `None` in a test.
+    pub alert_revision: Option<i64>,
+}
+
+/// The message of a delivery: what happened, when, and the alert as it is now, so that an attempt
 /// that comes late never tells an old state. `None` if the alert was deleted with its route.
 ///
 /// # Errors
@@ -35,15 +43,18 @@ pub(super) async fn message(
     store: &Store,
     form: AlertForm,
     next: &NextDelivery,
-) -> Result<Option<String>, MessageError> {
-    let data = match next.alert_id {
-        None => test_data(next)?,
+) -> Result<Option<Message>, MessageError> {
+    let (alert_revision, data) = match next.alert_id {
+        None => (None, test_data(next)?),
         Some(id) => match store.alert(id).await? {
             None => return Ok(None),
-            Some(alert) => form(alert)?,
+            Some(alert) => (Some(alert.revision), form(alert)?),
         },
     };
-    Ok(Some(envelope(next.event, next.at, &data)))
+    Ok(Some(Message {
+        body: envelope(next.event, next.at, &data),
+        alert_revision,
+    }))
 }
 
 fn test_data(next: &NextDelivery) -> Result<String, serde_json::Error> {

@@ -93,9 +93,9 @@ pub(super) async fn queue(
     };
     sqlx::query(
         "INSERT INTO webhook_deliveries (webhook_key, id, event, event_sequence, alert_key, \
-         at_us, status, attempts, next_attempt_at_us) \
-         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), ?1, ?2, ?3, ?4, 'pending', 0, \
-         ?4 FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5) \
+         alert_revision, at_us, status, attempts, next_attempt_at_us) \
+         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), ?1, ?2, ?3, ?6, ?4, 'pending', \
+         0, ?4 FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5) \
          AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = ?1) ORDER BY webhook_key",
     )
     .bind(event.text())
@@ -103,6 +103,7 @@ pub(super) async fn queue(
     .bind(happened.alert_key)
     .bind(happened.at_us)
     .bind(happened.route_key)
+    .bind(happened.revision)
     .execute(transaction)
     .await?;
     Ok(())
@@ -202,14 +203,29 @@ impl Request for Record {
         .bind(failure)
         .execute(&mut *transaction)
         .await?;
-        if attempt.verdict == AttemptVerdict::Gone {
-            self.disable(transaction).await?;
+        match attempt.verdict {
+            AttemptVerdict::Delivered => self.delete_covered(transaction).await,
+            AttemptVerdict::Gone => self.disable(transaction).await,
+            AttemptVerdict::RetryAt(_) | AttemptVerdict::Failed => Ok(()),
         }
-        Ok(())
     }
 }
 
 impl Record {
+    /// Updates that wait to tell the receiver what it knows by now.
+    async fn delete_covered(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        sqlx::query(
+            "DELETE FROM webhook_deliveries WHERE status = 'pending' AND event = 'alert.updated' \
+             AND alert_revision <= ?2 AND (webhook_key, alert_key) = \
+             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?1)",
+        )
+        .bind(self.0.delivery_key)
+        .bind(self.0.alert_revision)
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+
     /// Unless somebody has edited the webhook meanwhile: then it may lead elsewhere.
     async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(

@@ -227,6 +227,8 @@ pub struct Attempt {
     pub attempts: i64,
     /// The webhook's revision when it was made.
     pub webhook_revision: i64,
+    /// The revision of the alert that was sent; `None` for a test.
+    pub alert_revision: Option<i64>,
     /// When it ended.
     pub ended_at: Timestamp,
     /// How it ended.

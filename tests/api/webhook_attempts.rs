@@ -120,19 +120,14 @@ async fn events_arrive_in_order() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     let webhook = told(&service, &receiver).await;
-    for _ in 0..5 {
-        happen(&service).await;
-    }
     let mut ids = Vec::new();
     for _ in 0..5 {
+        happen(&service).await;
         let call = receiver.call().await;
         call.verified(secret(&webhook));
         ids.push(json!(call.header("webhook-id")));
     }
-    newest(&service, &webhook, |delivery| {
-        delivery["status"] == "delivered"
-    })
-    .await;
+    ended(&service, &webhook).await;
     let listed = deliveries(&service, &webhook).await;
     let told: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
     assert_eq!(told, ids);
@@ -179,6 +174,41 @@ async fn what_fails_is_sent_again_until_it_is_taken() {
     service.stop().await;
 }
 
+/// Ten events, and as few calls as tell the state after each of them.
+#[tokio::test]
+async fn updates_that_a_call_has_told_already_are_not_sent() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    receiver.then(500);
+    let webhook = told(&service, &receiver).await;
+    happen(&service).await;
+    receiver.call().await;
+    tried(&service, &webhook).await;
+    let directory = service.stop_keeping().await;
+    // Nothing is sent meanwhile: these settings lead nowhere.
+    let mut nowhere = options(HOUR);
+    nowhere.policy = ReceiverPolicy::Public;
+    let service = start_in(directory, nowhere).await;
+    let mut alert = Value::Null;
+    for _ in 0..9 {
+        alert = happen(&service).await;
+    }
+    assert_eq!(deliveries(&service, &webhook).await.len(), 10);
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    let service = start_in(directory, options(HOUR)).await;
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"], alert);
+    let delivery = ended(&service, &webhook).await;
+    assert_eq!(delivery["status"], "delivered");
+    assert_eq!(deliveries(&service, &webhook).await, [delivery]);
+    happen(&service).await;
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"]["revision"], 12);
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
+
 #[tokio::test]
 async fn a_late_attempt_tells_the_present_state() {
     let service = start(HOUR).await;
@@ -196,10 +226,8 @@ async fn a_late_attempt_tells_the_present_state() {
     let directory = service.stop_keeping().await;
     make_due(&directory).await;
     let service = start_in(directory, options(HOUR)).await;
-    let events = [receiver.call().await, receiver.call().await];
-    for event in events.map(|call| call.verified(secret(&webhook))) {
-        assert_eq!(event["data"], alert);
-    }
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"], alert);
     service.stop().await;
 }
 

@@ -54,6 +54,7 @@ fn attempt(next: &NextDelivery, end: AttemptEnd, verdict: AttemptVerdict) -> Att
         delivery_key: next.key,
         attempts: next.attempts + 1,
         webhook_revision: next.webhook_revision,
+        alert_revision: None,
         ended_at: at(10),
         end,
         verdict,

@@ -62,9 +62,9 @@ impl WebhookRegistration {
 /// Register a webhook.
 ///
 /// From now on, events of alerts are sent to the URL: signed as Standard Webhooks has it, at least
-/// once each, in order as long as the receiver takes them. The answer holds the secret for
-/// checking signatures, which is told only here. Registering the same URL again makes another
-/// webhook.
+/// once each, in order as long as the receiver takes them; an update that a call before it has
+/// told already is left out. The answer holds the secret for checking signatures, which is told
+/// only here. Registering the same URL again makes another webhook.
 #[utoipa::path(
     post, path = "/v1/webhooks", tag = "webhooks",
     request_body(content = WebhookRegistration, description = "Whom to tell, and of what"),
