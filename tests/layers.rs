@@ -38,8 +38,9 @@ const LAYERS: [&str; 18] = [
 const CORE: usize = 9;
 
 /// What a core module must not name: runtimes, the world outside, clocks, chance without a seed.
-const NOT_IN_CORE: [&str; 17] = [
+const NOT_IN_CORE: [&str; 18] = [
     "axum",
+    "getrandom",
     "hyper",
     "jiff",
     "metrics",

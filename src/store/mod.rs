@@ -31,6 +31,7 @@ mod retention;
 mod routes;
 mod settled;
 mod trips;
+mod webhook_attempts;
 mod webhook_deliveries;
 mod webhook_records;
 mod webhooks;

@@ -1,4 +1,4 @@
-//! Events on their way to receivers: queued with the change that they tell of, tried, ended.
+//! Events on their way to receivers: queued with the change that they tell of, and read.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -8,14 +8,11 @@ use super::columns::{Text, alert_id, corrupt, micros, optional_time, text, time,
 use super::error::StoreError;
 use super::request::Request;
 use super::webhook_records::{
-    Attempt, AttemptEnd, AttemptVerdict, DeliveryFailure, DeliveryRecord, DeliveryStatus,
-    NextDelivery, TestQueued, WebhookEvent, WebhookSecret,
+    AttemptEnd, DeliveryFailure, DeliveryRecord, NextDelivery, TestQueued, WebhookEvent,
+    WebhookSecret,
 };
 use super::{Store, named};
 use crate::ids::{AlertId, WebhookId};
-
-/// Most deliveries that are deleted in one step: other writes wait as long as it takes.
-const DELETED_AT_ONCE: i64 = 500;
 
 impl Store {
     /// Queues a test of an active webhook; while one waits, that one is handed back.
@@ -39,15 +36,6 @@ impl Store {
         named(next_deliveries(&self.shared.readers).await)
     }
 
-    /// Notes an attempt and what follows from it. Nothing is written if the delivery is gone or
-    /// has been tried by somebody else meanwhile.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn record_attempt(&self, attempt: Attempt) -> Result<(), StoreError> {
-        self.work(Record(attempt)).await
-    }
-
     /// The deliveries of a webhook, the newest first, queued before the one with the key
     /// `before`, at most `limit`.
     ///
@@ -60,15 +48,6 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<DeliveryRecord>, StoreError> {
         named(deliveries(&self.shared.readers, webhook, before, limit).await)
-    }
-
-    /// Deletes deliveries of events before a time, whatever became of them, at most a few hundred;
-    /// returns how many.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn delete_deliveries(&self, before: Timestamp) -> Result<u64, StoreError> {
-        self.work(DeleteOld { before }).await
     }
 }
 
@@ -169,98 +148,6 @@ impl QueueTest {
         .fetch_optional(transaction)
         .await?;
         row.as_ref().map(delivery_of).transpose()
-    }
-}
-
-struct Record(Attempt);
-
-impl Request for Record {
-    type Outcome = ();
-    const QUEUES_JOBS: bool = false;
-
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        let attempt = &self.0;
-        let (status, next) = match attempt.verdict {
-            AttemptVerdict::Delivered => (DeliveryStatus::Delivered, None),
-            AttemptVerdict::RetryAt(at) => (DeliveryStatus::Pending, Some(micros(at))),
-            AttemptVerdict::Failed | AttemptVerdict::Gone => (DeliveryStatus::Failed, None),
-        };
-        let (answer, failure) = match attempt.end {
-            AttemptEnd::Answer(status) => (Some(status), None),
-            AttemptEnd::Failure(failure) => (None, Some(failure.text())),
-        };
-        sqlx::query(
-            "UPDATE webhook_deliveries SET status = ?3, attempts = ?2, attempted_at_us = ?4, \
-             next_attempt_at_us = ?5, answer_status = ?6, failure = ?7 \
-             WHERE delivery_key = ?1 AND attempts = ?2 - 1 AND status = 'pending'",
-        )
-        .bind(attempt.delivery_key)
-        .bind(attempt.attempts)
-        .bind(status.text())
-        .bind(micros(attempt.ended_at))
-        .bind(next)
-        .bind(answer)
-        .bind(failure)
-        .execute(&mut *transaction)
-        .await?;
-        match attempt.verdict {
-            AttemptVerdict::Delivered => self.delete_covered(transaction).await,
-            AttemptVerdict::Gone => self.disable(transaction).await,
-            AttemptVerdict::RetryAt(_) | AttemptVerdict::Failed => Ok(()),
-        }
-    }
-}
-
-impl Record {
-    /// Updates that wait to tell the receiver what it knows by now.
-    async fn delete_covered(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query(
-            "DELETE FROM webhook_deliveries WHERE status = 'pending' AND event = 'alert.updated' \
-             AND alert_revision <= ?2 AND (webhook_key, alert_key) = \
-             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?1)",
-        )
-        .bind(self.0.delivery_key)
-        .bind(self.0.alert_revision)
-        .execute(transaction)
-        .await?;
-        Ok(())
-    }
-
-    /// Unless somebody has edited the webhook meanwhile: then it may lead elsewhere.
-    async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query(
-            "UPDATE webhooks SET active = 0, gone_at_us = ?2, updated_at_us = ?2, \
-             revision = revision + 1 WHERE active = 1 AND revision = ?3 AND webhook_key = \
-             (SELECT webhook_key FROM webhook_deliveries WHERE delivery_key = ?1)",
-        )
-        .bind(self.0.delivery_key)
-        .bind(micros(self.0.ended_at))
-        .bind(self.0.webhook_revision)
-        .execute(transaction)
-        .await?;
-        Ok(())
-    }
-}
-
-struct DeleteOld {
-    before: Timestamp,
-}
-
-impl Request for DeleteOld {
-    type Outcome = u64;
-    const QUEUES_JOBS: bool = false;
-
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
-        let deleted = sqlx::query(
-            "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
-                 SELECT delivery_key FROM webhook_deliveries WHERE at_us < ? \
-                 ORDER BY at_us LIMIT ?)",
-        )
-        .bind(micros(self.before))
-        .bind(DELETED_AT_ONCE)
-        .execute(transaction)
-        .await?;
-        Ok(deleted.rows_affected())
     }
 }
 

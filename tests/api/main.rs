@@ -16,6 +16,7 @@ mod bad_webhook_requests;
 mod body;
 mod changed_hall;
 mod client;
+mod hooked;
 mod lifecycle;
 mod limits;
 #[path = "../common/receiver.rs"]
@@ -24,4 +25,5 @@ mod resources;
 mod service;
 mod uploads;
 mod webhook_attempts;
+mod webhook_events;
 mod webhooks;

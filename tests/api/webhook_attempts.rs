@@ -1,154 +1,15 @@
-//! What receivers of webhooks get, and what becomes of events that they do not take.
+//! What becomes of events that receivers of webhooks do not take.
 
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::api::Limits;
-use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use mapshift::delivery::DeliveryOptions;
 use serde_json::{Value, json};
-use sqlx::{Connection, SqliteConnection};
-use tempfile::TempDir;
 
-use crate::changed_hall::{self, APPEARED};
 use crate::client::Request;
+use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
 use crate::receiver::{CANARY, Receiver};
-use crate::service::Service;
-use crate::webhooks::{change, deliveries, path, register};
-
-const HOUR: Duration = Duration::from_hours(1);
-/// What is waited for longer than this is missing.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// To receivers on this machine, with the same pause after each of some failures.
-fn options(pause: Duration) -> DeliveryOptions {
-    DeliveryOptions {
-        policy: ReceiverPolicy::PrivateToo,
-        pauses: vec![pause; 3],
-        ..DeliveryOptions::default()
-    }
-}
-
-async fn start(pause: Duration) -> Service {
-    start_in(changed_hall::directory().await, options(pause)).await
-}
-
-async fn start_in(directory: TempDir, options: DeliveryOptions) -> Service {
-    Service::start_delivering(directory, Limits::default(), options).await
-}
-
-async fn told(service: &Service, receiver: &Receiver) -> Value {
-    register(service, json!({"url": receiver.url})).await
-}
-
-fn secret(webhook: &Value) -> &str {
-    webhook["secret"].as_str().unwrap()
-}
-
-/// Makes something happen to the alert: the next of acknowledging and reopening.
-async fn happen(service: &Service) -> Value {
-    let alert = format!("/v1/alerts/{APPEARED}");
-    let action = match service.get(&alert).await.json()["status"].as_str() {
-        Some("open") => "acknowledge",
-        _ => "reopen",
-    };
-    let request = Request::new("POST", format!("{alert}/{action}")).header("if-match", "*");
-    let answer = service.send(request).await;
-    assert_eq!(answer.status, 200, "{}", answer.text());
-    answer.json()
-}
-
-/// Waits until the newest delivery is as wanted.
-async fn newest(service: &Service, webhook: &Value, is_wanted: impl Fn(&Value) -> bool) -> Value {
-    let look = async {
-        loop {
-            let newest = deliveries(service, webhook).await.into_iter().next();
-            match newest {
-                Some(newest) if is_wanted(&newest) => return newest,
-                _ => tokio::time::sleep(Duration::from_millis(20)).await,
-            }
-        }
-    };
-    let found = tokio::time::timeout(PATIENCE, look).await;
-    found.expect("the delivery gets there")
-}
-
-async fn ended(service: &Service, webhook: &Value) -> Value {
-    newest(service, webhook, |delivery| delivery["status"] != "pending").await
-}
-
-async fn tried(service: &Service, webhook: &Value) -> Value {
-    newest(service, webhook, |delivery| delivery["attempts"] != 0).await
-}
-
-#[tokio::test]
-async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
-    let service = start(HOUR).await;
-    let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
-    let alert = happen(&service).await;
-    let call = receiver.call().await;
-    assert_eq!(call.path, "/hook");
-    let event = call.verified(secret(&webhook));
-    assert_eq!(event["type"], "alert.updated");
-    assert_eq!(event["timestamp"], alert["updated_at"]);
-    assert_eq!(event["data"], alert);
-    assert_eq!(event["data"]["status"], "acknowledged");
-    // Not only the same values, the same text.
-    let text = service.get(&format!("/v1/alerts/{APPEARED}")).await.text();
-    assert!(call.body.contains(&text));
-
-    let delivery = ended(&service, &webhook).await;
-    assert_eq!(delivery["status"], "delivered");
-    assert_eq!(delivery["id"], call.header("webhook-id"));
-    // The third event: two alerts were raised before anybody listened.
-    assert_eq!(
-        (&delivery["event_id"], &delivery["type"]),
-        (&json!(3), &json!("alert.updated"))
-    );
-    assert_eq!(
-        (&delivery["alert_id"], &delivery["attempts"]),
-        (&json!(APPEARED), &json!(1))
-    );
-    assert_eq!(delivery["last_status_code"], 204);
-    assert_eq!(delivery["last_failure"], Value::Null);
-    assert_eq!(delivery["next_attempt_at"], Value::Null);
-    service.stop().await;
-}
-
-#[tokio::test]
-async fn events_arrive_in_order() {
-    let service = start(HOUR).await;
-    let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
-    let mut ids = Vec::new();
-    for _ in 0..5 {
-        happen(&service).await;
-        let call = receiver.call().await;
-        call.verified(secret(&webhook));
-        ids.push(json!(call.header("webhook-id")));
-    }
-    ended(&service, &webhook).await;
-    let listed = deliveries(&service, &webhook).await;
-    let told: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
-    assert_eq!(told, ids);
-    let sequences: Vec<i64> = listed
-        .iter()
-        .map(|one| one["event_id"].as_i64().unwrap())
-        .collect();
-    assert_eq!(sequences, [7, 6, 5, 4, 3], "the newest first");
-    let page = service
-        .get(&format!("{}/deliveries?limit=2", path(&webhook)))
-        .await
-        .json();
-    assert_eq!(page["items"], json!(listed[..2]));
-    let next = format!(
-        "{}/deliveries?limit=5&cursor={}",
-        path(&webhook),
-        page["next_cursor"].as_str().unwrap()
-    );
-    assert_eq!(service.get(&next).await.json()["items"], json!(listed[2..]));
-    service.stop().await;
-}
+use crate::webhooks::{change, deliveries, path};
 
 #[tokio::test]
 async fn what_fails_is_sent_again_until_it_is_taken() {
@@ -174,63 +35,6 @@ async fn what_fails_is_sent_again_until_it_is_taken() {
     service.stop().await;
 }
 
-/// Ten events, and as few calls as tell the state after each of them.
-#[tokio::test]
-async fn updates_that_a_call_has_told_already_are_not_sent() {
-    let service = start(HOUR).await;
-    let mut receiver = Receiver::start().await;
-    receiver.then(500);
-    let webhook = told(&service, &receiver).await;
-    happen(&service).await;
-    receiver.call().await;
-    tried(&service, &webhook).await;
-    let directory = service.stop_keeping().await;
-    // Nothing is sent meanwhile: these settings lead nowhere.
-    let mut nowhere = options(HOUR);
-    nowhere.policy = ReceiverPolicy::Public;
-    let service = start_in(directory, nowhere).await;
-    let mut alert = Value::Null;
-    for _ in 0..9 {
-        alert = happen(&service).await;
-    }
-    assert_eq!(deliveries(&service, &webhook).await.len(), 10);
-    let directory = service.stop_keeping().await;
-    make_due(&directory).await;
-    let service = start_in(directory, options(HOUR)).await;
-    let event = receiver.call().await.verified(secret(&webhook));
-    assert_eq!(event["data"], alert);
-    let delivery = ended(&service, &webhook).await;
-    assert_eq!(delivery["status"], "delivered");
-    assert_eq!(deliveries(&service, &webhook).await, [delivery]);
-    happen(&service).await;
-    let event = receiver.call().await.verified(secret(&webhook));
-    assert_eq!(event["data"]["revision"], 12);
-    assert!(!receiver.has_call());
-    service.stop().await;
-}
-
-#[tokio::test]
-async fn a_late_attempt_tells_the_present_state() {
-    let service = start(HOUR).await;
-    let mut receiver = Receiver::start().await;
-    receiver.then(500);
-    let webhook = told(&service, &receiver).await;
-    happen(&service).await;
-    receiver.call().await;
-    tried(&service, &webhook).await;
-    let directory = service.stop_keeping().await;
-    make_due(&directory).await;
-    // Reopened before the second attempt.
-    let service = start_in(directory, DeliveryOptions::default()).await;
-    let alert = happen(&service).await;
-    let directory = service.stop_keeping().await;
-    make_due(&directory).await;
-    let service = start_in(directory, options(HOUR)).await;
-    let event = receiver.call().await.verified(secret(&webhook));
-    assert_eq!(event["data"], alert);
-    service.stop().await;
-}
-
 #[tokio::test]
 async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
     let service = start(Duration::from_millis(1)).await;
@@ -252,17 +56,6 @@ async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
     assert_eq!(ended(&service, &webhook).await["status"], "delivered");
     assert_eq!(deliveries(&service, &webhook).await.len(), 2);
     service.stop().await;
-}
-
-/// Moves every attempt that waits to the beginning of time.
-async fn make_due(directory: &TempDir) {
-    let path = directory.path().join("data/mapshift.db");
-    let mut database = SqliteConnection::connect(path.to_str().unwrap())
-        .await
-        .unwrap();
-    let statement = "UPDATE webhook_deliveries SET next_attempt_at_us = 0 WHERE status = 'pending'";
-    sqlx::query(statement).execute(&mut database).await.unwrap();
-    database.close().await.unwrap();
 }
 
 #[tokio::test]
@@ -415,91 +208,6 @@ async fn who_says_gone_is_left_alone_until_somebody_enables_it() {
     happen(&service).await;
     receiver.call().await;
     assert!(!receiver.has_call());
-    service.stop().await;
-}
-
-#[tokio::test]
-async fn a_webhook_is_told_of_its_route_and_its_events_alone() {
-    let service = start(HOUR).await;
-    let mut receivers = [
-        Receiver::start().await,
-        Receiver::start().await,
-        Receiver::start().await,
-    ];
-    let bodies = [
-        json!({"route_id": "hall"}),
-        json!({"route_id": "yard"}),
-        json!({"events": ["alert.raised"]}),
-    ];
-    let mut webhooks = Vec::new();
-    for (receiver, mut body) in receivers.iter().zip(bodies) {
-        body["url"] = json!(receiver.url);
-        webhooks.push(register(&service, body).await);
-    }
-    happen(&service).await;
-    receivers[0].call().await;
-    assert_eq!(
-        deliveries(&service, &webhooks[1]).await,
-        Vec::<Value>::new()
-    );
-    assert_eq!(
-        deliveries(&service, &webhooks[2]).await,
-        Vec::<Value>::new()
-    );
-    service.stop().await;
-}
-
-#[tokio::test]
-async fn a_test_is_signed_and_tried_once() {
-    let service = start(Duration::from_millis(1)).await;
-    let mut receiver = Receiver::start().await;
-    let body = json!({"url": receiver.url, "events": ["alert.raised"], "route_id": "yard"});
-    let webhook = register(&service, body).await;
-    let test = Request::new("POST", format!("{}/test", path(&webhook)));
-    for (answer, status) in [(204, "delivered"), (500, "failed")] {
-        receiver.then(answer);
-        let queued = service.send(test.clone()).await;
-        assert_eq!(queued.status, 202);
-        let queued = queued.json();
-        assert_eq!(
-            (&queued["status"], &queued["attempts"]),
-            (&json!("pending"), &json!(0))
-        );
-        let call = receiver.call().await;
-        assert_eq!(queued["id"], call.header("webhook-id"));
-        let event = call.verified(secret(&webhook));
-        assert_eq!(event["type"], "webhook.test");
-        assert_eq!(event["data"]["webhook_id"], webhook["id"]);
-        let delivery = ended(&service, &webhook).await;
-        assert_eq!(
-            (&delivery["id"], &delivery["status"]),
-            (&queued["id"], &json!(status))
-        );
-        assert_eq!(
-            (&delivery["event_id"], &delivery["alert_id"]),
-            (&Value::Null, &Value::Null)
-        );
-    }
-    assert!(!receiver.has_call());
-    service.stop().await;
-}
-
-#[tokio::test]
-async fn a_receiver_that_does_not_answer_holds_up_nobody_else() {
-    let service = start(HOUR).await;
-    let (mut hanging, mut quick) = (Receiver::start().await, Receiver::start().await);
-    hanging.then_nothing();
-    let webhook = told(&service, &hanging).await;
-    told(&service, &quick).await;
-    happen(&service).await;
-    hanging.call().await;
-    quick.call().await;
-    for _ in 0..3 {
-        happen(&service).await;
-        quick.call().await;
-    }
-    assert!(!hanging.has_call(), "two calls at once");
-    assert_eq!(deliveries(&service, &webhook).await[3]["attempts"], 0);
     service.stop().await;
 }
 

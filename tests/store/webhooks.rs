@@ -63,17 +63,16 @@ fn attempt(next: &NextDelivery, end: AttemptEnd, verdict: AttemptVerdict) -> Att
 
 #[tokio::test]
 async fn what_waits_is_handed_out_one_for_each_webhook_and_outlives_the_process() {
-    let fixture = Fixture::new().await;
-    let store = &fixture.store;
+    let Fixture { store, directory } = Fixture::new().await;
     for number in 1..=3 {
-        register(store, number).await;
+        register(&store, number).await;
     }
-    let second = queue(store, 2, at(5)).await;
-    let first = queue(store, 1, at(7)).await;
-    assert_eq!(queue(store, 1, at(8)).await, first, "one test at a time");
+    let second = queue(&store, 2, at(5)).await;
+    let first = queue(&store, 1, at(7)).await;
+    assert_eq!(queue(&store, 1, at(8)).await, first, "one test at a time");
     assert_eq!(first.status, DeliveryStatus::Pending);
     assert_eq!((first.attempts, first.next_attempt_at), (0, Some(at(7))));
-    let waiting = next(store).await;
+    let waiting = next(&store).await;
     let told: Vec<(&str, i64)> = waiting
         .iter()
         .map(|next| (&*next.id, next.attempts))
@@ -82,8 +81,8 @@ async fn what_waits_is_handed_out_one_for_each_webhook_and_outlives_the_process(
     assert_eq!(waiting[0].secret, WebhookSecret([2; 32]));
     assert_eq!(waiting[0].url, "https://example.com/2");
 
-    store.clone().close().await.unwrap();
-    let again = open(&fixture.directory).await;
+    store.close().await.unwrap();
+    let again = open(&directory).await;
     assert_eq!(next(&again).await, waiting);
     again.close().await.unwrap();
 }

@@ -1,0 +1,224 @@
+//! What receivers of webhooks are sent.
+
+use std::time::Duration;
+
+use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use serde_json::{Value, json};
+
+use crate::changed_hall::APPEARED;
+use crate::client::Request;
+use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
+use crate::receiver::Receiver;
+use crate::webhooks::{deliveries, path, register};
+
+#[tokio::test]
+async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    let webhook = told(&service, &receiver).await;
+    let alert = happen(&service).await;
+    let call = receiver.call().await;
+    assert_eq!(call.path, "/hook");
+    let event = call.verified(secret(&webhook));
+    assert_eq!(event["type"], "alert.updated");
+    assert_eq!(event["timestamp"], alert["updated_at"]);
+    assert_eq!(event["data"], alert);
+    assert_eq!(event["data"]["status"], "acknowledged");
+    // Not only the same values, the same text.
+    let text = service.get(&format!("/v1/alerts/{APPEARED}")).await.text();
+    assert!(call.body.contains(&text));
+
+    let delivery = ended(&service, &webhook).await;
+    assert_eq!(delivery["status"], "delivered");
+    assert_eq!(delivery["id"], call.header("webhook-id"));
+    // The third event: two alerts were raised before anybody listened.
+    assert_eq!(
+        (&delivery["event_id"], &delivery["type"]),
+        (&json!(3), &json!("alert.updated"))
+    );
+    assert_eq!(
+        (&delivery["alert_id"], &delivery["attempts"]),
+        (&json!(APPEARED), &json!(1))
+    );
+    assert_eq!(delivery["last_status_code"], 204);
+    assert_eq!(delivery["last_failure"], Value::Null);
+    assert_eq!(delivery["next_attempt_at"], Value::Null);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn events_arrive_in_order() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    let webhook = told(&service, &receiver).await;
+    let mut ids = Vec::new();
+    for _ in 0..5 {
+        happen(&service).await;
+        let call = receiver.call().await;
+        call.verified(secret(&webhook));
+        ids.push(json!(call.header("webhook-id")));
+    }
+    ended(&service, &webhook).await;
+    let listed = deliveries(&service, &webhook).await;
+    let told: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
+    assert_eq!(told, ids);
+    let sequences: Vec<i64> = listed
+        .iter()
+        .map(|one| one["event_id"].as_i64().unwrap())
+        .collect();
+    assert_eq!(sequences, [7, 6, 5, 4, 3], "the newest first");
+    let page = service
+        .get(&format!("{}/deliveries?limit=2", path(&webhook)))
+        .await
+        .json();
+    assert_eq!(page["items"], json!(listed[..2]));
+    let next = format!(
+        "{}/deliveries?limit=5&cursor={}",
+        path(&webhook),
+        page["next_cursor"].as_str().unwrap()
+    );
+    assert_eq!(service.get(&next).await.json()["items"], json!(listed[2..]));
+    service.stop().await;
+}
+
+/// Ten events, and as few calls as tell the state after each of them.
+#[tokio::test]
+async fn updates_that_a_call_has_told_already_are_not_sent() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    receiver.then(500);
+    let webhook = told(&service, &receiver).await;
+    happen(&service).await;
+    receiver.call().await;
+    tried(&service, &webhook).await;
+    let directory = service.stop_keeping().await;
+    // Nothing is sent meanwhile: these settings lead nowhere.
+    let mut nowhere = options(HOUR);
+    nowhere.policy = ReceiverPolicy::Public;
+    let service = start_in(directory, nowhere).await;
+    let mut alert = Value::Null;
+    for _ in 0..9 {
+        alert = happen(&service).await;
+    }
+    assert_eq!(deliveries(&service, &webhook).await.len(), 10);
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    let service = start_in(directory, options(HOUR)).await;
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"], alert);
+    let delivery = ended(&service, &webhook).await;
+    assert_eq!(delivery["status"], "delivered");
+    assert_eq!(deliveries(&service, &webhook).await, [delivery]);
+    happen(&service).await;
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"]["revision"], 12);
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_late_attempt_tells_the_present_state() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    receiver.then(500);
+    let webhook = told(&service, &receiver).await;
+    happen(&service).await;
+    receiver.call().await;
+    tried(&service, &webhook).await;
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    // Reopened before the second attempt.
+    let service = start_in(directory, DeliveryOptions::default()).await;
+    let alert = happen(&service).await;
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    let service = start_in(directory, options(HOUR)).await;
+    let event = receiver.call().await.verified(secret(&webhook));
+    assert_eq!(event["data"], alert);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_webhook_is_told_of_its_route_and_its_events_alone() {
+    let service = start(HOUR).await;
+    let mut receivers = [
+        Receiver::start().await,
+        Receiver::start().await,
+        Receiver::start().await,
+    ];
+    let bodies = [
+        json!({"route_id": "hall"}),
+        json!({"route_id": "yard"}),
+        json!({"events": ["alert.raised"]}),
+    ];
+    let mut webhooks = Vec::new();
+    for (receiver, mut body) in receivers.iter().zip(bodies) {
+        body["url"] = json!(receiver.url);
+        webhooks.push(register(&service, body).await);
+    }
+    happen(&service).await;
+    receivers[0].call().await;
+    assert_eq!(
+        deliveries(&service, &webhooks[1]).await,
+        Vec::<Value>::new()
+    );
+    assert_eq!(
+        deliveries(&service, &webhooks[2]).await,
+        Vec::<Value>::new()
+    );
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_test_is_signed_and_tried_once() {
+    let service = start(Duration::from_millis(1)).await;
+    let mut receiver = Receiver::start().await;
+    let body = json!({"url": receiver.url, "events": ["alert.raised"], "route_id": "yard"});
+    let webhook = register(&service, body).await;
+    let test = Request::new("POST", format!("{}/test", path(&webhook)));
+    for (answer, status) in [(204, "delivered"), (500, "failed")] {
+        receiver.then(answer);
+        let queued = service.send(test.clone()).await;
+        assert_eq!(queued.status, 202);
+        let queued = queued.json();
+        assert_eq!(
+            (&queued["status"], &queued["attempts"]),
+            (&json!("pending"), &json!(0))
+        );
+        let call = receiver.call().await;
+        assert_eq!(queued["id"], call.header("webhook-id"));
+        let event = call.verified(secret(&webhook));
+        assert_eq!(event["type"], "webhook.test");
+        assert_eq!(event["data"]["webhook_id"], webhook["id"]);
+        let delivery = ended(&service, &webhook).await;
+        assert_eq!(
+            (&delivery["id"], &delivery["status"]),
+            (&queued["id"], &json!(status))
+        );
+        assert_eq!(
+            (&delivery["event_id"], &delivery["alert_id"]),
+            (&Value::Null, &Value::Null)
+        );
+    }
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_receiver_that_does_not_answer_holds_up_nobody_else() {
+    let service = start(HOUR).await;
+    let (mut hanging, mut quick) = (Receiver::start().await, Receiver::start().await);
+    hanging.then_nothing();
+    let webhook = told(&service, &hanging).await;
+    told(&service, &quick).await;
+    happen(&service).await;
+    hanging.call().await;
+    quick.call().await;
+    for _ in 0..3 {
+        happen(&service).await;
+        quick.call().await;
+    }
+    assert!(!hanging.has_call(), "two calls at once");
+    assert_eq!(deliveries(&service, &webhook).await[3]["attempts"], 0);
+    service.stop().await;
+}
