@@ -12,7 +12,7 @@ use super::message::{AlertForm, MessageError, message};
 use super::schedule::verdict;
 use super::sender::Sender;
 use crate::ids::WebhookId;
-use crate::store::{Attempt, AttemptVerdict, NextDelivery, Store, StoreError};
+use crate::store::{Attempt, AttemptEnd, AttemptVerdict, NextDelivery, Store, StoreError};
 
 /// How often the store is asked for what is due.
 const LOOK: Duration = Duration::from_millis(500);
@@ -108,13 +108,13 @@ impl Dispatcher {
             verdict,
         };
         self.store.record_attempt(attempt).await?;
-        tell(next, &sent.end, verdict);
+        tell(next, sent.end, verdict);
         Ok(())
     }
 }
 
 /// The URL stays out of the log: it may hold a token.
-fn tell(next: &NextDelivery, end: &impl std::fmt::Debug, verdict: AttemptVerdict) {
+fn tell(next: &NextDelivery, end: AttemptEnd, verdict: AttemptVerdict) {
     let outcome = match verdict {
         AttemptVerdict::Delivered => "delivered",
         AttemptVerdict::RetryAt(_) => "retried",

@@ -8,11 +8,10 @@ use sqlx::sqlite::SqliteRow;
 
 use super::error::{Corruption, StoreError};
 use super::records::{BatchStatus, Detector, Stage};
-use super::webhook_records::{DeliveryFailure, DeliveryStatus, WebhookEvent};
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
 use crate::geometry::{Information, Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
-use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId, WebhookId};
+use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId};
 
 /// An enumeration that is stored as text.
 pub(super) trait Text: Sized {
@@ -34,6 +33,7 @@ macro_rules! text_column {
         }
     };
 }
+pub(super) use text_column;
 
 text_column!(Detector {
     Fused = "fused",
@@ -81,24 +81,6 @@ text_column!(AlertAction {
     Dismiss = "dismiss",
     Reopen = "reopen",
     Undo = "undo",
-});
-text_column!(WebhookEvent {
-    AlertRaised = "alert.raised",
-    AlertUpdated = "alert.updated",
-    Test = "webhook.test",
-});
-text_column!(DeliveryStatus {
-    Pending = "pending",
-    Delivered = "delivered",
-    Failed = "failed",
-});
-text_column!(DeliveryFailure {
-    Timeout = "timeout",
-    Connection = "connection",
-    NameUnknown = "name_unknown",
-    AddressRefused = "address_refused",
-    UrlRefused = "url_refused",
-    BrokenAnswer = "broken_answer",
 });
 
 /// A client-chosen name that is stored as text.
@@ -168,12 +150,6 @@ pub(super) fn parse_flags(text: &str) -> Result<Vec<String>, StoreError> {
 
 /// An alert id's column.
 pub(super) fn alert_id(row: &SqliteRow, column: &'static str) -> Result<AlertId, StoreError> {
-    let text: &str = row.try_get(column)?;
-    text.parse().map_err(|_| corrupt(column))
-}
-
-/// A webhook id's column.
-pub(super) fn webhook_id(row: &SqliteRow, column: &'static str) -> Result<WebhookId, StoreError> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|_| corrupt(column))
 }

@@ -4,13 +4,14 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::{Text, alert_id, corrupt, micros, optional_time, text, time, webhook_id};
+use super::columns::{Text, alert_id, corrupt, micros, optional_time, text, time};
 use super::error::StoreError;
 use super::request::Request;
 use super::webhook_records::{
     AttemptEnd, DeliveryFailure, DeliveryRecord, NextDelivery, TestQueued, WebhookEvent,
     WebhookSecret,
 };
+use super::webhooks::webhook_id;
 use super::{Store, named};
 use crate::ids::{AlertId, WebhookId};
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use jiff::Timestamp;
 
+use super::columns::{Text, text_column};
 use crate::ids::{AlertId, RouteId, WebhookId};
 
 /// Most webhooks of a service: each costs a row for every event, and a connection.
@@ -30,10 +31,16 @@ pub enum WebhookEvent {
     Test,
 }
 
+text_column!(WebhookEvent {
+    AlertRaised = "alert.raised",
+    AlertUpdated = "alert.updated",
+    Test = "webhook.test",
+});
+
 impl WebhookEvent {
     /// Its name to the outside.
     pub fn name(self) -> &'static str {
-        super::columns::Text::text(self)
+        self.text()
     }
 }
 
@@ -138,6 +145,12 @@ pub enum DeliveryStatus {
     Failed,
 }
 
+text_column!(DeliveryStatus {
+    Pending = "pending",
+    Delivered = "delivered",
+    Failed = "failed",
+});
+
 /// Why an attempt had no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeliveryFailure {
@@ -154,6 +167,15 @@ pub enum DeliveryFailure {
     /// What came back was not HTTP.
     BrokenAnswer,
 }
+
+text_column!(DeliveryFailure {
+    Timeout = "timeout",
+    Connection = "connection",
+    NameUnknown = "name_unknown",
+    AddressRefused = "address_refused",
+    UrlRefused = "url_refused",
+    BrokenAnswer = "broken_answer",
+});
 
 /// An event on its way to a receiver.
 #[derive(Debug, Clone, PartialEq)]

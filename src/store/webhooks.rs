@@ -4,9 +4,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::{
-    Text, corrupt, json, json_text, micros, name, optional_time, time, webhook_id,
-};
+use super::columns::{Text, corrupt, json, json_text, micros, name, optional_time, time};
 use super::error::StoreError;
 use super::request::Request;
 use super::webhook_records::{
@@ -239,6 +237,12 @@ fn webhook_of(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
         created_at: time(row, "created_at_us")?,
         updated_at: time(row, "updated_at_us")?,
     })
+}
+
+/// A webhook id's column.
+pub(super) fn webhook_id(row: &SqliteRow, column: &'static str) -> Result<WebhookId, StoreError> {
+    let text: &str = row.try_get(column)?;
+    text.parse().map_err(|_| corrupt(column))
 }
 
 fn events_text(events: &[WebhookEvent]) -> Result<String, StoreError> {

@@ -136,7 +136,7 @@ async fn a_deleted_webhook_is_called_no_more() {
 #[tokio::test]
 async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
     let service = start(HOUR).await;
-    let (mut receiver, mut elsewhere) = (Receiver::start().await, Receiver::start().await);
+    let (mut receiver, elsewhere) = (Receiver::start().await, Receiver::start().await);
     receiver.then_with(307, vec![("location", elsewhere.url.clone())]);
     let webhook = told(&service, &receiver).await;
     happen(&service).await;
@@ -235,7 +235,7 @@ async fn a_receiver_that_asks_for_time_gets_it() {
 #[tokio::test]
 async fn what_settings_allowed_once_is_not_sent_under_stricter_ones() {
     let service = start(HOUR).await;
-    let mut receiver = Receiver::start().await;
+    let receiver = Receiver::start().await;
     let webhook = told(&service, &receiver).await;
     let directory = service.stop_keeping().await;
     let service = start_in(directory, DeliveryOptions::default()).await;

@@ -96,7 +96,7 @@ impl Receiver {
     }
 
     /// Whether a call has come that was not looked at.
-    pub fn has_call(&mut self) -> bool {
+    pub fn has_call(&self) -> bool {
         !self.calls.is_empty()
     }
 }
