@@ -11,6 +11,8 @@ use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict, DeliveryStatus
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
 const DELETED_AT_ONCE: i64 = 500;
+/// What was delivered is listed among so many of the newest deliveries of its webhook.
+const LISTED: i64 = 1_000;
 
 impl Store {
     /// Notes an attempt and what follows from it. Nothing is written if the delivery is gone or
@@ -22,8 +24,8 @@ impl Store {
         self.work(Record(attempt)).await
     }
 
-    /// Deletes deliveries of events before a time, whatever became of them, at most a few hundred;
-    /// returns how many.
+    /// Deletes deliveries of events before a time, whatever became of them, and what was delivered
+    /// longer ago than the newest 1,000 of its webhook; a few hundred at once. Returns how many.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -49,7 +51,7 @@ impl Request for Record {
             AttemptEnd::Answer(status) => (Some(status), None),
             AttemptEnd::Failure(failure) => (None, Some(failure.text())),
         };
-        sqlx::query(
+        let noted = sqlx::query(
             "UPDATE webhook_deliveries SET status = ?3, attempts = ?2, attempted_at_us = ?4, \
              next_attempt_at_us = ?5, answer_status = ?6, failure = ?7 \
              WHERE delivery_key = ?1 AND attempts = ?2 - 1 AND status = 'pending'",
@@ -63,24 +65,58 @@ impl Request for Record {
         .bind(failure)
         .execute(&mut *transaction)
         .await?;
+        if noted.rows_affected() == 0 {
+            return Ok(());
+        }
         match attempt.verdict {
-            AttemptVerdict::Delivered => self.delete_covered(transaction).await,
+            AttemptVerdict::Delivered => self.delete_told(transaction).await,
+            AttemptVerdict::RetryAt(_) => self.join_retries(transaction).await,
             AttemptVerdict::Gone => self.disable(transaction).await,
-            AttemptVerdict::RetryAt(_) | AttemptVerdict::Failed => Ok(()),
+            AttemptVerdict::Failed => Ok(()),
         }
     }
 }
 
 impl Record {
-    /// Updates that wait to tell the receiver what it knows by now.
-    async fn delete_covered(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+    /// Deletes updates that wait to tell the receiver what it knows by now.
+    async fn delete_told(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        // Few wait; of the webhook or of the alert there may be thousands that do not.
         sqlx::query(
-            "DELETE FROM webhook_deliveries WHERE status = 'pending' AND event = 'alert.updated' \
-             AND alert_revision <= ?2 AND (webhook_key, alert_key) = \
+            "DELETE FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
+             WHERE status = 'pending' AND event = 'alert.updated' AND alert_revision <= ?2 \
+             AND (webhook_key, alert_key) = \
              (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?1)",
         )
         .bind(self.0.delivery_key)
         .bind(self.0.alert_revision)
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+
+    /// Whichever attempt succeeds tells the alert as it is then: of the updates of an alert, one
+    /// that is tried again and again is enough. Without this, what waits for a receiver that is
+    /// down would grow with every event.
+    async fn join_retries(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        sqlx::query(
+            "DELETE FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
+             WHERE status = 'pending' AND event = 'alert.updated' AND attempts = 0 \
+             AND (webhook_key, alert_key) = \
+             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?)",
+        )
+        .bind(self.0.delivery_key)
+        .execute(&mut *transaction)
+        .await?;
+        sqlx::query(
+            "DELETE FROM webhook_deliveries AS own \
+             WHERE delivery_key = ? AND event = 'alert.updated' AND EXISTS ( \
+                 SELECT 1 FROM webhook_deliveries AS other \
+                 INDEXED BY webhook_deliveries_pending \
+                 WHERE other.status = 'pending' AND other.webhook_key = own.webhook_key \
+                 AND other.alert_key = own.alert_key AND other.attempts > 0 \
+                 AND other.delivery_key <> own.delivery_key)",
+        )
+        .bind(self.0.delivery_key)
         .execute(transaction)
         .await?;
         Ok(())
@@ -118,8 +154,22 @@ impl Request for DeleteOld {
         )
         .bind(micros(self.before))
         .bind(DELETED_AT_ONCE)
+        .execute(&mut *transaction)
+        .await?;
+        let surplus = sqlx::query(
+            "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
+                 SELECT delivery_key FROM webhooks CROSS JOIN webhook_deliveries \
+                 USING (webhook_key) \
+                 WHERE status = 'delivered' AND delivery_key < ( \
+                     SELECT delivery_key FROM webhook_deliveries AS newer \
+                     WHERE newer.webhook_key = webhooks.webhook_key \
+                     ORDER BY delivery_key DESC LIMIT 1 OFFSET ?1) \
+                 LIMIT ?2)",
+        )
+        .bind(LISTED - 1)
+        .bind(DELETED_AT_ONCE)
         .execute(transaction)
         .await?;
-        Ok(deleted.rows_affected())
+        Ok(deleted.rows_affected() + surplus.rows_affected())
     }
 }

@@ -143,7 +143,10 @@ impl QueueTest {
         transaction: &mut SqliteConnection,
     ) -> Result<Option<DeliveryRecord>, StoreError> {
         let row = sqlx::query(select_deliveries!(
-            "WHERE webhooks.id = ? AND event = 'webhook.test' AND webhook_deliveries.status = 'pending'"
+            "WHERE delivery_key IN (SELECT delivery_key \
+             FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
+             WHERE status = 'pending' AND event = 'webhook.test' AND webhook_key = \
+             (SELECT webhook_key FROM webhooks WHERE id = ?))"
         ))
         .bind(self.webhook.to_string())
         .fetch_optional(transaction)

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use mapshift::delivery::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::changed_hall::APPEARED;
@@ -81,28 +81,20 @@ async fn events_arrive_in_order() {
     service.stop().await;
 }
 
-/// Ten events, and as few calls as tell the state after each of them.
 #[tokio::test]
 async fn updates_that_a_call_has_told_already_are_not_sent() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    receiver.then(500);
+    receiver.then_nothing();
     let webhook = told(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
-    tried(&service, &webhook).await;
-    let directory = service.stop_keeping().await;
-    // Nothing is sent meanwhile: these settings lead nowhere.
-    let mut nowhere = options(HOUR);
-    nowhere.policy = ReceiverPolicy::Public;
-    let service = start_in(directory, nowhere).await;
     let mut alert = Value::Null;
     for _ in 0..9 {
         alert = happen(&service).await;
     }
     assert_eq!(deliveries(&service, &webhook).await.len(), 10);
     let directory = service.stop_keeping().await;
-    make_due(&directory).await;
     let service = start_in(directory, options(HOUR)).await;
     let event = receiver.call().await.verified(secret(&webhook));
     assert_eq!(event["data"], alert);
@@ -112,6 +104,35 @@ async fn updates_that_a_call_has_told_already_are_not_sent() {
     happen(&service).await;
     let event = receiver.call().await.verified(secret(&webhook));
     assert_eq!(event["data"]["revision"], 12);
+    assert!(!receiver.has_call());
+    service.stop().await;
+}
+
+/// Each event is tried as it comes; what is tried again is one delivery, and tells all of them.
+#[tokio::test]
+async fn a_receiver_that_was_down_is_told_each_alert_once() {
+    let service = start(HOUR).await;
+    let mut receiver = Receiver::start().await;
+    receiver.then(500).then(500).then(500);
+    let webhook = told(&service, &receiver).await;
+    happen(&service).await;
+    receiver.call().await;
+    let first = tried(&service, &webhook).await;
+    let mut alert = Value::Null;
+    for _ in 0..2 {
+        alert = happen(&service).await;
+        receiver.call().await;
+        let again = tried(&service, &webhook).await;
+        assert_eq!(again, first);
+    }
+    assert_eq!(deliveries(&service, &webhook).await, [first.clone()]);
+    let directory = service.stop_keeping().await;
+    make_due(&directory).await;
+    let service = start_in(directory, options(HOUR)).await;
+    let call = receiver.call().await;
+    assert_eq!(first["id"], call.header("webhook-id"));
+    assert_eq!(call.verified(secret(&webhook))["data"], alert);
+    assert_eq!(ended(&service, &webhook).await["attempts"], 2);
     assert!(!receiver.has_call());
     service.stop().await;
 }

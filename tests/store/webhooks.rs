@@ -225,6 +225,34 @@ async fn old_deliveries_are_deleted_whatever_became_of_them() {
 }
 
 #[tokio::test]
+async fn of_what_was_delivered_the_newest_are_kept_and_of_failures_all() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, 1).await;
+    register(store, 2).await;
+    // The oldest has failed, all others were delivered.
+    let insert = "WITH RECURSIVE numbers(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM numbers \
+         WHERE k < 1700) \
+         INSERT INTO webhook_deliveries (webhook_key, id, event, at_us, status, attempts, \
+         attempted_at_us) SELECT 1, 'msg_' || k, 'webhook.test', 1800000000000000, \
+         iif(k = 0, 'failed', 'delivered'), 1, 0 FROM numbers";
+    let mut raw = fixture.raw().await;
+    sqlx::query(insert).execute(&mut raw).await.unwrap();
+    queue(store, 2, at(0)).await;
+    let deleted = [
+        store.delete_deliveries(at(0)).await.unwrap(),
+        store.delete_deliveries(at(0)).await.unwrap(),
+        store.delete_deliveries(at(0)).await.unwrap(),
+    ];
+    assert_eq!(deleted, [500, 200, 0]);
+    let left = store.deliveries(id(1), None, 2_000).await.unwrap();
+    assert_eq!(left.len(), 1_001);
+    assert_eq!(left[1_000].id, "msg_0");
+    assert_eq!(left[999].id, "msg_701");
+    assert_eq!(next(store).await.len(), 1);
+}
+
+#[tokio::test]
 async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;

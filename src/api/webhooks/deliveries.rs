@@ -156,8 +156,8 @@ impl From<DeliveryFailure> for DeliveryFailureName {
 
 /// List a webhook's deliveries.
 ///
-/// Of the last 30 days, the newest first, in parts. What receivers answer beside a status is
-/// neither kept nor shown.
+/// Of the last 30 days, the newest first, in parts; of what was delivered at least the newest
+/// 1,000. What receivers answer beside a status is neither kept nor shown.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}/deliveries", tag = "webhooks",
     params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook"), PageQuery),
