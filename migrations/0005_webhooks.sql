@@ -27,7 +27,7 @@ CREATE INDEX webhooks_by_route ON webhooks (route_key);
 
 -- One for each event and each webhook that is told of it, written with the event itself. An update
 -- that waits is deleted when its receiver has taken the same alert as new as that, or newer; and
--- when an attempt at another delivery of the same alert has failed that is made again anyway.
+-- when an attempt for the same alert has failed, while a newer update waits.
 CREATE TABLE webhook_deliveries (
     -- In the order of commits; never used again.
     delivery_key    INTEGER PRIMARY KEY AUTOINCREMENT,

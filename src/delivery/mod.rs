@@ -5,8 +5,9 @@
 //! least once: its row is pending until an attempt has been noted. How an alert is written is the
 //! interface's affair and handed in.
 //!
-//! Whatever is sent is the alert as it is then. So an update that a receiver knows already, or will
-//! be told by another delivery's next attempt, is dropped (`store/webhook_attempts.rs`).
+//! Whatever is sent is the alert as it is then. So an update that a receiver knows already is
+//! dropped, and of those that a receiver does not take, all but the newest of each alert
+//! (`store/webhook_attempts.rs`).
 //!
 //! Whoever registers a webhook makes the service open connections. [`ReceiverPolicy`] says where
 //! to; it is asked when a URL is registered, before each attempt, and for every address that a

@@ -70,7 +70,7 @@ impl Request for Record {
         }
         match attempt.verdict {
             AttemptVerdict::Delivered => self.delete_told(transaction).await,
-            AttemptVerdict::RetryAt(_) => self.join_retries(transaction).await,
+            AttemptVerdict::RetryAt(_) => self.keep_newest(transaction).await,
             AttemptVerdict::Gone => self.disable(transaction).await,
             AttemptVerdict::Failed => Ok(()),
         }
@@ -94,27 +94,18 @@ impl Record {
         Ok(())
     }
 
-    /// Whichever attempt succeeds tells the alert as it is then: of the updates of an alert, one
-    /// that is tried again and again is enough. Without this, what waits for a receiver that is
-    /// down would grow with every event.
-    async fn join_retries(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+    /// Of the updates of an alert that wait, the newest is enough: it tells the alert as it is, and
+    /// has all its attempts before it. Without this, what waits for a receiver that is down would
+    /// grow with every event.
+    async fn keep_newest(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(
-            "DELETE FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
-             WHERE status = 'pending' AND event = 'alert.updated' AND attempts = 0 \
-             AND (webhook_key, alert_key) = \
-             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?)",
-        )
-        .bind(self.0.delivery_key)
-        .execute(&mut *transaction)
-        .await?;
-        sqlx::query(
-            "DELETE FROM webhook_deliveries AS own \
-             WHERE delivery_key = ? AND event = 'alert.updated' AND EXISTS ( \
-                 SELECT 1 FROM webhook_deliveries AS other \
-                 INDEXED BY webhook_deliveries_pending \
-                 WHERE other.status = 'pending' AND other.webhook_key = own.webhook_key \
-                 AND other.alert_key = own.alert_key AND other.attempts > 0 \
-                 AND other.delivery_key <> own.delivery_key)",
+            "WITH waiting AS ( \
+                 SELECT delivery_key FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
+                 WHERE status = 'pending' AND event = 'alert.updated' \
+                 AND (webhook_key, alert_key) = \
+                 (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?)) \
+             DELETE FROM webhook_deliveries WHERE delivery_key IN waiting \
+             AND delivery_key < (SELECT max(delivery_key) FROM waiting)",
         )
         .bind(self.0.delivery_key)
         .execute(transaction)
