@@ -4,6 +4,7 @@ use serde_json::{Map, Value, json};
 use utoipa::OpenApi;
 
 use super::problem::{FieldError, ProblemBody, ProblemKind};
+use super::webhooks::add_calls;
 
 #[derive(OpenApi)]
 #[openapi(
@@ -19,7 +20,7 @@ use super::problem::{FieldError, ProblemBody, ProblemKind};
         (name = "graph", description = "Nodes, edges, trajectories"),
         (name = "residuals", description = "The statistics that tell a changed world"),
         (name = "alerts", description = "Where the world has changed, and what was decided about it"),
-        (name = "webhooks", description = "Who is told of alerts by a POST. The body is `{\"type\", \"timestamp\", \"data\"}`, where `data` is the alert as `GET /v1/alerts/{alert}` shows it when it is sent. It is signed as Standard Webhooks has it: `webhook-signature` is `v1,` and the base64 of HMAC-SHA256 over `webhook-id.webhook-timestamp.body`, keyed with the bytes whose base64 follows `whsec_` in the secret"),
+        (name = "webhooks", description = "Who is told of alerts by a POST: signed as Standard Webhooks has it, with the bytes whose base64 follows `whsec_` in the secret as key"),
         (name = "map", description = "Pictures and versions of the map"),
         (name = "operations", description = "For those who run the service")
     ),
@@ -42,6 +43,7 @@ pub(super) fn complete(document: &utoipa::openapi::OpenApi) -> Result<Value, ser
             }
         }
     }
+    add_calls(&mut document);
     Ok(document)
 }
 

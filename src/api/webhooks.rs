@@ -1,6 +1,7 @@
 //! Webhooks: who is told of alerts by a POST.
 
 mod body;
+mod calls;
 mod change;
 mod deliveries;
 mod registration;
@@ -22,6 +23,7 @@ use crate::ids::WebhookId;
 use crate::store::{Edited, WebhookRecord};
 
 use body::{WebhookBody, etag};
+pub(super) use calls::add_calls;
 pub(super) use change::*;
 pub(super) use deliveries::*;
 pub(super) use registration::*;

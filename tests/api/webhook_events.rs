@@ -20,6 +20,17 @@ async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
     let call = receiver.call().await;
     assert_eq!(call.path, "/hook");
     let event = call.verified(secret(&webhook));
+    let document = service.get("/openapi.json").await.json();
+    let documented = &document["components"]["schemas"]["WebhookMessage"]["properties"];
+    let keys = |value: &Value| {
+        value
+            .as_object()
+            .unwrap()
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(keys(&event), keys(documented));
     assert_eq!(event["type"], "alert.updated");
     assert_eq!(event["timestamp"], alert["updated_at"]);
     assert_eq!(event["data"], alert);
