@@ -142,7 +142,7 @@ impl LinearSystem {
 
     /// The two numbers of each pose that is not held.
     fn solve(&mut self) -> Option<Vec<(usize, [f64; SIZE])>> {
-        if !self.cholesky.factorise(&self.matrix, DAMPING_MIN) {
+        if !self.cholesky.factorise(&self.matrix, DAMPING_MIN, &mut []) {
             return None;
         }
         self.cholesky.solve(&mut self.right_hand_side);

@@ -1,7 +1,9 @@
-//! Where a front's numbers are.
+//! A dense matrix in which some variables are eliminated: where its numbers are, and what they
+//! are made from.
 
 use std::ops::Range;
 
+use super::block_matrix::BlockMatrix;
 use super::dense::PADDING;
 use super::elimination::Part;
 
@@ -22,6 +24,29 @@ pub(super) struct Front {
     pub(super) skipped: usize,
     pub(super) update_at: usize,
     pub(super) is_in_use: bool,
+    /// Pairs of the matrix that are filled in here.
+    pub(super) couplings: Vec<Coupling>,
+    pub(super) in_parent: InParent,
+}
+
+/// An own variable's pair with a later one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Coupling {
+    pub(super) pair: u32,
+    /// Where its block begins in the front's columns.
+    pub(super) at: u32,
+    /// Whether the pair's rows are the own variable's, and must become columns.
+    pub(super) is_turned: bool,
+}
+
+/// Where the rows below a front are in its parent.
+#[derive(Debug, Default)]
+pub(super) struct InParent {
+    /// The first scalar row of each, in the order of the front's own rows.
+    pub(super) rows: Vec<u32>,
+    pub(super) are_ascending: bool,
+    /// If they are: how many of them the parent eliminates.
+    pub(super) eliminated: usize,
 }
 
 impl Front {
@@ -36,7 +61,41 @@ impl Front {
             update_at: 0,
             is_in_use: true,
             rows: part.rows,
+            couplings: Vec::new(),
+            in_parent: InParent::default(),
         }
+    }
+
+    /// Notes which pairs are filled in here. `place` has the front's rows, by variable; what it
+    /// has for others is of no use.
+    pub(super) fn find_couplings<const B: usize>(
+        &mut self,
+        matrix: &BlockMatrix<B>,
+        place: &[u32],
+    ) {
+        for (k, &variable) in self.rows[..self.width].iter().enumerate() {
+            for (other, pair, is_column) in matrix.coupled(variable) {
+                let row = place[other as usize] as usize;
+                if row > k && self.rows.get(row) == Some(&other) {
+                    self.couplings.push(Coupling {
+                        pair: pair as u32,
+                        at: ((k * self.stride + row) * B) as u32,
+                        is_turned: !is_column,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Notes where its rows below are in its parent, which is `width` wide; `place` has the
+    /// parent's rows.
+    pub(super) fn find_in_parent<const B: usize>(&mut self, width: usize, place: &[u32]) {
+        let (below, found) = (&self.rows[self.width..], &mut self.in_parent);
+        found.rows.clear();
+        let rows = below.iter().map(|&v| place[v as usize] * B as u32);
+        found.rows.extend(rows);
+        found.are_ascending = found.rows.is_sorted();
+        found.eliminated = found.rows.partition_point(|&row| (row as usize) < width * B);
     }
 
     pub(super) fn columns<const B: usize>(&self) -> Range<usize> {

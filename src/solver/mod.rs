@@ -19,6 +19,7 @@ mod minimise;
 mod multifrontal;
 mod normal_equations;
 mod ordering;
+mod packs;
 mod part;
 mod problem;
 mod region;
@@ -29,6 +30,7 @@ mod summary;
 #[cfg(test)]
 mod testing;
 mod touched;
+mod trigonometry;
 mod whole;
 
 pub use marginals::{Innovation, Marginals};

@@ -2,18 +2,21 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::assembly::Assembly;
+use super::assembly::{FromChild, fill_columns};
 use super::block_matrix::BlockMatrix;
 use super::cholesky::{BlockCholesky, Memory};
-use super::dense::{backward, factor_columns, forward, subtract_square};
+use super::dense::{backward, factor_columns, forward, set_to_minus_square};
+use super::front::Front;
 
 /// Factors some fronts, children first. The damping is relative, and what a diagonal entry
-/// counts for at least.
+/// counts for at least. A right-hand side is brought through the fronts while they are at hand.
 pub(super) struct Factorise<'a, const B: usize> {
     pub(super) cholesky: &'a mut BlockCholesky<B>,
     pub(super) fronts: &'a [u32],
     pub(super) matrix: &'a BlockMatrix<B>,
     pub(super) damping: (f64, f64),
+    /// Empty if there is none.
+    pub(super) x: &'a mut [f64],
 }
 
 impl<const B: usize> WithSimd for Factorise<'_, B> {
@@ -22,78 +25,89 @@ impl<const B: usize> WithSimd for Factorise<'_, B> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
         let cholesky = self.cholesky;
-        let Memory {
-            place,
-            child_places,
-            ..
-        } = &mut cholesky.memory;
+        let (fronts, updates) = (&cholesky.fronts, &mut cholesky.updates);
         for &f in self.fronts {
-            let front = &cholesky.fronts[f as usize];
+            let front = &fronts[f as usize];
             let columns = &mut cholesky.columns[front.columns::<B>()];
-            columns.fill(0.0);
-            for (k, &variable) in front.rows.iter().enumerate() {
-                place[variable as usize] = k as u32;
-            }
-            let mut assembly = Assembly::<B>::new(front, columns, place);
-            assembly.add_matrix(self.matrix, self.damping);
-            cholesky.updates[front.update::<B>()].fill(0.0);
+            fill_columns(front, columns, self.matrix, self.damping);
             for &c in &front.children {
-                let child = &cholesky.fronts[c as usize];
-                let ranges = [front.update::<B>(), child.update::<B>()];
-                let Ok([update, of_child]) = cholesky.updates.get_disjoint_mut(ranges) else {
-                    return false;
-                };
-                assembly.add_child(child, of_child, update, child_places);
+                let child = &fronts[c as usize];
+                FromChild {
+                    parent: front,
+                    child,
+                    update: &updates[child.update::<B>()],
+                }
+                .add_to_columns::<B>(columns);
             }
             let width = front.width * B;
             if !factor_columns::<S, B>(simd, columns, front.stride, width) {
                 return false;
             }
-            subtract_square::<S, B>(
-                simd,
-                &mut cholesky.updates[front.update::<B>()],
-                front.update_stride(),
-                front.skipped,
-                columns,
-                front.stride,
-                width,
-            );
+            if front.rows.len() > front.width {
+                set_to_minus_square::<S, B>(
+                    simd,
+                    &mut updates[front.update::<B>()],
+                    front.update_stride(),
+                    front.skipped,
+                    columns,
+                    front.stride,
+                    width,
+                );
+            }
+            for &c in &front.children {
+                let child = &fronts[c as usize];
+                let ranges = [front.update::<B>(), child.update::<B>()];
+                let Ok([update, of_child]) = updates.get_disjoint_mut(ranges) else {
+                    return false;
+                };
+                FromChild {
+                    parent: front,
+                    child,
+                    update: of_child,
+                }
+                .add_to_update::<B>(update);
+            }
+            if !self.x.is_empty() {
+                solve_lower_front::<S, B>(simd, front, columns, &mut cholesky.memory, self.x);
+            }
         }
         true
     }
 }
 
-/// Solves for a right-hand side in place.
-pub(super) struct Solve<'a, const B: usize> {
+/// Solves L y = b in place.
+pub(super) struct SolveLower<'a, const B: usize> {
     pub(super) cholesky: &'a mut BlockCholesky<B>,
     pub(super) x: &'a mut [f64],
 }
 
-impl<const B: usize> WithSimd for Solve<'_, B> {
+impl<const B: usize> WithSimd for SolveLower<'_, B> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let cholesky = self.cholesky;
+        for &f in &cholesky.bottom_up {
+            let front = &cholesky.fronts[f as usize];
+            let columns = &cholesky.columns[front.columns::<B>()];
+            solve_lower_front::<S, B>(simd, front, columns, &mut cholesky.memory, self.x);
+        }
+    }
+}
+
+/// Solves Lᵀ x = y in place.
+pub(super) struct SolveUpper<'a, const B: usize> {
+    pub(super) cholesky: &'a mut BlockCholesky<B>,
+    pub(super) x: &'a mut [f64],
+}
+
+impl<const B: usize> WithSimd for SolveUpper<'_, B> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let cholesky = self.cholesky;
         let Memory { x: own, y, .. } = &mut cholesky.memory;
-        for &f in &cholesky.bottom_up {
-            let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
-            own.clear();
-            own.resize(front.width * B, 0.0);
-            gather::<B>(self.x, &front.rows[..front.width], y);
-            let columns = &cholesky.columns[front.columns::<B>()];
-            forward::<S, B>(simd, columns, front.stride, y, own);
-            scatter::<B>(own, &front.rows[..front.width], self.x);
-            let below = &y[front.width * B..];
-            for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
-                let at = variable as usize * B;
-                for (x, part) in self.x[at..at + B].iter_mut().zip(part) {
-                    *x += part;
-                }
-            }
-        }
         for &f in cholesky.bottom_up.iter().rev() {
             let front = &cholesky.fronts[f as usize];
             y.clear();
@@ -105,6 +119,31 @@ impl<const B: usize> WithSimd for Solve<'_, B> {
             let columns = &cholesky.columns[front.columns::<B>()];
             backward::<S, B>(simd, columns, front.stride, y, own);
             scatter::<B>(y, &front.rows[..front.width], self.x);
+        }
+    }
+}
+
+#[inline(always)]
+fn solve_lower_front<S: Simd, const B: usize>(
+    simd: S,
+    front: &Front,
+    columns: &[f64],
+    memory: &mut Memory,
+    x: &mut [f64],
+) {
+    let Memory { x: own, y, .. } = memory;
+    y.clear();
+    y.resize(front.stride, 0.0);
+    own.clear();
+    own.resize(front.width * B, 0.0);
+    gather::<B>(x, &front.rows[..front.width], y);
+    forward::<S, B>(simd, columns, front.stride, y, own);
+    scatter::<B>(own, &front.rows[..front.width], x);
+    let below = &y[front.width * B..];
+    for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
+        let at = variable as usize * B;
+        for (x, part) in x[at..at + B].iter_mut().zip(part) {
+            *x += part;
         }
     }
 }
