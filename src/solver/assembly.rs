@@ -40,6 +40,30 @@ pub(super) fn fill_columns<const B: usize>(
     }
 }
 
+/// Puts the own variables' right-hand side into the row for it.
+#[inline(always)]
+pub(super) fn fill_right_row<const B: usize>(front: &Front, columns: &mut [f64], x: &[f64]) {
+    let (blocks, right) = (x.as_chunks::<B>().0, front.right_row::<B>());
+    let own = &front.rows[..front.width];
+    let values = own.iter().flat_map(|&variable| blocks[variable as usize]);
+    for (column, value) in columns.chunks_exact_mut(front.stride).zip(values) {
+        column[right] = value;
+    }
+}
+
+/// Reads y of L y = x out of it, once the front is factored.
+#[inline(always)]
+pub(super) fn read_right_row<const B: usize>(front: &Front, columns: &[f64], x: &mut [f64]) {
+    let (blocks, right) = (x.as_chunks_mut::<B>().0, front.right_row::<B>());
+    let solved = columns.chunks_exact((B * front.stride).max(1));
+    for (columns, &variable) in solved.zip(&front.rows) {
+        let block = &mut blocks[variable as usize];
+        for (value, column) in block.iter_mut().zip(columns.chunks_exact(front.stride)) {
+            *value = column[right];
+        }
+    }
+}
+
 /// A child's update on its way into its parent.
 pub(super) struct FromChild<'a> {
     pub(super) parent: &'a Front,
@@ -88,6 +112,13 @@ impl FromChild<'_> {
         // Where the jth row below stands in the child's columns.
         let first = (child.width + j) * B - child.skipped;
         let from = &self.update[j * B * own_stride..(j + 1) * B * own_stride];
+        let (at, right) = (
+            child.right_row::<B>() - child.skipped,
+            self.parent.right_row::<B>() - lacks,
+        );
+        for c in 0..B {
+            to[c * stride + right] += from[c * own_stride + at];
+        }
         for (i, &row) in child.in_parent.rows[j..].iter().enumerate() {
             let (at, row) = (first + i * B, row as usize - lacks);
             for c in 0..B {
@@ -114,6 +145,15 @@ impl FromChild<'_> {
         };
         let rows = &child.in_parent.rows;
         for (j, &column) in rows.iter().enumerate() {
+            if ((column as usize) < width) == to_columns {
+                let from =
+                    &self.update[j * B * own_stride + child.right_row::<B>() - child.skipped..];
+                let to = &mut to
+                    [(column as usize - column_first) * stride + parent.right_row::<B>() - lacks..];
+                for c in 0..B {
+                    to[c * stride] += from[c * own_stride];
+                }
+            }
             for (i, &row) in rows.iter().enumerate().skip(j) {
                 let (row, column) = (row as usize, column as usize);
                 let is_turned = row < column;

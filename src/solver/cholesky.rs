@@ -7,6 +7,7 @@
 
 use pulp::Arch;
 
+use super::aligned::Aligned;
 use super::arena::Arena;
 use super::block_matrix::BlockMatrix;
 use super::elimination::{Part, eliminate};
@@ -28,8 +29,8 @@ pub(super) struct BlockCholesky<const B: usize> {
     front_of: Vec<u32>,
     column_arena: Arena,
     update_arena: Arena,
-    pub(super) columns: Vec<f64>,
-    pub(super) updates: Vec<f64>,
+    pub(super) columns: Aligned,
+    pub(super) updates: Aligned,
     keeps_updates: bool,
     pub(super) memory: Memory,
 }
@@ -38,7 +39,8 @@ pub(super) struct BlockCholesky<const B: usize> {
 pub(super) struct Memory {
     /// By variable, its place among the rows of the front that is worked on.
     pub(super) place: Vec<u32>,
-    pub(super) y: Vec<f64>,
+    /// As long as a front's columns.
+    pub(super) y: Aligned,
     pub(super) x: Vec<f64>,
 }
 
@@ -64,8 +66,8 @@ impl<const B: usize> BlockCholesky<B> {
             front_of: Vec::new(),
             column_arena: Arena::default(),
             update_arena: Arena::default(),
-            columns: Vec::new(),
-            updates: Vec::new(),
+            columns: Aligned::default(),
+            updates: Aligned::default(),
             keeps_updates,
             memory: Memory::default(),
         }
@@ -113,12 +115,7 @@ impl<const B: usize> BlockCholesky<B> {
     }
 
     /// Makes fronts of parts whose given fronts are these.
-    fn add_fronts(
-        &mut self,
-        matrix: &BlockMatrix<B>,
-        parts: Vec<Part>,
-        given: &[u32],
-    ) -> Vec<u32> {
+    fn add_fronts(&mut self, matrix: &BlockMatrix<B>, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
         let mut new: Vec<u32> = Vec::with_capacity(parts.len());
         for part in parts {
             let kept: Vec<u32> = part.given.iter().map(|&g| given[g as usize]).collect();
@@ -146,8 +143,8 @@ impl<const B: usize> BlockCholesky<B> {
             new.push(self.add_front(front));
         }
         self.bottom_up.extend_from_slice(&new);
-        self.columns.resize(self.column_arena.end(), 0.0);
-        self.updates.resize(self.update_arena.end(), 0.0);
+        self.columns.grow(self.column_arena.end());
+        self.updates.grow(self.update_arena.end());
         new
     }
 

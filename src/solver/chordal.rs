@@ -66,7 +66,7 @@ impl LinearSystem {
     }
 
     fn clear(&mut self) {
-        self.matrix.clear();
+        self.matrix.clear_diagonal();
         self.right_hand_side.fill(0.0);
         self.next_factor = 0;
     }

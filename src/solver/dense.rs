@@ -156,22 +156,32 @@ fn cholesky_of_block<const B: usize>(
     stride: usize,
     k: usize,
 ) -> Option<[[f64; B]; B]> {
+    // L with ones on its diagonal first, so that no column waits for a root.
     let mut l = [[0.0; B]; B];
+    let mut scaled = [[0.0; B]; B];
     for c in 0..B {
         for r in c..B {
             let mut value = own[c * stride + k + r];
-            for column in &l[..c] {
-                value -= column[r] * column[c];
+            for j in 0..c {
+                value -= scaled[j][r] * l[j][c];
             }
-            if r == c {
-                // A pivot that is not a number is refused too.
-                if !(value > 0.0 && value.is_finite()) {
-                    return None;
-                }
-                l[c][c] = 1.0 / value.sqrt();
-            } else {
-                l[c][r] = value * l[c][c];
-            }
+            scaled[c][r] = value;
+        }
+        let pivot = scaled[c][c];
+        // A pivot that is not a number is refused too.
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        let inverse = 1.0 / pivot;
+        l[c][c] = inverse;
+        for r in c + 1..B {
+            l[c][r] = scaled[c][r] * inverse;
+        }
+    }
+    for c in 0..B {
+        l[c][c] = l[c][c].sqrt();
+        for r in c + 1..B {
+            l[c][r] = scaled[c][r] * l[c][c];
         }
     }
     Some(l)

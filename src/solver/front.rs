@@ -10,7 +10,8 @@ use super::elimination::Part;
 /// No front, no variable.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A dense matrix in which the first `width` of `rows` are eliminated.
+/// A dense matrix in which the first `width` of `rows` are eliminated. Below its rows it has one
+/// more scalar row, for a right-hand side that is brought along.
 #[derive(Debug)]
 pub(super) struct Front {
     pub(super) rows: Vec<u32>,
@@ -55,7 +56,7 @@ impl Front {
             width: part.width,
             parent: NONE,
             children: part.children,
-            stride: (part.rows.len() * B).next_multiple_of(PADDING),
+            stride: (part.rows.len() * B + 1).next_multiple_of(PADDING),
             columns_at: 0,
             skipped: part.width * B / PADDING * PADDING,
             update_at: 0,
@@ -95,7 +96,9 @@ impl Front {
         let rows = below.iter().map(|&v| place[v as usize] * B as u32);
         found.rows.extend(rows);
         found.are_ascending = found.rows.is_sorted();
-        found.eliminated = found.rows.partition_point(|&row| (row as usize) < width * B);
+        found.eliminated = found
+            .rows
+            .partition_point(|&row| (row as usize) < width * B);
     }
 
     pub(super) fn columns<const B: usize>(&self) -> Range<usize> {
@@ -109,6 +112,11 @@ impl Front {
     pub(super) fn update<const B: usize>(&self) -> Range<usize> {
         let columns = (self.rows.len() - self.width) * B;
         self.update_at..self.update_at + columns * self.update_stride()
+    }
+
+    /// The scalar row of the right-hand side.
+    pub(super) fn right_row<const B: usize>(&self) -> usize {
+        self.rows.len() * B
     }
 
     pub(super) fn below(&self) -> &[u32] {

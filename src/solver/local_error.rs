@@ -5,7 +5,7 @@
 //! the graph is moved they stay as they are, and so does a factorisation made from them.
 
 use super::packs::LANES;
-use super::trigonometry::{sin_cos, wrap};
+use super::trigonometry::{sin_cos, sines_and_cosines, wrap};
 use crate::geometry::{Matrix3, Pose2, Vector3};
 
 /// A pose with its sine and cosine taken.
@@ -98,16 +98,16 @@ pub(super) fn take_steps(from: &[Frame], steps: &[[f64; 3]], to: &mut Vec<Frame>
         #[inline(always)]
         || {
             for (frames, steps) in to.chunks_mut(LANES).zip(steps.chunks(LANES)) {
-                let (mut thetas, mut sines, mut cosines) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                let mut thetas = [0.0; LANES];
                 for (k, (frame, step)) in frames.iter_mut().zip(steps).enumerate() {
                     frame.pose.x += frame.cos * step[0] - frame.sin * step[1];
                     frame.pose.y += frame.sin * step[0] + frame.cos * step[1];
                     thetas[k] = frame.pose.theta + step[2];
                 }
-                for k in 0..LANES {
-                    thetas[k] = wrap(thetas[k]);
-                    (sines[k], cosines[k]) = sin_cos(thetas[k]);
+                for theta in &mut thetas {
+                    *theta = wrap(*theta);
                 }
+                let (sines, cosines) = sines_and_cosines(thetas);
                 for (k, frame) in frames.iter_mut().enumerate() {
                     (frame.sin, frame.cos) = (sines[k], cosines[k]);
                     frame.pose.theta = thetas[k];

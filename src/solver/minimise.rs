@@ -219,7 +219,11 @@ impl Minimiser {
         if decrease <= options.cost_tolerance * summary.final_cost {
             return Some(Termination::ConvergedByCost);
         }
-        let longest = self.step.iter().flatten().fold(0.0_f64, |max, s| max.max(s.abs()));
+        let longest = self
+            .step
+            .iter()
+            .flatten()
+            .fold(0.0_f64, |max, s| max.max(s.abs()));
         (longest <= options.step_tolerance).then_some(Termination::ConvergedByStep)
     }
 }

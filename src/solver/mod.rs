@@ -2,6 +2,7 @@
 //!
 //! Only active edges take part. Each connected component's gauge is held by its first node.
 
+mod aligned;
 mod arena;
 mod assembly;
 mod block_matrix;

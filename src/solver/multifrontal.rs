@@ -2,11 +2,10 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::assembly::{FromChild, fill_columns};
+use super::assembly::{FromChild, fill_columns, fill_right_row, read_right_row};
 use super::block_matrix::BlockMatrix;
 use super::cholesky::{BlockCholesky, Memory};
 use super::dense::{backward, factor_columns, forward, set_to_minus_square};
-use super::front::Front;
 
 /// Factors some fronts, children first. The damping is relative, and what a diagonal entry
 /// counts for at least. A right-hand side is brought through the fronts while they are at hand.
@@ -25,11 +24,16 @@ impl<const B: usize> WithSimd for Factorise<'_, B> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
         let cholesky = self.cholesky;
-        let (fronts, updates) = (&cholesky.fronts, &mut cholesky.updates);
+        let fronts = &cholesky.fronts;
+        let all_columns = cholesky.columns.as_mut_slice();
+        let updates = cholesky.updates.as_mut_slice();
         for &f in self.fronts {
             let front = &fronts[f as usize];
-            let columns = &mut cholesky.columns[front.columns::<B>()];
+            let columns = &mut all_columns[front.columns::<B>()];
             fill_columns(front, columns, self.matrix, self.damping);
+            if !self.x.is_empty() {
+                fill_right_row::<B>(front, columns, self.x);
+            }
             for &c in &front.children {
                 let child = &fronts[c as usize];
                 FromChild {
@@ -68,7 +72,7 @@ impl<const B: usize> WithSimd for Factorise<'_, B> {
                 .add_to_update::<B>(update);
             }
             if !self.x.is_empty() {
-                solve_lower_front::<S, B>(simd, front, columns, &mut cholesky.memory, self.x);
+                read_right_row::<B>(front, columns, self.x);
             }
         }
         true
@@ -87,10 +91,25 @@ impl<const B: usize> WithSimd for SolveLower<'_, B> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let cholesky = self.cholesky;
+        let Memory { x: own, y, .. } = &mut cholesky.memory;
         for &f in &cholesky.bottom_up {
             let front = &cholesky.fronts[f as usize];
-            let columns = &cholesky.columns[front.columns::<B>()];
-            solve_lower_front::<S, B>(simd, front, columns, &mut cholesky.memory, self.x);
+            y.grow(front.stride);
+            let y = &mut y.as_mut_slice()[..front.stride];
+            y.fill(0.0);
+            own.clear();
+            own.resize(front.width * B, 0.0);
+            gather::<B>(self.x, &front.rows[..front.width], y);
+            let columns = &cholesky.columns.as_slice()[front.columns::<B>()];
+            forward::<S, B>(simd, columns, front.stride, y, own);
+            scatter::<B>(own, &front.rows[..front.width], self.x);
+            let below = &y[front.width * B..];
+            for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
+                let at = variable as usize * B;
+                for (x, part) in self.x[at..at + B].iter_mut().zip(part) {
+                    *x += part;
+                }
+            }
         }
     }
 }
@@ -110,40 +129,16 @@ impl<const B: usize> WithSimd for SolveUpper<'_, B> {
         let Memory { x: own, y, .. } = &mut cholesky.memory;
         for &f in cholesky.bottom_up.iter().rev() {
             let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
+            y.grow(front.stride);
+            let y = &mut y.as_mut_slice()[..front.stride];
+            y.fill(0.0);
             own.clear();
             own.resize(front.width * B, 0.0);
             gather::<B>(self.x, &front.rows[..front.width], own);
             gather::<B>(self.x, front.below(), &mut y[front.width * B..]);
-            let columns = &cholesky.columns[front.columns::<B>()];
+            let columns = &cholesky.columns.as_slice()[front.columns::<B>()];
             backward::<S, B>(simd, columns, front.stride, y, own);
             scatter::<B>(y, &front.rows[..front.width], self.x);
-        }
-    }
-}
-
-#[inline(always)]
-fn solve_lower_front<S: Simd, const B: usize>(
-    simd: S,
-    front: &Front,
-    columns: &[f64],
-    memory: &mut Memory,
-    x: &mut [f64],
-) {
-    let Memory { x: own, y, .. } = memory;
-    y.clear();
-    y.resize(front.stride, 0.0);
-    own.clear();
-    own.resize(front.width * B, 0.0);
-    gather::<B>(x, &front.rows[..front.width], y);
-    forward::<S, B>(simd, columns, front.stride, y, own);
-    scatter::<B>(own, &front.rows[..front.width], x);
-    let below = &y[front.width * B..];
-    for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
-        let at = variable as usize * B;
-        for (x, part) in x[at..at + B].iter_mut().zip(part) {
-            *x += part;
         }
     }
 }

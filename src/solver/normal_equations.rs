@@ -251,7 +251,7 @@ impl NormalEquations {
     /// Fills in H at these poses; the packs hold the problem's factors.
     pub(super) fn linearise(&mut self, problem: &Problem, packs: &[Pack], frames: &[Frame]) {
         self.has_plain_factor = false;
-        self.matrix.clear();
+        self.matrix.clear_diagonal();
         let slots = std::mem::take(&mut self.slots);
         Arch::new().dispatch(
             #[inline(always)]
