@@ -50,10 +50,10 @@ impl<const B: usize> BlockMatrix<B> {
         name
     }
 
-    /// Sets all values to zero.
-    pub(super) fn clear(&mut self) {
+    /// Sets the diagonal to zero, to be added up again. Pairs keep their blocks until they are
+    /// set.
+    pub(super) fn clear_diagonal(&mut self) {
         self.diagonal.fill(SMatrix::zeros());
-        self.blocks.fill(SMatrix::zeros());
     }
 
     /// The variables that a variable is coupled with, each with the pair, and whether its own

@@ -7,11 +7,12 @@
 
 use pulp::Arch;
 
+use super::aligned::Aligned;
 use super::arena::Arena;
 use super::block_matrix::BlockMatrix;
 use super::elimination::{Part, eliminate};
 use super::front::{Front, NONE};
-use super::multifrontal::{Factorise, Solve, SolveForward};
+use super::multifrontal::{Factorise, SolveLower, SolveUpper};
 use super::ordering::DenseGraph;
 
 /// A top with more variables than this is most of the graph, and ordered like one.
@@ -28,8 +29,8 @@ pub(super) struct BlockCholesky<const B: usize> {
     front_of: Vec<u32>,
     column_arena: Arena,
     update_arena: Arena,
-    pub(super) columns: Vec<f64>,
-    pub(super) updates: Vec<f64>,
+    pub(super) columns: Aligned,
+    pub(super) updates: Aligned,
     keeps_updates: bool,
     pub(super) memory: Memory,
 }
@@ -38,9 +39,8 @@ pub(super) struct BlockCholesky<const B: usize> {
 pub(super) struct Memory {
     /// By variable, its place among the rows of the front that is worked on.
     pub(super) place: Vec<u32>,
-    /// The same for the rows of a child.
-    pub(super) child_places: Vec<u32>,
-    pub(super) y: Vec<f64>,
+    /// As long as a front's columns.
+    pub(super) y: Aligned,
     pub(super) x: Vec<f64>,
 }
 
@@ -53,7 +53,7 @@ impl<const B: usize> BlockCholesky<B> {
         let mut cholesky = Self::empty(keeps_updates);
         cholesky.front_of = vec![NONE; order.len()];
         let parts = eliminate(matrix, &order, &[], &mut cholesky.memory.place);
-        cholesky.add_fronts(parts, &[]);
+        cholesky.add_fronts(matrix, parts, &[]);
         cholesky
     }
 
@@ -66,8 +66,8 @@ impl<const B: usize> BlockCholesky<B> {
             front_of: Vec::new(),
             column_arena: Arena::default(),
             update_arena: Arena::default(),
-            columns: Vec::new(),
-            updates: Vec::new(),
+            columns: Aligned::default(),
+            updates: Aligned::default(),
             keeps_updates,
             memory: Memory::default(),
         }
@@ -111,11 +111,11 @@ impl<const B: usize> BlockCholesky<B> {
         let below: Vec<&[u32]> = given.iter().map(|&f| fronts[f as usize].below()).collect();
         let order = order_of_top(matrix, &top, &below, &mut self.memory.place);
         let parts = eliminate(matrix, &order, &below, &mut self.memory.place);
-        Some(self.add_fronts(parts, &given))
+        Some(self.add_fronts(matrix, parts, &given))
     }
 
     /// Makes fronts of parts whose given fronts are these.
-    fn add_fronts(&mut self, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
+    fn add_fronts(&mut self, matrix: &BlockMatrix<B>, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
         let mut new: Vec<u32> = Vec::with_capacity(parts.len());
         for part in parts {
             let kept: Vec<u32> = part.given.iter().map(|&g| given[g as usize]).collect();
@@ -124,6 +124,14 @@ impl<const B: usize> BlockCholesky<B> {
                 *child = new[*child as usize];
             }
             front.children.extend(kept);
+            let place = &mut self.memory.place;
+            for (k, &variable) in front.rows.iter().enumerate() {
+                place[variable as usize] = k as u32;
+            }
+            front.find_couplings(matrix, place);
+            for &child in &front.children {
+                self.fronts[child as usize].find_in_parent::<B>(front.width, place);
+            }
             front.columns_at = self.column_arena.take(front.columns::<B>().len());
             front.update_at = self.update_arena.take(front.update::<B>().len());
             if !self.keeps_updates {
@@ -135,8 +143,8 @@ impl<const B: usize> BlockCholesky<B> {
             new.push(self.add_front(front));
         }
         self.bottom_up.extend_from_slice(&new);
-        self.columns.resize(self.column_arena.end(), 0.0);
-        self.updates.resize(self.update_arena.end(), 0.0);
+        self.columns.grow(self.column_arena.end());
+        self.updates.grow(self.update_arena.end());
         new
     }
 
@@ -156,10 +164,16 @@ impl<const B: usize> BlockCholesky<B> {
     }
 
     /// Factors the matrix, its diagonal damped by this part of itself; `false` if that is not
-    /// positive definite, and the factor is of no use then.
-    pub(super) fn factorise(&mut self, matrix: &BlockMatrix<B>, damping: f64) -> bool {
+    /// positive definite, and the factor is of no use then. On the way, L y = x is solved for
+    /// a right-hand side, if there is any.
+    pub(super) fn factorise(
+        &mut self,
+        matrix: &BlockMatrix<B>,
+        damping: f64,
+        x: &mut [f64],
+    ) -> bool {
         let fronts = std::mem::take(&mut self.bottom_up);
-        let is_done = self.factorise_fronts(&fronts, matrix, damping);
+        let is_done = self.factorise_with(&fronts, matrix, damping, x);
         self.bottom_up = fronts;
         is_done
     }
@@ -171,19 +185,46 @@ impl<const B: usize> BlockCholesky<B> {
         matrix: &BlockMatrix<B>,
         damping: f64,
     ) -> bool {
-        self.memory.place.resize(matrix.variables(), 0);
+        self.factorise_with(fronts, matrix, damping, &mut [])
+    }
+
+    fn factorise_with(
+        &mut self,
+        fronts: &[u32],
+        matrix: &BlockMatrix<B>,
+        damping: f64,
+        x: &mut [f64],
+    ) -> bool {
         let least = matrix.least_diagonal();
         Arch::new().dispatch(Factorise {
             cholesky: self,
             fronts,
             matrix,
             damping: (damping, least),
+            x,
         })
     }
 
     /// Solves A x = b in place: B numbers for each variable.
     pub(super) fn solve(&mut self, x: &mut [f64]) {
-        Arch::new().dispatch(Solve { cholesky: self, x });
+        self.solve_lower(x);
+        self.solve_upper(x);
+    }
+
+    /// Solves L y = b in place: the first half of [`Self::solve`].
+    pub(super) fn solve_lower(&mut self, x: &mut [f64]) {
+        let fronts = std::mem::take(&mut self.bottom_up);
+        self.solve_lower_along(&fronts, x);
+        self.bottom_up = fronts;
+    }
+
+    /// The same for a b that is zero but where a path eliminates.
+    pub(super) fn solve_lower_along(&mut self, path: &[u32], x: &mut [f64]) {
+        Arch::new().dispatch(SolveLower {
+            cholesky: self,
+            fronts: path,
+            x,
+        });
     }
 
     /// The fronts between some variables and the root, children first.
@@ -199,15 +240,15 @@ impl<const B: usize> BlockCholesky<B> {
         bottom_up.filter(|&f| is_on_path[f as usize]).collect()
     }
 
-    /// Appends the rows of L⁻¹ b that a path eliminates; b must be zero elsewhere, and is zero
-    /// everywhere afterwards.
-    pub(super) fn solve_forward(&mut self, path: &[u32], b: &mut [f64], solved: &mut Vec<f64>) {
-        Arch::new().dispatch(SolveForward {
-            cholesky: self,
-            path,
-            b,
-            solved,
-        });
+    /// The variables that a path eliminates.
+    pub(super) fn variables_of<'a>(&'a self, path: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
+        let fronts = path.iter().map(|&f| &self.fronts[f as usize]);
+        fronts.flat_map(|front| front.rows[..front.width].iter().copied())
+    }
+
+    /// Solves Lᵀ x = y in place: the second half of [`Self::solve`].
+    pub(super) fn solve_upper(&mut self, x: &mut [f64]) {
+        Arch::new().dispatch(SolveUpper { cholesky: self, x });
     }
 }
 

@@ -66,7 +66,7 @@ impl LinearSystem {
     }
 
     fn clear(&mut self) {
-        self.matrix.clear();
+        self.matrix.clear_diagonal();
         self.right_hand_side.fill(0.0);
         self.next_factor = 0;
     }
@@ -142,7 +142,7 @@ impl LinearSystem {
 
     /// The two numbers of each pose that is not held.
     fn solve(&mut self) -> Option<Vec<(usize, [f64; SIZE])>> {
-        if !self.cholesky.factorise(&self.matrix, DAMPING_MIN) {
+        if !self.cholesky.factorise(&self.matrix, DAMPING_MIN, &mut []) {
             return None;
         }
         self.cholesky.solve(&mut self.right_hand_side);

@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use super::local_error::Frame;
 use super::minimise::DAMPING_MIN;
 use super::normal_equations::{NormalEquations, POSE_SIZE};
+use super::packs::pack_factors;
 use super::problem::{Factor, Problem};
 use super::region::Region;
 use crate::geometry::Information;
@@ -92,7 +93,9 @@ fn strains_for(
     };
     let frames: Vec<Frame> = loose.poses.iter().map(|&pose| Frame::of(pose)).collect();
     let mut equations = NormalEquations::new(&loose, false)?;
-    equations.linearise(&loose, &frames);
+    let mut packs = Vec::new();
+    pack_factors(&loose.factors, &mut packs);
+    equations.linearise(&loose, &packs, &frames);
     if !equations.factorise(DAMPING_MIN) {
         return None;
     }

@@ -27,7 +27,15 @@ pub(super) fn factor_columns<S: Simd, const B: usize>(
         let (done, rest) = columns.split_at_mut(k * stride);
         let own = &mut rest[..B * stride];
         let top = k / S::F64_LANES * S::F64_LANES;
-        subtract_products::<S, B>(simd, own, stride, top, done, stride, top, k);
+        if k > 0 {
+            let factors = Factors {
+                columns: done,
+                stride,
+                top,
+                row: k,
+            };
+            factors.subtract::<S, B, true>(simd, own, stride, top);
+        }
         let Some(pivot) = cholesky_of_block::<B>(own, stride, k) else {
             return false;
         };
@@ -39,10 +47,10 @@ pub(super) fn factor_columns<S: Simd, const B: usize>(
     true
 }
 
-/// Subtracts P Pᵀ from the lower triangle of a symmetric matrix, where P are the rows of some
+/// Sets the lower triangle of a symmetric matrix to −P Pᵀ, where P are the rows of some
 /// columns from `first` on. Row r of the matrix is kept at r + `first` − `skipped`.
 #[inline(always)]
-pub(super) fn subtract_square<S: Simd, const B: usize>(
+pub(super) fn set_to_minus_square<S: Simd, const B: usize>(
     simd: S,
     matrix: &mut [f64],
     stride: usize,
@@ -51,95 +59,92 @@ pub(super) fn subtract_square<S: Simd, const B: usize>(
     column_stride: usize,
     first: usize,
 ) {
-    // Where nothing is left below the columns, a column of the matrix may have no rows at all.
-    for (k, own) in matrix.chunks_exact_mut((B * stride).max(1)).enumerate() {
+    for (k, own) in matrix.chunks_exact_mut(B * stride).enumerate() {
         let row = first + k * B;
         let top = (row - skipped) / S::F64_LANES * S::F64_LANES;
-        subtract_products::<S, B>(
-            simd,
-            own,
-            stride,
-            top,
+        let factors = Factors {
             columns,
-            column_stride,
-            top + skipped,
+            stride: column_stride,
+            top: top + skipped,
             row,
-        );
-    }
-}
-
-/// own[r, c] −= Σ_j columns[r, j] columns[`factor_row` + c, j] for the rows from `top` on, which
-/// are the rows from `column_top` on in `columns`.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn subtract_products<S: Simd, const B: usize>(
-    simd: S,
-    own: &mut [f64],
-    stride: usize,
-    top: usize,
-    columns: &[f64],
-    column_stride: usize,
-    column_top: usize,
-    factor_row: usize,
-) {
-    let lanes = S::F64_LANES;
-    let vectors = (stride - top) / lanes;
-    let mut at = 0;
-    macro_rules! rows {
-        ($count:expr) => {
-            subtract_products_of_rows::<S, B, { $count }>(
-                simd,
-                own,
-                stride,
-                top + at * lanes,
-                columns,
-                column_stride,
-                column_top + at * lanes,
-                factor_row,
-            )
         };
-    }
-    while vectors - at >= VECTORS {
-        rows!(VECTORS);
-        at += VECTORS;
-    }
-    match vectors - at {
-        3 => rows!(3),
-        2 => rows!(2),
-        1 => rows!(1),
-        _ => {}
+        factors.subtract::<S, B, false>(simd, own, stride, top);
     }
 }
 
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn subtract_products_of_rows<S: Simd, const B: usize, const V: usize>(
-    simd: S,
-    own: &mut [f64],
+/// Columns, of which the rows from `top` on are multiplied with the B rows from `row` on.
+struct Factors<'a> {
+    columns: &'a [f64],
     stride: usize,
     top: usize,
-    columns: &[f64],
-    column_stride: usize,
-    column_top: usize,
-    factor_row: usize,
-) {
-    let rows = V * S::F64_LANES;
-    let mut sums = [[simd.splat_f64s(0.0); V]; B];
-    for column in columns.chunks_exact(column_stride) {
-        let values = S::as_simd_f64s(&column[column_top..column_top + rows]).0;
-        let factors = &column[factor_row..factor_row + B];
-        for b in 0..B {
-            let factor = simd.splat_f64s(factors[b]);
-            for v in 0..V {
-                sums[b][v] = simd.mul_add_e_f64s(factor, values[v], sums[b][v]);
-            }
+    row: usize,
+}
+
+impl Factors<'_> {
+    /// own[r, c] −= Σ_j columns[r, j] columns[row + c, j] for the rows of `own` from `top` on;
+    /// what was there before counts only if it `IS_GIVEN`.
+    #[inline(always)]
+    fn subtract<S: Simd, const B: usize, const IS_GIVEN: bool>(
+        &self,
+        simd: S,
+        own: &mut [f64],
+        stride: usize,
+        top: usize,
+    ) {
+        let lanes = S::F64_LANES;
+        let vectors = (stride - top) / lanes;
+        let mut at = 0;
+        macro_rules! rows {
+            ($count:expr) => {
+                self.subtract_rows::<S, B, { $count }, IS_GIVEN>(simd, own, stride, top, at)
+            };
+        }
+        while vectors - at >= VECTORS {
+            rows!(VECTORS);
+            at += VECTORS;
+        }
+        match vectors - at {
+            3 => rows!(3),
+            2 => rows!(2),
+            1 => rows!(1),
+            _ => {}
         }
     }
-    for b in 0..B {
-        let own = &mut own[b * stride + top..b * stride + top + rows];
-        let own = S::as_mut_simd_f64s(own).0;
-        for v in 0..V {
-            own[v] = simd.sub_f64s(own[v], sums[b][v]);
+
+    /// The same for V vectors of rows, `at` vectors from `top`.
+    #[inline(always)]
+    fn subtract_rows<S: Simd, const B: usize, const V: usize, const IS_GIVEN: bool>(
+        &self,
+        simd: S,
+        own: &mut [f64],
+        stride: usize,
+        top: usize,
+        at: usize,
+    ) {
+        let rows = V * S::F64_LANES;
+        let from = self.top + at * S::F64_LANES;
+        let mut sums = [[simd.splat_f64s(0.0); V]; B];
+        for column in self.columns.chunks_exact(self.stride) {
+            let values = S::as_simd_f64s(&column[from..from + rows]).0;
+            let factors = &column[self.row..self.row + B];
+            for b in 0..B {
+                let factor = simd.splat_f64s(factors[b]);
+                for v in 0..V {
+                    sums[b][v] = simd.mul_add_e_f64s(factor, values[v], sums[b][v]);
+                }
+            }
+        }
+        let to = top + at * S::F64_LANES;
+        for b in 0..B {
+            let own = &mut own[b * stride + to..b * stride + to + rows];
+            let own = S::as_mut_simd_f64s(own).0;
+            for v in 0..V {
+                own[v] = if IS_GIVEN {
+                    simd.sub_f64s(own[v], sums[b][v])
+                } else {
+                    simd.neg_f64s(sums[b][v])
+                };
+            }
         }
     }
 }
@@ -151,22 +156,32 @@ fn cholesky_of_block<const B: usize>(
     stride: usize,
     k: usize,
 ) -> Option<[[f64; B]; B]> {
+    // L with ones on its diagonal first, so that no column waits for a root.
     let mut l = [[0.0; B]; B];
+    let mut scaled = [[0.0; B]; B];
     for c in 0..B {
         for r in c..B {
             let mut value = own[c * stride + k + r];
-            for column in &l[..c] {
-                value -= column[r] * column[c];
+            for j in 0..c {
+                value -= scaled[j][r] * l[j][c];
             }
-            if r == c {
-                // A pivot that is not a number is refused too.
-                if !(value > 0.0 && value.is_finite()) {
-                    return None;
-                }
-                l[c][c] = 1.0 / value.sqrt();
-            } else {
-                l[c][r] = value * l[c][c];
-            }
+            scaled[c][r] = value;
+        }
+        let pivot = scaled[c][c];
+        // A pivot that is not a number is refused too.
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        let inverse = 1.0 / pivot;
+        l[c][c] = inverse;
+        for r in c + 1..B {
+            l[c][r] = scaled[c][r] * inverse;
+        }
+    }
+    for c in 0..B {
+        l[c][c] = l[c][c].sqrt();
+        for r in c + 1..B {
+            l[c][r] = scaled[c][r] * l[c][c];
         }
     }
     Some(l)
@@ -181,19 +196,19 @@ fn scale_columns<S: Simd, const B: usize>(
     top: usize,
     l: &[[f64; B]; B],
 ) {
-    for (c, pivot) in l.iter().enumerate() {
-        let (done, rest) = own.split_at_mut(c * stride);
-        let inverse = simd.splat_f64s(pivot[c]);
-        let target = S::as_mut_simd_f64s(&mut rest[top..stride]).0;
-        for value in target.iter_mut() {
-            *value = simd.mul_f64s(*value, inverse);
-        }
-        for (column, before) in done.chunks_exact(stride).zip(l) {
-            let factor = simd.splat_f64s(before[c] * pivot[c]);
-            let source = S::as_simd_f64s(&column[top..]).0;
-            for (value, source) in target.iter_mut().zip(source) {
-                *value = simd.negate_mul_add_e_f64s(factor, *source, *value);
+    let lanes = S::F64_LANES;
+    for row in (top..stride).step_by(lanes) {
+        let mut solved = [simd.splat_f64s(0.0); B];
+        for c in 0..B {
+            let at = c * stride + row;
+            let target = &mut S::as_mut_simd_f64s(&mut own[at..at + lanes]).0[0];
+            let mut value = *target;
+            for j in 0..c {
+                let factor = simd.splat_f64s(l[j][c]);
+                value = simd.negate_mul_add_e_f64s(factor, solved[j], value);
             }
+            solved[c] = simd.mul_f64s(value, simd.splat_f64s(l[c][c]));
+            *target = solved[c];
         }
     }
 }

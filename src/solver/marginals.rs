@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use super::local_error::Frame;
 use super::minimise::DAMPING_MIN;
 use super::normal_equations::{NormalEquations, POSE_SIZE};
+use super::packs::pack_factors;
 use super::problem::Problem;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, PoseGraph};
@@ -41,7 +42,9 @@ impl<'a> Marginals<'a> {
         let problem = Problem::of_graph(graph);
         let mut equations = NormalEquations::new(&problem, false)?;
         let frames: Vec<Frame> = problem.poses.iter().map(|&pose| Frame::of(pose)).collect();
-        equations.linearise(&problem, &frames);
+        let mut packs = Vec::new();
+        pack_factors(&problem.factors, &mut packs);
+        equations.linearise(&problem, &packs, &frames);
         equations.factorise(DAMPING_MIN).then(|| Self {
             graph,
             component: problem.components(),

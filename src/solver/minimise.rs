@@ -1,7 +1,8 @@
 //! Gauss-Newton, with Levenberg-Marquardt damping where a plain step fails.
 
-use super::local_error::Frame;
-use super::normal_equations::{Fit, NormalEquations};
+use super::local_error::{Frame, take_steps};
+use super::normal_equations::{Fit, NormalEquations, POSE_SIZE};
+use super::packs::{Pack, cost_and_gradient, pack_factors};
 use super::problem::Problem;
 use super::secants::Secants;
 use super::shares::share_growth;
@@ -35,10 +36,18 @@ pub(super) struct Minimiser {
     /// Whether problems to come will have more poses and factors.
     grows: bool,
     secants: Secants,
-    step: Vec<f64>,
+    packs: Vec<Pack>,
+    step: Vec<[f64; POSE_SIZE]>,
+    here: Place,
+    trial: Place,
+}
+
+/// Some poses, and what F is like there.
+#[derive(Default)]
+struct Place {
     frames: Vec<Frame>,
-    trial: Vec<Pose2>,
-    trial_frames: Vec<Frame>,
+    cost: f64,
+    gradient: Vec<[f64; POSE_SIZE]>,
 }
 
 /// Where the descent is, and how it goes on.
@@ -70,7 +79,9 @@ impl Minimiser {
         problem: &mut Problem,
         options: &SolveOptions,
     ) -> SolveSummary {
-        let initial_cost = problem.cost_at(&problem.poses);
+        pack_factors(&problem.factors, &mut self.packs);
+        self.here.set(&problem.poses, &self.packs);
+        let initial_cost = self.here.cost;
         let mut summary = SolveSummary {
             initial_cost,
             final_cost: initial_cost,
@@ -106,10 +117,20 @@ impl Minimiser {
         new: &[usize],
         problem: &Problem,
     ) -> Vec<f64> {
-        match &mut self.equations {
-            Some(equations) => share_growth(growth, new, problem, equations),
-            None => Vec::new(),
+        let mut equations = self.equations.as_mut();
+        if let Some(equations) = &mut equations
+            && !equations.has_plain_factor()
+        {
+            self.here.set(&problem.poses, &self.packs);
+            equations.linearise(problem, &self.packs, &self.here.frames);
+            equations.factorise(DAMPING_MIN);
         }
+        share_growth(
+            growth,
+            new,
+            problem,
+            equations.filter(|e| e.has_plain_factor()),
+        )
     }
 
     fn prepare(&mut self, problem: &Problem) -> Option<(NormalEquations, Fit)> {
@@ -132,23 +153,30 @@ impl Minimiser {
         summary: &mut SolveSummary,
     ) -> Termination {
         self.secants.clear();
-        self.set_frames(&problem.poses);
-        let mut cost_here = summary.final_cost;
         while summary.iterations < options.iterations_max {
+            let promised = self.promise(equations, problem, &descent);
+            let is_best = self.here.cost <= summary.final_cost;
+            if let Some(decrease) = promised
+                && descent.damping <= DAMPING_MIN
+                && is_best
+                && decrease <= options.cost_tolerance * summary.final_cost
+            {
+                return Termination::ConvergedByCost;
+            }
             summary.iterations += 1;
-            let promised = self.promised_step(equations, problem, &descent);
-            let (cost, gain) = match promised {
-                None => (f64::INFINITY, 0.0),
-                Some(decrease) => {
-                    let (trial, frames) = (&mut self.trial, &mut self.trial_frames);
-                    equations.apply(&self.frames, &self.step, trial, frames);
-                    let cost = problem.cost_of(frames);
-                    (cost, (cost_here - cost) / decrease)
-                }
-            };
+            let promised = promised.filter(|_| self.step(equations));
+            if promised.is_some() {
+                self.trial.step(&self.here, &self.step, &self.packs);
+            } else {
+                self.trial.cost = f64::INFINITY;
+            }
+            let cost = self.trial.cost;
+            let gain = promised.map_or(0.0, |decrease| (self.here.cost - cost) / decrease);
             let better = cost < summary.final_cost;
             if better {
-                problem.poses.clone_from(&self.trial);
+                problem.poses.clear();
+                let frames = self.trial.frames.iter();
+                problem.poses.extend(frames.map(|frame| frame.pose));
                 summary.final_cost = cost;
                 summary.moved = true;
             }
@@ -158,46 +186,45 @@ impl Minimiser {
                 return termination;
             }
             if descent.accepts(better, cost, gain, promised) {
-                std::mem::swap(&mut self.frames, &mut self.trial_frames);
-                cost_here = cost;
+                std::mem::swap(&mut self.here, &mut self.trial);
             } else if descent.damping > DAMPING_MAX {
                 return match promised {
                     None => Termination::Unsolvable,
                     Some(_) => Termination::NoProgress,
                 };
             } else {
-                self.set_frames(&problem.poses);
-                cost_here = summary.final_cost;
+                self.here.set(&problem.poses, &self.packs);
             }
         }
         Termination::IterationLimit
     }
 
-    fn set_frames(&mut self, poses: &[Pose2]) {
-        self.frames.clear();
-        self.frames
-            .extend(poses.iter().map(|&pose| Frame::of(pose)));
-    }
-
-    /// Finds the step from the current poses, and the decrease that it promises; `None` if the
-    /// equations cannot be solved.
-    fn promised_step(
+    /// The decrease that the step from here promises; `None` if the equations cannot be solved.
+    fn promise(
         &mut self,
         equations: &mut NormalEquations,
         problem: &Problem,
         descent: &Descent,
     ) -> Option<f64> {
-        if descent.keep_factor {
-            equations.linearise_gradient(&problem.factors, &self.frames);
+        equations.set_gradient(&self.here.gradient);
+        let promise = if descent.keep_factor {
             self.secants.learn(equations.gradient());
+            equations.promise(&mut self.secants)
         } else {
             self.secants.clear();
-            equations.linearise(problem, &self.frames);
+            equations.linearise(problem, &self.packs, &self.here.frames);
             if !equations.factorise(descent.damping) {
                 return None;
             }
-        }
-        equations.step(&mut self.secants, &mut self.step)
+            equations.fresh_promise()
+        };
+        promise.is_finite().then_some(promise)
+    }
+
+    /// Finds the step; whether it is finite.
+    fn step(&mut self, equations: &mut NormalEquations) -> bool {
+        equations.step(&mut self.secants, &mut self.step);
+        self.step.iter().flatten().all(|s| s.is_finite())
     }
 
     /// Only a plain step that ends at the best cost can tell: a damped one is short for another
@@ -217,8 +244,35 @@ impl Minimiser {
         if decrease <= options.cost_tolerance * summary.final_cost {
             return Some(Termination::ConvergedByCost);
         }
-        let longest = self.step.iter().fold(0.0_f64, |max, s| max.max(s.abs()));
+        let longest = self
+            .step
+            .iter()
+            .flatten()
+            .fold(0.0_f64, |max, s| max.max(s.abs()));
         (longest <= options.step_tolerance).then_some(Termination::ConvergedByStep)
+    }
+}
+
+impl Place {
+    fn set(&mut self, poses: &[Pose2], packs: &[Pack]) {
+        self.frames.clear();
+        self.frames
+            .extend(poses.iter().map(|&pose| Frame::of(pose)));
+        self.evaluate(packs);
+    }
+
+    /// Goes where a step from another place leads.
+    fn step(&mut self, from: &Self, step: &[[f64; POSE_SIZE]], packs: &[Pack]) {
+        take_steps(&from.frames, step, &mut self.frames);
+        self.evaluate(packs);
+    }
+
+    fn evaluate(&mut self, packs: &[Pack]) {
+        self.gradient.resize(self.frames.len(), [0.0; POSE_SIZE]);
+        self.cost = pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || cost_and_gradient(packs, &self.frames, &mut self.gradient),
+        );
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Only active edges take part. Each connected component's gauge is held by its first node.
 
+mod aligned;
 mod arena;
 mod assembly;
 mod block_matrix;
@@ -19,6 +20,7 @@ mod minimise;
 mod multifrontal;
 mod normal_equations;
 mod ordering;
+mod packs;
 mod part;
 mod problem;
 mod region;
@@ -30,6 +32,7 @@ mod summary;
 #[cfg(test)]
 mod testing;
 mod touched;
+mod trigonometry;
 mod whole;
 
 pub use marginals::{Innovation, Marginals};

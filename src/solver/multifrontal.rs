@@ -2,19 +2,20 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::assembly::Assembly;
+use super::assembly::{FromChild, fill_columns, fill_right_row, read_right_row};
 use super::block_matrix::BlockMatrix;
 use super::cholesky::{BlockCholesky, Memory};
-use super::dense::{backward, factor_columns, forward, subtract_square};
-use super::front::Front;
+use super::dense::{backward, factor_columns, forward, set_to_minus_square};
 
 /// Factors some fronts, children first. The damping is relative, and what a diagonal entry
-/// counts for at least.
+/// counts for at least. A right-hand side is brought through the fronts while they are at hand.
 pub(super) struct Factorise<'a, const B: usize> {
     pub(super) cholesky: &'a mut BlockCholesky<B>,
     pub(super) fronts: &'a [u32],
     pub(super) matrix: &'a BlockMatrix<B>,
     pub(super) damping: (f64, f64),
+    /// Empty if there is none.
+    pub(super) x: &'a mut [f64],
 }
 
 impl<const B: usize> WithSimd for Factorise<'_, B> {
@@ -23,128 +24,123 @@ impl<const B: usize> WithSimd for Factorise<'_, B> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
         let cholesky = self.cholesky;
-        let Memory {
-            place,
-            child_places,
-            ..
-        } = &mut cholesky.memory;
+        let fronts = &cholesky.fronts;
+        let all_columns = cholesky.columns.as_mut_slice();
+        let updates = cholesky.updates.as_mut_slice();
         for &f in self.fronts {
-            let front = &cholesky.fronts[f as usize];
-            let columns = &mut cholesky.columns[front.columns::<B>()];
-            columns.fill(0.0);
-            for (k, &variable) in front.rows.iter().enumerate() {
-                place[variable as usize] = k as u32;
+            let front = &fronts[f as usize];
+            let columns = &mut all_columns[front.columns::<B>()];
+            fill_columns(front, columns, self.matrix, self.damping);
+            if !self.x.is_empty() {
+                fill_right_row::<B>(front, columns, self.x);
             }
-            let mut assembly = Assembly::<B>::new(front, columns, place);
-            assembly.add_matrix(self.matrix, self.damping);
-            cholesky.updates[front.update::<B>()].fill(0.0);
             for &c in &front.children {
-                let child = &cholesky.fronts[c as usize];
-                let ranges = [front.update::<B>(), child.update::<B>()];
-                let Ok([update, of_child]) = cholesky.updates.get_disjoint_mut(ranges) else {
-                    return false;
-                };
-                assembly.add_child(child, of_child, update, child_places);
+                let child = &fronts[c as usize];
+                FromChild {
+                    parent: front,
+                    child,
+                    update: &updates[child.update::<B>()],
+                }
+                .add_to_columns::<B>(columns);
             }
             let width = front.width * B;
             if !factor_columns::<S, B>(simd, columns, front.stride, width) {
                 return false;
             }
-            subtract_square::<S, B>(
-                simd,
-                &mut cholesky.updates[front.update::<B>()],
-                front.update_stride(),
-                front.skipped,
-                columns,
-                front.stride,
-                width,
-            );
+            if front.rows.len() > front.width {
+                set_to_minus_square::<S, B>(
+                    simd,
+                    &mut updates[front.update::<B>()],
+                    front.update_stride(),
+                    front.skipped,
+                    columns,
+                    front.stride,
+                    width,
+                );
+            }
+            for &c in &front.children {
+                let child = &fronts[c as usize];
+                let ranges = [front.update::<B>(), child.update::<B>()];
+                let Ok([update, of_child]) = updates.get_disjoint_mut(ranges) else {
+                    return false;
+                };
+                FromChild {
+                    parent: front,
+                    child,
+                    update: of_child,
+                }
+                .add_to_update::<B>(update);
+            }
+            if !self.x.is_empty() {
+                read_right_row::<B>(front, columns, self.x);
+            }
         }
         true
     }
 }
 
-/// Solves for a right-hand side in place.
-pub(super) struct Solve<'a, const B: usize> {
+/// Solves L y = b in place, for a b that is zero but where these fronts eliminate; they are given
+/// children first.
+pub(super) struct SolveLower<'a, const B: usize> {
+    pub(super) cholesky: &'a mut BlockCholesky<B>,
+    pub(super) fronts: &'a [u32],
+    pub(super) x: &'a mut [f64],
+}
+
+impl<const B: usize> WithSimd for SolveLower<'_, B> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let cholesky = self.cholesky;
+        let Memory { x: own, y, .. } = &mut cholesky.memory;
+        for &f in self.fronts {
+            let front = &cholesky.fronts[f as usize];
+            y.grow(front.stride);
+            let y = &mut y.as_mut_slice()[..front.stride];
+            y.fill(0.0);
+            own.clear();
+            own.resize(front.width * B, 0.0);
+            gather::<B>(self.x, &front.rows[..front.width], y);
+            let columns = &cholesky.columns.as_slice()[front.columns::<B>()];
+            forward::<S, B>(simd, columns, front.stride, y, own);
+            scatter::<B>(own, &front.rows[..front.width], self.x);
+            let below = &y[front.width * B..];
+            for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
+                let at = variable as usize * B;
+                for (x, part) in self.x[at..at + B].iter_mut().zip(part) {
+                    *x += part;
+                }
+            }
+        }
+    }
+}
+
+/// Solves Lᵀ x = y in place.
+pub(super) struct SolveUpper<'a, const B: usize> {
     pub(super) cholesky: &'a mut BlockCholesky<B>,
     pub(super) x: &'a mut [f64],
 }
 
-impl<const B: usize> WithSimd for Solve<'_, B> {
+impl<const B: usize> WithSimd for SolveUpper<'_, B> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let cholesky = self.cholesky;
         let Memory { x: own, y, .. } = &mut cholesky.memory;
-        for &f in &cholesky.bottom_up {
-            let front = &cholesky.fronts[f as usize];
-            let columns = &cholesky.columns[front.columns::<B>()];
-            eliminate_front::<S, B>(simd, front, columns, self.x, y, own);
-            scatter::<B>(own, &front.rows[..front.width], self.x);
-        }
         for &f in cholesky.bottom_up.iter().rev() {
             let front = &cholesky.fronts[f as usize];
-            y.clear();
-            y.resize(front.stride, 0.0);
+            y.grow(front.stride);
+            let y = &mut y.as_mut_slice()[..front.stride];
+            y.fill(0.0);
             own.clear();
             own.resize(front.width * B, 0.0);
             gather::<B>(self.x, &front.rows[..front.width], own);
             gather::<B>(self.x, front.below(), &mut y[front.width * B..]);
-            let columns = &cholesky.columns[front.columns::<B>()];
+            let columns = &cholesky.columns.as_slice()[front.columns::<B>()];
             backward::<S, B>(simd, columns, front.stride, y, own);
             scatter::<B>(y, &front.rows[..front.width], self.x);
-        }
-    }
-}
-
-/// The first half of [`Solve`], along a path to the root.
-pub(super) struct SolveForward<'a, const B: usize> {
-    pub(super) cholesky: &'a mut BlockCholesky<B>,
-    pub(super) path: &'a [u32],
-    pub(super) b: &'a mut [f64],
-    pub(super) solved: &'a mut Vec<f64>,
-}
-
-impl<const B: usize> WithSimd for SolveForward<'_, B> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let cholesky = self.cholesky;
-        let Memory { x: own, y, .. } = &mut cholesky.memory;
-        for &f in self.path {
-            let front = &cholesky.fronts[f as usize];
-            let columns = &cholesky.columns[front.columns::<B>()];
-            eliminate_front::<S, B>(simd, front, columns, self.b, y, own);
-            self.solved.extend_from_slice(own);
-            own.fill(0.0);
-            scatter::<B>(own, &front.rows[..front.width], self.b);
-        }
-    }
-}
-
-/// Leaves a front's own part of L⁻¹ b in `own`, and subtracts what that does to the rows below.
-#[inline(always)]
-fn eliminate_front<S: Simd, const B: usize>(
-    simd: S,
-    front: &Front,
-    columns: &[f64],
-    b: &mut [f64],
-    y: &mut Vec<f64>,
-    own: &mut Vec<f64>,
-) {
-    y.clear();
-    y.resize(front.stride, 0.0);
-    own.clear();
-    own.resize(front.width * B, 0.0);
-    gather::<B>(b, &front.rows[..front.width], y);
-    forward::<S, B>(simd, columns, front.stride, y, own);
-    let below = &y[front.width * B..];
-    for (part, &variable) in below.chunks_exact(B).zip(front.below()) {
-        let at = variable as usize * B;
-        for (value, part) in b[at..at + B].iter_mut().zip(part) {
-            *value += part;
         }
     }
 }

@@ -5,9 +5,10 @@ use pulp::Arch;
 use super::block_matrix::BlockMatrix;
 use super::cholesky::BlockCholesky;
 use super::local_error::Frame;
+use super::packs::{BlocksOfOne, LANES, Pack};
 use super::problem::{Factor, Problem};
 use super::secants::{Secants, dot};
-use crate::geometry::{Information, Matrix3, Pose2, Vector3};
+use crate::geometry::{Information, Pose2, Vector3};
 
 /// The coordinates of a pose.
 pub(super) const POSE_SIZE: usize = 3;
@@ -24,6 +25,8 @@ pub(super) struct NormalEquations {
     slots: Vec<Slot>,
     matrix: BlockMatrix<POSE_SIZE>,
     gradient: Vec<f64>,
+    /// What is solved for, on its way from the gradient to the step.
+    solution: Vec<f64>,
     cholesky: BlockCholesky<POSE_SIZE>,
     /// By a pose's name its variable, and by a factor's name its place among the known ones.
     variable_of_name: Vec<u32>,
@@ -71,6 +74,7 @@ impl NormalEquations {
             variable: Vec::new(),
             slots: Vec::new(),
             gradient: Vec::new(),
+            solution: Vec::new(),
             cholesky: BlockCholesky::empty(grows),
             matrix: BlockMatrix::default(),
             variable_of_name: Vec::new(),
@@ -173,9 +177,14 @@ impl NormalEquations {
         }
         for &k in &new_factors {
             let factor = &problem.factors[k];
-            let frame = |pose: usize| Frame::of(problem.poses[pose]);
-            let slot = self.slots[k];
-            self.add_factor(factor, slot, &frame(factor.from), &frame(factor.to));
+            let ends = [factor.from, factor.to].map(|pose| Frame::of(problem.poses[pose]));
+            let alone = Factor {
+                from: 0,
+                to: 1,
+                ..*factor
+            };
+            let blocks = Pack::of_one(&alone).blocks(&ends).of(0);
+            self.add_blocks(self.slots[k], &blocks);
         }
         let damping = super::minimise::DAMPING_MIN;
         self.has_plain_factor = self
@@ -239,17 +248,19 @@ impl NormalEquations {
         (variable != NONE).then_some(variable as usize * POSE_SIZE)
     }
 
-    /// Fills in H and g at these poses.
-    pub(super) fn linearise(&mut self, problem: &Problem, frames: &[Frame]) {
+    /// Fills in H at these poses; the packs hold the problem's factors.
+    pub(super) fn linearise(&mut self, problem: &Problem, packs: &[Pack], frames: &[Frame]) {
         self.has_plain_factor = false;
-        self.matrix.clear();
-        self.gradient.fill(0.0);
+        self.matrix.clear_diagonal();
         let slots = std::mem::take(&mut self.slots);
         Arch::new().dispatch(
             #[inline(always)]
             || {
-                for (factor, &slot) in problem.factors.iter().zip(&slots) {
-                    self.add_factor(factor, slot, &frames[factor.from], &frames[factor.to]);
+                for (pack, slots) in packs.iter().zip(slots.chunks(LANES)) {
+                    let blocks = pack.blocks(frames);
+                    for (lane, &slot) in slots.iter().enumerate() {
+                        self.add_blocks(slot, &blocks.of(lane));
+                    }
                 }
             },
         );
@@ -261,59 +272,43 @@ impl NormalEquations {
         }
     }
 
-    /// Adds a factor's part to H and g.
+    /// Adds a factor's parts to H.
     #[inline(always)]
-    fn add_factor(&mut self, factor: &Factor, slot: Slot, from: &Frame, to: &Frame) {
-        let at = Frame::local_error(from, to, &factor.measurement);
-        let part = at.quadratic(&(factor.information.matrix() * factor.weight));
-        if slot.from != NONE {
-            self.add_end(slot.from, &part.from_from, &part.gradient_from);
-        }
-        if slot.to != NONE {
-            self.add_end(slot.to, &part.to_to, &part.gradient_to);
+    fn add_blocks(&mut self, slot: Slot, blocks: &BlocksOfOne) {
+        let ends = [(slot.from, &blocks.from_from), (slot.to, &blocks.to_to)];
+        for (variable, block) in ends {
+            if variable != NONE {
+                add_block(&mut self.matrix.diagonal[variable as usize].data.0, block);
+            }
         }
         if slot.pair != NONE {
-            self.matrix.blocks[slot.pair as usize] = part.from_to;
+            self.matrix.blocks[slot.pair as usize].data.0 = blocks.from_to;
         }
     }
 
-    #[inline(always)]
-    fn add_end(&mut self, variable: u32, block: &Matrix3<f64>, gradient: &Vector3<f64>) {
-        self.matrix.diagonal[variable as usize] += block;
-        add_to(&mut self.gradient, variable, gradient);
+    /// Takes over a gradient that is given by poses.
+    pub(super) fn set_gradient(&mut self, of_poses: &[[f64; POSE_SIZE]]) {
+        let gradient = self.gradient.as_chunks_mut::<POSE_SIZE>().0;
+        for (&variable, of_pose) in self.variable.iter().zip(of_poses) {
+            if variable != NONE {
+                gradient[variable as usize] = *of_pose;
+            }
+        }
     }
 
-    /// g as it was filled in last.
+    /// g as it was given last.
     pub(super) fn gradient(&self) -> &[f64] {
         &self.gradient
     }
 
-    /// Fills in g alone at these poses.
-    pub(super) fn linearise_gradient(&mut self, factors: &[Factor], frames: &[Frame]) {
-        self.gradient.fill(0.0);
-        let (slots, gradient) = (&self.slots, &mut self.gradient);
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for (factor, slot) in factors.iter().zip(slots) {
-                    let (from, to) = (&frames[factor.from], &frames[factor.to]);
-                    let at = Frame::local_error(from, to, &factor.measurement);
-                    let weighted = factor.information.matrix() * at.error * factor.weight;
-                    if slot.from != NONE {
-                        add_to(gradient, slot.from, &at.jacobian_from.tr_mul(&weighted));
-                    }
-                    if slot.to != NONE {
-                        add_to(gradient, slot.to, &at.jacobian_to.tr_mul(&weighted));
-                    }
-                }
-            },
-        );
-    }
-
-    /// Factors H + λ D, where D is H's diagonal, raised where it is next to nothing; `false`
-    /// if that is not positive definite.
+    /// Factors H + λD, where D is H's diagonal, raised where it is next to nothing; `false`
+    /// if that is not positive definite. What [`Self::promise`] would do comes along.
     pub(super) fn factorise(&mut self, damping: f64) -> bool {
-        let is_done = self.cholesky.factorise(&self.matrix, damping);
+        self.solution.clear();
+        self.solution.extend(self.gradient.iter().map(|g| -g));
+        let is_done = self
+            .cholesky
+            .factorise(&self.matrix, damping, &mut self.solution);
         self.has_plain_factor = is_done && damping <= super::minimise::DAMPING_MIN;
         is_done
     }
@@ -323,62 +318,62 @@ impl NormalEquations {
         self.has_plain_factor
     }
 
-    /// The step −(H + λD)⁻¹ g by the last factor, corrected by what later steps have shown, and
-    /// the decrease −gᵀ step of the cost that goes with it; `None` if it is not finite.
-    pub(super) fn step(&mut self, secants: &mut Secants, step: &mut Vec<f64>) -> Option<f64> {
+    /// The decrease of the cost that goes with the step after a factorisation.
+    pub(super) fn fresh_promise(&self) -> f64 {
+        dot(&self.solution, &self.solution)
+    }
+
+    /// Half of the way to the step by the last factor, corrected by what later steps have shown;
+    /// enough to tell the decrease of the cost that goes with it.
+    pub(super) fn promise(&mut self, secants: &mut Secants) -> f64 {
+        self.solution.clear();
+        self.solution.extend(self.gradient.iter().map(|g| -g));
+        let of_secants = secants.before_solve(&mut self.solution);
+        self.cholesky.solve_lower(&mut self.solution);
+        of_secants + dot(&self.solution, &self.solution)
+    }
+
+    /// The other half: the step −(H + λD)⁻¹ g, three numbers for each pose.
+    pub(super) fn step(&mut self, secants: &mut Secants, step: &mut Vec<[f64; POSE_SIZE]>) {
+        self.cholesky.solve_upper(&mut self.solution);
+        secants.after_solve(&mut self.solution);
+        secants.take(&self.solution, &self.gradient);
         step.clear();
-        step.extend(self.gradient.iter().map(|g| -g));
-        secants.before_solve(step);
-        self.cholesky.solve(step);
-        secants.after_solve(step);
-        secants.take(step, &self.gradient);
-        let decrease = -dot(step, &self.gradient);
-        (decrease.is_finite() && step.iter().all(|s| s.is_finite())).then_some(decrease)
+        let solution = self.solution.as_chunks::<POSE_SIZE>().0;
+        let of_pose = |&variable: &u32| solution.get(variable as usize).copied();
+        let steps = self.variable.iter().map(of_pose);
+        step.extend(steps.map(Option::unwrap_or_default));
+    }
+
+    /// L⁻¹ times some columns, one after the other, by the last factor H = LLᵀ: each column has
+    /// parts at two poses, of which those that are held are passed over. All have the same rows,
+    /// those between the poses and the root; the rest of them are zero.
+    pub(super) fn solve_lower(&mut self, columns: &[[(usize, Vector3<f64>); 2]]) -> Vec<f64> {
+        let parts = || columns.iter().flatten();
+        let variables = parts().map(|&(pose, _)| self.variable[pose]);
+        let path = self.cholesky.path_of(variables.filter(|&v| v != NONE));
+        let rows = self.cholesky.variables_of(&path);
+        let rows: Vec<usize> = rows.map(|v| v as usize * POSE_SIZE).collect();
+        let (mut x, mut solved) = (vec![0.0; self.dimension()], Vec::new());
+        for column in columns {
+            for (pose, part) in column {
+                if let Some(at) = self.offset(*pose) {
+                    x[at..at + POSE_SIZE].copy_from_slice(part.as_slice());
+                }
+            }
+            self.cholesky.solve_lower_along(&path, &mut x);
+            for &row in &rows {
+                solved.extend_from_slice(&x[row..row + POSE_SIZE]);
+                x[row..row + POSE_SIZE].fill(0.0);
+            }
+        }
+        solved
     }
 
     /// H⁻¹ times some columns, one after the other, by the last factor.
     pub(super) fn solve(&mut self, columns: &mut [f64]) {
         for column in columns.chunks_exact_mut(self.dimension().max(1)) {
             self.cholesky.solve(column);
-        }
-    }
-
-    /// L⁻¹ times some columns, one after the other, by the last factor H = LLᵀ: each column has
-    /// parts at two poses, of which those that are held are passed over. All have the same rows,
-    /// those between the poses and the root; the rest of them are zero.
-    pub(super) fn solve_forward(&mut self, columns: &[[(usize, Vector3<f64>); 2]]) -> Vec<f64> {
-        let parts = || columns.iter().flatten();
-        let variables = parts().map(|&(pose, _)| self.variable[pose]);
-        let path = self.cholesky.path_of(variables.filter(|&v| v != NONE));
-        let (mut x, mut solved) = (vec![0.0; self.dimension()], Vec::new());
-        for column in columns {
-            for (pose, part) in column {
-                if self.variable[*pose] != NONE {
-                    add_to(&mut x, self.variable[*pose], part);
-                }
-            }
-            self.cholesky.solve_forward(&path, &mut x, &mut solved);
-        }
-        solved
-    }
-
-    /// The poses after a step, and as frames.
-    pub(super) fn apply(
-        &self,
-        frames: &[Frame],
-        step: &[f64],
-        moved: &mut Vec<Pose2>,
-        moved_frames: &mut Vec<Frame>,
-    ) {
-        moved.clear();
-        moved_frames.clear();
-        for (k, frame) in frames.iter().enumerate() {
-            let new = match self.offset(k) {
-                Some(at) => Frame::of(frame.step(&step[at..at + POSE_SIZE])),
-                None => *frame,
-            };
-            moved.push(new.pose);
-            moved_frames.push(new);
         }
     }
 }
@@ -394,9 +389,10 @@ impl Numbers {
 }
 
 #[inline(always)]
-fn add_to(gradient: &mut [f64], variable: u32, part: &Vector3<f64>) {
-    let at = variable as usize * POSE_SIZE;
-    for (value, part) in gradient[at..at + POSE_SIZE].iter_mut().zip(part.iter()) {
-        *value += part;
+fn add_block(to: &mut [[f64; POSE_SIZE]; POSE_SIZE], block: &[[f64; POSE_SIZE]; POSE_SIZE]) {
+    for (to, block) in to.iter_mut().zip(block) {
+        for (to, block) in to.iter_mut().zip(block) {
+            *to += block;
+        }
     }
 }

@@ -65,12 +65,16 @@ impl Secants {
         self.pairs.push(taken);
     }
 
-    /// What the factored H is to be solved for instead of a gradient.
-    pub(super) fn before_solve(&mut self, gradient: &mut [f64]) {
+    /// What the factored H is to be solved for instead of a gradient; returns the part of the
+    /// promised decrease that goes with what is taken out.
+    pub(super) fn before_solve(&mut self, gradient: &mut [f64]) -> f64 {
+        let mut promise = 0.0;
         for pair in self.pairs.iter_mut().rev() {
             pair.share = dot(&pair.step, gradient) / pair.curvature;
+            promise += pair.share * pair.share * pair.curvature;
             add(gradient, -pair.share, &pair.change);
         }
+        promise
     }
 
     /// The step, from what the solve gave.

@@ -10,7 +10,6 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 
 use super::local_error::Frame;
 use super::marginals::square_root;
-use super::minimise::DAMPING_MIN;
 use super::normal_equations::{NormalEquations, POSE_SIZE};
 use super::problem::Problem;
 
@@ -19,19 +18,20 @@ use super::problem::Problem;
 const REDUNDANCY_MIN: f64 = 1e-6;
 
 /// Parts the growth of F among new factors, given by their names in the order in which they
-/// came; the equations must be those of the problem. If they cannot tell, the first factor gets
-/// it all.
+/// came; the equations must be those of the problem, factored near its poses. If there are
+/// none, the first factor gets it all.
 pub(super) fn share_growth(
     growth: f64,
     new: &[usize],
     problem: &Problem,
-    equations: &mut NormalEquations,
+    equations: Option<&mut NormalEquations>,
 ) -> Vec<f64> {
     let mut shares = vec![0.0; new.len()];
     let Some((first, later)) = shares.split_first_mut() else {
         return shares;
     };
-    let of_later = growths_of_later(&new[1..], problem, equations).unwrap_or_default();
+    let of_later = equations.and_then(|e| growths_of_later(&new[1..], problem, e));
+    let of_later = of_later.unwrap_or_default();
     for (share, growth) in later.iter_mut().zip(of_later) {
         *share = growth;
     }
@@ -54,11 +54,6 @@ fn growths_of_later(
     if later.is_empty() {
         return None;
     }
-    if !equations.has_plain_factor() {
-        let frames: Vec<Frame> = problem.poses.iter().map(|&pose| Frame::of(pose)).collect();
-        equations.linearise(problem, &frames);
-        equations.factorise(DAMPING_MIN).then_some(())?;
-    }
     let size = later.len() * POSE_SIZE;
     let mut errors = DVector::zeros(size);
     let mut columns = Vec::with_capacity(size);
@@ -78,7 +73,7 @@ fn growths_of_later(
             columns.push([(ends[0], part(&whitened[0])), (ends[1], part(&whitened[1]))]);
         }
     }
-    let solved = equations.solve_forward(&columns);
+    let solved = equations.solve_lower(&columns);
     let rows = solved.len() / size;
     let solved = DMatrix::from_vec(rows, size, solved);
     let redundancy = DMatrix::identity(size, size) - solved.tr_mul(&solved);

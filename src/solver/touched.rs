@@ -17,6 +17,8 @@ pub struct Solver {
     whole_blocks: Minimiser,
     parts: Minimiser,
     limits: Limits,
+    /// Memory: by node of the graph, its place among the poses of the block that is worked on.
+    places: Vec<usize>,
 }
 
 /// What a solve of the touched blocks did.
@@ -46,6 +48,7 @@ impl Solver {
             whole_blocks: Minimiser::for_growing(),
             parts: Minimiser::default(),
             limits: Limits::default(),
+            places: Vec::new(),
         }
     }
 
@@ -162,7 +165,8 @@ impl Solver {
         touched: &[usize],
         options: &SolveOptions,
     ) -> Option<Solved> {
-        let mut problem = block_problem(graph, graph.blocks().get(index)?);
+        let block = graph.blocks().get(index)?;
+        let mut problem = block_problem(graph, block, &mut self.places);
         let cost_of_touched = cost_of(graph, touched);
         let summary = self.whole_blocks.minimise(&mut problem, options);
         let standing = if summary.termination.is_converged() {
@@ -197,24 +201,22 @@ fn by_block(graph: &PoseGraph, touched: &BTreeSet<usize>) -> Vec<(BlockIndex, Ve
 }
 
 /// A block as a problem, its anchor, the first pose, held. Its nodes and edges are in the graph's
-/// order, however the block has grown.
-fn block_problem(graph: &PoseGraph, block: &Block) -> Problem {
+/// order, however the block has grown. `places` is memory.
+fn block_problem(graph: &PoseGraph, block: &Block, places: &mut Vec<usize>) -> Problem {
     let mut edges = block.edges.clone();
     edges.sort_unstable();
     let mut nodes = Vec::with_capacity(block.nodes.len() + 1);
     nodes.push(block.anchor);
     nodes.extend_from_slice(&block.nodes);
     nodes[1..].sort_unstable();
-    let local = |node: usize| {
-        if node == block.anchor {
-            0
-        } else {
-            1 + nodes[1..].partition_point(|&n| n < node)
-        }
-    };
+    // What it has for other nodes is left from other blocks, and not looked at.
+    places.resize(graph.nodes().len().max(places.len()), 0);
+    for (place, &node) in nodes.iter().enumerate() {
+        places[node] = place;
+    }
     let factors = edges.iter().map(|&edge| {
         let (from, to) = graph.ends()[edge];
-        Factor::of_edge(&graph.edges()[edge], local(from), local(to))
+        Factor::of_edge(&graph.edges()[edge], places[from], places[to])
     });
     Problem {
         factors: factors.collect(),
