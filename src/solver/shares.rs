@@ -36,9 +36,10 @@ pub(super) fn share_growth(
         *share = growth;
     }
     let mut sum: f64 = later.iter().sum();
-    if sum > growth {
+    let growth_max = growth.max(0.0);
+    if sum > growth_max {
         // The errors are not so linear.
-        let part = growth.max(0.0) / sum;
+        let part = growth_max / sum;
         later.iter_mut().for_each(|share| *share *= part);
         sum *= part;
     }
