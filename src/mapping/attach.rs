@@ -7,7 +7,7 @@ use super::route_map::{RouteMap, Weighting};
 use crate::geometry::Information;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
-use crate::solver::{SolveOptions, Solver};
+use crate::solver::SolveOptions;
 
 /// What became of given nodes and edges, in the order in which they were given.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -33,7 +33,6 @@ impl RouteMap {
     /// map is lost then. Nodes that nothing ties to the map ([`RouteMap::untied`]) are put where
     /// they take themselves to be.
     pub fn attach(&mut self, given: &GivenGraph) -> Result<Attached, GraphError> {
-        self.solver = Solver::new();
         let placing = self.place(given);
         let first = self.keyframes.len();
         let mut nodes = Vec::with_capacity(given.nodes.len());
@@ -63,6 +62,7 @@ impl RouteMap {
             edges[k] = Some((edge, Some(self.solve_given(&[edge]))));
         }
         self.refer_to_given(first);
+        self.forget_solves();
         let edges = edges.into_iter().flatten().collect();
         Ok(Attached { nodes, edges })
     }

@@ -14,7 +14,7 @@ use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
 use crate::scan::{KeyframeRule, is_standing};
-use crate::solver::{SolveOptions, Solver};
+use crate::solver::SolveOptions;
 
 /// Keyframes that a new scan is matched against.
 const LOCAL_MAP_KEYFRAMES: usize = 8;
@@ -56,9 +56,12 @@ impl RouteMap {
     /// [`NotExtended::Unanchored`] if it is the trip's first part, has no initial pose, and its
     /// place cannot be told from the map.
     pub fn extend(&mut self, drive: &Drive) -> Result<Extension, NotExtended> {
-        // What the solver remembers shows in the last bits: a map that was restored remembers
-        // nothing either.
-        self.solver = Solver::new();
+        let added = self.walk(drive);
+        self.forget_solves();
+        added
+    }
+
+    fn walk(&mut self, drive: &Drive) -> Result<Extension, NotExtended> {
         let mut added = Extension::default();
         let mut start = match self.trips.contains_key(&drive.trip) {
             true => None,

@@ -26,7 +26,7 @@ pub struct RouteMap {
     pub(super) graph: PoseGraph,
     /// In the order of `graph.nodes()`.
     pub(super) keyframes: Vec<Keyframe>,
-    /// Begun anew with each drive.
+    /// What it remembers is forgotten after each drive.
     pub(super) solver: Solver,
     pub(super) weighting: Weighting,
     pub(super) closure_rule: ClosureRule,
@@ -52,6 +52,12 @@ impl RouteMap {
             next_node: 1,
             next_edge: 1,
         }
+    }
+
+    /// What a solver remembers shows in the last bits: a map that is restored remembers nothing
+    /// either. It takes memory, too.
+    pub(super) fn forget_solves(&mut self) {
+        self.solver = Solver::new();
     }
 
     /// A map from its parts, as they were saved. The next ids are the first never used.
