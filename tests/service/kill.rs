@@ -1,12 +1,14 @@
 //! SIGKILL at any moment costs nothing that was acknowledged.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use tempfile::TempDir;
+use tokio::sync::Notify;
 
 use crate::client::{Client, Put};
 use crate::drives::{Batch, interleaved, two_vehicles};
@@ -45,8 +47,13 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
         client.put_route("line", Value::Null).await;
         in_the_midst += usize::from(has_work(&client).await);
         nothing_is_lost(&client, &acknowledged).await;
-        let wait = Duration::from_millis(rng.random_range(20..200));
-        let sending = tokio::spawn(send_until_cut_off(client, uploads.clone()));
+        // Not by the clock alone: on a fast machine everything would be done before the kill.
+        let enough = acknowledged.len() + rng.random_range(1..4);
+        let wait = Duration::from_millis(rng.random_range(0..20));
+        let progress = Arc::new(Notify::new());
+        let sending = send_until_cut_off(client, uploads.clone(), enough, progress.clone());
+        let sending = tokio::spawn(sending);
+        progress.notified().await;
         tokio::time::sleep(wait).await;
         process.kill();
         acknowledged.extend(sending.await.unwrap());
@@ -95,15 +102,24 @@ async fn nothing_is_lost(client: &Client, acknowledged: &BTreeSet<String>) {
     }
 }
 
-/// Sends everything from the start, as a gateway does that has forgotten where it was; hands back
-/// what was acknowledged.
-async fn send_until_cut_off(client: Client, uploads: Vec<Batch>) -> Vec<String> {
+/// Sends everything from the start, as a gateway does that has forgotten where it was, and says
+/// when enough is acknowledged; hands back what was.
+async fn send_until_cut_off(
+    client: Client,
+    uploads: Vec<Batch>,
+    enough: usize,
+    progress: Arc<Notify>,
+) -> Vec<String> {
     let mut acknowledged = Vec::new();
     for batch in &uploads {
         match client.try_put("line", batch).await {
             Ok(_) => acknowledged.push(batch.id.clone()),
             Err(_) => break,
         }
+        if acknowledged.len() == enough {
+            progress.notify_one();
+        }
     }
+    progress.notify_one();
     acknowledged
 }
