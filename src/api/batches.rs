@@ -299,18 +299,22 @@ pub(super) async fn put_batch(
             received_at,
         })
     };
-    let outcome = store_upload(&state, route, batch, &headers, body, decode).await;
-    answer_upload(&state, outcome).await
+    take_upload(&state, route, batch, &headers, body, decode).await
 }
 
-/// Counts an upload and says what became of it.
+/// Stores an upload that is decoded so, counts it, and says what became of it.
 ///
 /// # Errors
-/// The upload's own problem.
-pub(super) async fn answer_upload(
+/// The [`Problem`] that the upload is refused with.
+pub(super) async fn take_upload(
     state: &ApiState,
-    outcome: Result<(Journaled, BatchRecord), Problem>,
+    route_id: RouteId,
+    id: BatchId,
+    headers: &HeaderMap,
+    body: Body,
+    decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
+    let outcome = store_upload(state, route_id, id, headers, body, decode).await;
     let label = match &outcome {
         Ok((Journaled::Stored, _)) => "stored",
         Ok(_) => "replayed",
@@ -333,10 +337,7 @@ pub(super) async fn answer_upload(
 }
 
 /// Reads an upload's body, decodes it off the request's thread, and stores it.
-///
-/// # Errors
-/// The [`Problem`] that the upload is refused with.
-pub(super) async fn store_upload(
+async fn store_upload(
     state: &ApiState,
     route_id: RouteId,
     id: BatchId,
@@ -344,7 +345,10 @@ pub(super) async fn store_upload(
     body: Body,
     decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<(Journaled, BatchRecord), Problem> {
-    state.known_route(&route_id).await?;
+    state
+        .known_route(&route_id)
+        .await
+        .map_err(Problem::closing)?;
     let upload = receive(state, headers, body).await?;
     let received_at = Timestamp::now();
     let body_bytes = state.limits.body_bytes;

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 
 use super::ApiState;
-use super::batches::{BatchBody, answer_upload, store_upload};
+use super::batches::{BatchBody, take_upload};
 use super::extract::{ApiPath, NoQuery};
 use super::problem::Problem;
 use super::types::PoseBody;
@@ -152,8 +152,7 @@ pub(super) async fn put_edge_batch(
             received_at,
         })
     };
-    let outcome = store_upload(&state, route, batch, &headers, body, decode).await;
-    answer_upload(&state, outcome).await
+    take_upload(&state, route, batch, &headers, body, decode).await
 }
 
 #[cfg(test)]

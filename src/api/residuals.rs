@@ -11,7 +11,7 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
-use crate::change::{VehicleResidual, calibrated_p_values, p_values_in_order};
+use crate::change::{VehicleResidual, p_values_in_order};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord, RouteSettings};
@@ -183,14 +183,11 @@ impl Tests {
         });
         let (ids, residuals): (Vec<EdgeId>, Vec<_>) = closures.unzip();
         let rate = settings.false_alarm_rate;
-        let p_values = match settled {
-            Some(baseline) => p_values_in_order(&residuals, baseline, rate),
-            None => calibrated_p_values(&residuals),
-        };
+        let p_values = p_values_in_order(&residuals, settled.unwrap_or(residuals.len()), rate);
         let known = ids.into_iter().zip(p_values);
         Self {
             p_values: known.filter_map(|(id, p)| Some((id, p?))).collect(),
-            false_alarm_rate: settings.false_alarm_rate,
+            false_alarm_rate: rate,
         }
     }
 }

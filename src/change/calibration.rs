@@ -12,9 +12,9 @@ use super::median::median;
 use super::threshold::chi_squared_survival;
 
 /// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
-pub(super) const OWN_MIN: usize = 30;
+const OWN_MIN: usize = 30;
 /// Fewer residuals in all tell nothing.
-pub(super) const RESIDUALS_MIN: usize = 10;
+const RESIDUALS_MIN: usize = 10;
 /// A Gaussian's standard deviation over its median absolute deviation.
 const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
 /// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
@@ -34,38 +34,94 @@ pub struct VehicleResidual<V> {
 /// For each residual the probability of one as large without a change; `None` for all if there
 /// are too few to tell.
 pub fn calibrated_p_values<V: Ord + Copy>(residuals: &[VehicleResidual<V>]) -> Vec<Option<f64>> {
-    let all = Spread::of(residuals.iter().map(log_residual).collect(), RESIDUALS_MIN);
-    let mut by_vehicle: BTreeMap<V, Vec<f64>> = BTreeMap::new();
-    for residual in residuals {
-        let own = by_vehicle.entry(residual.vehicle).or_default();
-        own.push(log_residual(residual));
+    let known = Known::of(residuals);
+    let p_values = residuals.iter().map(|residual| known.p_value(residual));
+    p_values.collect()
+}
+
+/// The residuals that stand for an unchanged world.
+pub(super) struct Known<V> {
+    all: Pool,
+    own: BTreeMap<V, Pool>,
+}
+
+/// Residuals' logarithms with their spread as it was last learnt.
+#[derive(Default)]
+struct Pool {
+    logs: Vec<f64>,
+    spread: Option<Spread>,
+    learnt_from: usize,
+}
+
+impl Pool {
+    fn learn(&mut self, count_min: usize) {
+        self.learnt_from = self.logs.len();
+        self.spread = Spread::of(self.logs.clone(), count_min);
     }
-    let spreads: BTreeMap<V, Option<Spread>> = by_vehicle
-        .into_iter()
-        .map(|(vehicle, logs)| (vehicle, Spread::of(logs, OWN_MIN).or(all)))
-        .collect();
-    let p_value = |residual: &VehicleResidual<V>| {
-        let spread = spreads.get(&residual.vehicle).copied().flatten()?;
+
+    fn join(&mut self, log: f64, count_min: usize) {
+        self.logs.push(log);
+        if self.logs.len() >= (self.learnt_from + self.learnt_from / 4).max(count_min) {
+            self.learn(count_min);
+        }
+    }
+}
+
+impl<V: Ord + Copy> Known<V> {
+    pub(super) fn of(baseline: &[VehicleResidual<V>]) -> Self {
+        let mut known = Self {
+            all: Pool::default(),
+            own: BTreeMap::new(),
+        };
+        for residual in baseline {
+            let log = log_residual(residual);
+            known.all.logs.push(log);
+            known
+                .own
+                .entry(residual.vehicle)
+                .or_default()
+                .logs
+                .push(log);
+        }
+        known.all.learn(RESIDUALS_MIN);
+        known.own.values_mut().for_each(|own| own.learn(OWN_MIN));
+        known
+    }
+
+    /// The probability of such a residual: by its vehicle's own spread where there are enough; `None`
+    /// if there are too few to tell.
+    pub(super) fn p_value(&self, residual: &VehicleResidual<V>) -> Option<f64> {
+        let own = self.own.get(&residual.vehicle).and_then(|own| own.spread);
+        let spread = own.or(self.all.spread)?;
         Some(spread.p_value(log_residual(residual)))
-    };
-    residuals.iter().map(p_value).collect()
+    }
+
+    /// Takes one more for such a residual; spreads follow once they have grown by a quarter.
+    pub(super) fn join(&mut self, residual: &VehicleResidual<V>) {
+        let log = log_residual(residual);
+        self.all.join(log, RESIDUALS_MIN);
+        self.own
+            .entry(residual.vehicle)
+            .or_default()
+            .join(log, OWN_MIN);
+    }
 }
 
 /// The logarithm that is tested.
-pub(super) fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
+fn log_residual<V>(residual: &VehicleResidual<V>) -> f64 {
     residual.residual.max(RESIDUAL_MIN).ln()
 }
 
 /// Middle and spread of residuals' logarithms.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spread {
+struct Spread {
     median: f64,
     sigma: f64,
 }
 
 impl Spread {
     /// `None` of fewer than `count_min`.
-    pub fn of(mut logs: Vec<f64>, count_min: usize) -> Option<Self> {
+    fn of(mut logs: Vec<f64>, count_min: usize) -> Option<Self> {
         if logs.len() < count_min {
             return None;
         }
@@ -79,7 +135,7 @@ impl Spread {
     }
 
     /// The upper tail of a Gaussian, by that of χ² with one degree of freedom.
-    pub fn p_value(self, log: f64) -> f64 {
+    fn p_value(self, log: f64) -> f64 {
         let z = (log - self.median) / self.sigma;
         let beyond = 0.5 * chi_squared_survival(z * z, 1);
         if z > 0.0 { beyond } else { 1.0 - beyond }

@@ -1,9 +1,7 @@
 //! The calibrated test as closures come in: a change must not widen the spread that it is judged
 //! by, so what is told stays out of it.
 
-use std::collections::BTreeMap;
-
-use super::calibration::{OWN_MIN, RESIDUALS_MIN, Spread, VehicleResidual, log_residual};
+use super::calibration::{Known, VehicleResidual};
 
 /// For each residual, in the order of insertion, the probability of one as large without a change.
 ///
@@ -29,71 +27,6 @@ pub fn p_values_in_order<V: Ord + Copy>(
         p_values.push(p_value);
     }
     p_values
-}
-
-/// The residuals that stand for an unchanged world.
-struct Known<V> {
-    all: Pool,
-    own: BTreeMap<V, Pool>,
-}
-
-/// Residuals' logarithms with their spread as it was last learnt.
-#[derive(Default)]
-struct Pool {
-    logs: Vec<f64>,
-    spread: Option<Spread>,
-    learnt_from: usize,
-}
-
-impl Pool {
-    fn learn(&mut self, count_min: usize) {
-        self.learnt_from = self.logs.len();
-        self.spread = Spread::of(self.logs.clone(), count_min);
-    }
-
-    fn join(&mut self, log: f64, count_min: usize) {
-        self.logs.push(log);
-        if self.logs.len() >= (self.learnt_from + self.learnt_from / 4).max(count_min) {
-            self.learn(count_min);
-        }
-    }
-}
-
-impl<V: Ord + Copy> Known<V> {
-    fn of(baseline: &[VehicleResidual<V>]) -> Self {
-        let mut known = Self {
-            all: Pool::default(),
-            own: BTreeMap::new(),
-        };
-        for residual in baseline {
-            let log = log_residual(residual);
-            known.all.logs.push(log);
-            known
-                .own
-                .entry(residual.vehicle)
-                .or_default()
-                .logs
-                .push(log);
-        }
-        known.all.learn(RESIDUALS_MIN);
-        known.own.values_mut().for_each(|own| own.learn(OWN_MIN));
-        known
-    }
-
-    fn p_value(&self, residual: &VehicleResidual<V>) -> Option<f64> {
-        let own = self.own.get(&residual.vehicle).and_then(|own| own.spread);
-        let spread = own.or(self.all.spread)?;
-        Some(spread.p_value(log_residual(residual)))
-    }
-
-    fn join(&mut self, residual: &VehicleResidual<V>) {
-        let log = log_residual(residual);
-        self.all.join(log, RESIDUALS_MIN);
-        self.own
-            .entry(residual.vehicle)
-            .or_default()
-            .join(log, OWN_MIN);
-    }
 }
 
 #[cfg(test)]

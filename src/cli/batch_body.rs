@@ -70,19 +70,31 @@ impl Trip {
                 }),
             scans,
         };
-        let json = serde_json::to_vec(&body)?;
+        EncodedBatch::of(BatchKind::Scans, &self.trip_id, sequence, &body)
+    }
+}
+
+impl EncodedBatch {
+    /// The trip's batch `sequence`, of what it holds as JSON.
+    pub(super) fn of(
+        kind: BatchKind,
+        trip_id: &TripId,
+        sequence: usize,
+        body: &impl Serialize,
+    ) -> anyhow::Result<Self> {
+        let json = serde_json::to_vec(body)?;
         let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&json)?;
-        Ok(EncodedBatch {
-            kind: BatchKind::Scans,
-            id: batch_id(&self.trip_id, sequence)?,
+        Ok(Self {
+            kind,
+            id: batch_id(trip_id, sequence)?,
             gzip: encoder.finish()?,
         })
     }
 }
 
 /// The id of a trip's batch.
-pub(super) fn batch_id(trip_id: &TripId, sequence: usize) -> anyhow::Result<BatchId> {
+fn batch_id(trip_id: &TripId, sequence: usize) -> anyhow::Result<BatchId> {
     BatchId::new(format!("{trip_id}-{sequence:05}"))
         .with_context(|| format!("the trip's name {trip_id} is too long: choose one with --trip"))
 }

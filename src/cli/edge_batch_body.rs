@@ -1,13 +1,10 @@
 //! What an upload of edges looks like on the wire.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use serde::Serialize;
 
-use super::batch_body::{EncodedBatch, PoseJson, batch_id, pose_json};
+use super::batch_body::{EncodedBatch, PoseJson, pose_json};
 use crate::formats::edges_json::EDGES_MAX;
 use crate::graph::{Edge, EdgeKind, Node, PoseGraph};
 use crate::ids::{NodeId, TripId, VehicleId};
@@ -68,14 +65,7 @@ impl GraphParts {
                 nodes: nodes.iter().map(node_json).collect(),
                 edges: edges.iter().map(edge_json).collect(),
             };
-            let json = serde_json::to_vec(&body)?;
-            let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-            encoder.write_all(&json)?;
-            let batch = EncodedBatch {
-                kind: BatchKind::Edges,
-                id: batch_id(trip_id, sequence)?,
-                gzip: encoder.finish()?,
-            };
+            let batch = EncodedBatch::of(BatchKind::Edges, trip_id, sequence, &body)?;
             Ok((batch, nodes.len()))
         })
     }

@@ -10,7 +10,8 @@ use crate::ids::{TripId, VehicleId};
 use crate::mapping::{DriveScan, InitialPose};
 
 pub(super) use flags::clock_flags;
-pub(super) use validate::{HEADING_MAX_RAD, stamp};
+pub(super) use raw::Pose;
+pub(super) use validate::{Checked, HEADING_MAX_RAD, refuse, stamp};
 
 use super::json::{JsonError, JsonMistake, Object, from_json};
 

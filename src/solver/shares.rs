@@ -60,7 +60,8 @@ fn growths_of_later(
     let mut columns = Vec::with_capacity(size);
     let frame = |pose: usize| Frame::of(problem.poses[pose]);
     for (k, name) in later.iter().rev().enumerate() {
-        let position = problem.factor_names.iter().position(|other| other == name);
+        // What is new stands last.
+        let position = problem.factor_names.iter().rposition(|other| other == name);
         let factor = &problem.factors[position?];
         let ends = [factor.from, factor.to];
         let at = Frame::local_error(&frame(ends[0]), &frame(ends[1]), &factor.measurement);

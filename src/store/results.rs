@@ -268,7 +268,7 @@ async fn queue_unanchored(
     route_key: i64,
     nodes: i64,
 ) -> Result<(), StoreError> {
-    let rows: Vec<(i64, String, i64)> = sqlx::query_as(
+    let rows = sqlx::query_as(
         "SELECT batch_key, trip_id, max(sequence) FROM batches \
          WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'scans' \
          AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
@@ -279,16 +279,7 @@ async fn queue_unanchored(
     .bind(nodes)
     .fetch_all(&mut *transaction)
     .await?;
-    for (batch_key, trip_id, sequence) in rows {
-        let place = Place {
-            batch_key,
-            route_key,
-            trip_id,
-            sequence,
-        };
-        queue(transaction, &place).await?;
-    }
-    Ok(())
+    queue_all(transaction, route_key, rows).await
 }
 
 /// Queues the last batch of edges of every vehicle that could not be tied to the map (its job
@@ -298,7 +289,7 @@ async fn queue_unanchored_edges(
     route_key: i64,
     nodes: i64,
 ) -> Result<(), StoreError> {
-    let rows: Vec<(i64, String, i64)> = sqlx::query_as(
+    let rows = sqlx::query_as(
         "SELECT max(batch_key), trip_id, sequence FROM batches AS batch \
          WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'edges' \
          AND NOT EXISTS (SELECT 1 FROM jobs JOIN batches AS other USING (batch_key) \
@@ -310,7 +301,16 @@ async fn queue_unanchored_edges(
     .bind(nodes)
     .fetch_all(&mut *transaction)
     .await?;
-    for (batch_key, trip_id, sequence) in rows {
+    queue_all(transaction, route_key, rows).await
+}
+
+/// Queues batches by key, trip and sequence.
+async fn queue_all(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    batches: Vec<(i64, String, i64)>,
+) -> Result<(), StoreError> {
+    for (batch_key, trip_id, sequence) in batches {
         let place = Place {
             batch_key,
             route_key,

@@ -36,7 +36,7 @@ pub(super) struct Lidar {
 
 #[derive(Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Pose {
+pub(in crate::formats) struct Pose {
     pub x: f64,
     pub y: f64,
     pub theta: f64,

@@ -29,9 +29,14 @@ const STAMP_MIN_S: i64 = 946_684_800;
 /// 2100-01-01T00:00:00Z, seconds since the Unix epoch.
 const STAMP_MAX_S: i64 = 4_102_444_800;
 
-type Checked<T> = Result<T, BatchBodyError>;
+/// What was checked, or the first mistake.
+pub(in crate::formats) type Checked<T> = Result<T, BatchBodyError>;
 
-fn refuse<T>(problem: BatchProblem, pointer: impl Into<String>, detail: String) -> Checked<T> {
+pub(in crate::formats) fn refuse<T>(
+    problem: BatchProblem,
+    pointer: impl Into<String>,
+    detail: String,
+) -> Checked<T> {
     Err(BatchBodyError {
         problem,
         pointer: pointer.into(),

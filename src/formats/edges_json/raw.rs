@@ -8,6 +8,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
 
 use super::{EDGES_MAX, NODES_MAX};
+use crate::formats::batch_json::Pose;
 use crate::formats::json::Object;
 use crate::ids::{TripId, VehicleId};
 
@@ -36,14 +37,6 @@ pub(super) struct Edge {
     pub measurement: Object<Pose>,
     pub information: [f64; 6],
     pub kind: Kind,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Pose {
-    pub x: f64,
-    pub y: f64,
-    pub theta: f64,
 }
 
 #[derive(Clone, Copy, Deserialize)]

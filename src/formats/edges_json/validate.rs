@@ -9,7 +9,7 @@ use super::{
     EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode,
 };
 use crate::formats::batch_json::{
-    BatchBodyError, BatchProblem, COORDINATE_MAX_M, HEADING_MAX_RAD, clock_flags, stamp,
+    BatchProblem, COORDINATE_MAX_M, Checked, HEADING_MAX_RAD, Pose, clock_flags, refuse, stamp,
 };
 use crate::formats::json::Object;
 use crate::geometry::{Information, Pose2};
@@ -22,16 +22,6 @@ const INFORMATION_MAX: f64 = 1e12;
 /// The smallest eigenvalue of an information matrix over its largest, at least: a flatter matrix
 /// says nothing about one direction, and cannot be told from one that is not definite.
 const CONDITION_MIN: f64 = 1e-12;
-
-type Checked<T> = Result<T, BatchBodyError>;
-
-fn refuse<T>(problem: BatchProblem, pointer: impl Into<String>, detail: String) -> Checked<T> {
-    Err(BatchBodyError {
-        problem,
-        pointer: pointer.into(),
-        detail,
-    })
-}
 
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedEdges> {
     check_count("/nodes", raw.nodes.count, NODES_MAX)?;
@@ -129,7 +119,7 @@ fn name(raw: raw::Name, pointer: &str) -> Checked<NodeName> {
     }
 }
 
-fn pose(Object(raw): Object<raw::Pose>, pointer: &str) -> Checked<Pose2> {
+fn pose(Object(raw): Object<Pose>, pointer: &str) -> Checked<Pose2> {
     let wrong = |field: &str, value: f64, max: f64, unit: &str| {
         let detail = format!("{field} {value} is not within ±{max} {unit}");
         let pointer = format!("{pointer}/{field}");
