@@ -72,6 +72,9 @@ pub struct Prior {
     pub information: Information,
 }
 
+/// While the gate is wide, so many points lead as well as all (at least so many, and fewer than
+/// twice as many, take part).
+const COARSE_POINTS: usize = 180;
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
@@ -96,17 +99,25 @@ pub fn align(
         params,
     };
     let mut pairing = Pairing::new(reference, points);
+    let mut coarse_stride = (points.len() / COARSE_POINTS).max(1);
     let mut pose = *initial;
     let mut gate_m = params.gate_start_m;
     let mut termination = Termination::IterationLimit;
     for _ in 0..params.iterations_max {
-        pairing.look_up(&pose, gate_m, params);
+        let is_coarse = gate_m > params.gate_end_m && coarse_stride > 1;
+        let stride = if is_coarse { coarse_stride } else { 1 };
+        pairing.look_up(&pose, gate_m, params, stride);
         if pairing.pairs().len() < PAIRS_MIN {
+            if is_coarse {
+                coarse_stride = 1;
+                continue;
+            }
             termination = Termination::TooFewPoints;
             pose = *initial;
             break;
         }
-        let equations = NormalEquations::of(pairing.pairs(), &pose, params.cauchy_scale_m);
+        let mut equations = NormalEquations::of(pairing.pairs(), &pose, params.cauchy_scale_m);
+        equations.stand_for(stride);
         let step = stepper.step(equations, &pose);
         pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
         let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
@@ -117,7 +128,7 @@ pub fn align(
         gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
     }
     if termination != Termination::Converged {
-        pairing.look_up(&pose, params.gate_end_m, params);
+        pairing.look_up(&pose, params.gate_end_m, params, 1);
     }
     stepper.summarise(&pairing, points.len(), &pose, termination)
 }

@@ -47,6 +47,14 @@ impl NormalEquations {
         }
     }
 
+    /// Of so many times the points: each pair stands for several.
+    pub(super) fn stand_for(&mut self, times: usize) {
+        let times = times as f64;
+        self.hessian *= times;
+        self.gradient *= times;
+        self.weight_sum *= times;
+    }
+
     /// Pulls towards a prior, in units of one point's variance.
     pub(super) fn add_prior(&mut self, prior: &Prior, pose: &Pose2, range_sigma_m: f64) {
         let offset = prior.pose.between(pose);

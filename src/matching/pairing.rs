@@ -36,16 +36,16 @@ impl<'a> Pairing<'a> {
         }
     }
 
-    /// Pairs every point with its nearest neighbour within the gate, at a pose
+    /// Pairs every point, or one in `stride`, with its nearest neighbour within the gate, at a pose
     /// `reference_from_base`; those within [`IcpParams::overlap_gate_m`] are found too. The search
     /// begins at the neighbour of the last time, or at the one of the beam beside.
-    pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, params: &IcpParams) {
+    pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, params: &IcpParams, stride: usize) {
         let to_reference = pose.to_transform();
         let reach_m = gate_m.max(params.overlap_gate_m);
         self.pairs.clear();
         self.beyond_gate.clear();
         let mut beside = None;
-        for (point, near) in self.points.iter().zip(&mut self.nearest) {
+        for (point, near) in self.points.iter().zip(&mut self.nearest).step_by(stride) {
             let position = to_reference.apply(&point.position);
             let hint = near.map(|k| k as usize).or(beside);
             let Some(found) = self.reference.nearest_from(&position, reach_m, hint) else {

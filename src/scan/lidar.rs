@@ -1,6 +1,6 @@
 //! The geometry of a lidar and where it is mounted.
 
-use crate::geometry::Pose2;
+use crate::geometry::{Pose2, Vector2};
 
 /// Most beams a scan may have.
 pub const BEAMS_MAX: usize = 8_192;
@@ -9,6 +9,8 @@ pub const RANGE_MAX_M: f64 = 500.0;
 /// Range noise assumed where the sender states none, metres.
 pub const RANGE_SIGMA_DEFAULT_M: f64 = 0.01;
 
+/// Beams whose directions are told from one of them.
+const BEAMS_TOGETHER: usize = 32;
 const MOUNT_OFFSET_MAX_M: f64 = 50.0;
 
 /// The geometry of a lidar: beam k looks along `angle_min_rad + k · angle_increment_rad` in the
@@ -95,6 +97,26 @@ impl Lidar {
         self.angle_min_rad + beam as f64 * self.angle_increment_rad
     }
 
+    /// Unit vectors along the first beams, lidar frame: cosine and sine of
+    /// [`Lidar::beam_angle_rad`], to a few units in the last place.
+    pub fn beam_directions(&self, count: usize) -> impl Iterator<Item = Vector2<f64>> + '_ {
+        // Sums of two angles out of short lists: most sines and cosines need not be taken.
+        let direction = |angle_rad: f64| Vector2::new(angle_rad.cos(), angle_rad.sin());
+        let within = std::array::from_fn::<_, BEAMS_TOGETHER, _>(|k| {
+            direction(k as f64 * self.angle_increment_rad)
+        });
+        (0..count).step_by(BEAMS_TOGETHER).flat_map(move |first| {
+            let of_first = direction(self.beam_angle_rad(first));
+            let turned = move |by: Vector2<f64>| {
+                Vector2::new(
+                    of_first.x * by.x - of_first.y * by.y,
+                    of_first.y * by.x + of_first.x * by.y,
+                )
+            };
+            within.into_iter().take(count - first).map(turned)
+        })
+    }
+
     /// Length of one tick of a stored range: 1 mm, or coarser for lidars beyond 65 m.
     pub fn tick_m(&self) -> f64 {
         (self.range_max_m / f64::from(u16::MAX - 1)).max(1e-3)
@@ -113,6 +135,26 @@ mod tests {
             range_max_m: 20.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+        }
+    }
+
+    #[test]
+    fn directions_are_those_of_the_angles() {
+        let lidar = Lidar {
+            angle_min_rad: -2.1,
+            angle_increment_rad: 0.005,
+            ..good()
+        };
+        for count in [0, 1, BEAMS_TOGETHER, 2 * BEAMS_TOGETHER + 1, 841] {
+            let directions: Vec<_> = lidar.beam_directions(count).collect();
+            assert_eq!(directions.len(), count);
+            for (beam, direction) in directions.iter().enumerate() {
+                let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
+                assert!(
+                    (direction - Vector2::new(cos, sin)).norm() < 1e-15,
+                    "{beam}"
+                );
+            }
         }
     }
 

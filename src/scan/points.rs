@@ -1,7 +1,7 @@
 //! A scan's end points with the normals of the surfaces they lie on.
 
 use super::{LaserScan, Lidar};
-use crate::geometry::{Matrix2, Vector2};
+use crate::geometry::Vector2;
 
 /// Beams on each side that take part in a point's line, at least …
 const NEIGHBOURS_MIN: usize = 3;
@@ -37,34 +37,40 @@ pub struct SurfacePoint {
 /// A normal is the direction of least scatter of the neighbouring returns on the same surface.
 pub fn surface_points(scan: &LaserScan) -> Vec<SurfacePoint> {
     let lidar = scan.lidar();
-    let (mount_sin, mount_cos) = lidar.mount.theta.sin_cos();
+    let to_base = lidar.mount.to_transform();
     let mut points: Vec<SurfacePoint> = Vec::with_capacity(scan.return_count());
-    for beam in 0..scan.beam_count() {
+    for (beam, direction) in lidar.beam_directions(scan.beam_count()).enumerate() {
         let Some(range_m) = scan.range_m(beam) else {
             continue;
         };
-        let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
-        let (x, y) = (range_m * cos, range_m * sin);
-        let position = Vector2::new(
-            lidar.mount.x + mount_cos * x - mount_sin * y,
-            lidar.mount.y + mount_sin * x + mount_cos * y,
-        );
         points.push(SurfacePoint {
-            position,
+            position: to_base.apply(&(range_m * direction)),
             normal: None,
             beam,
             range_m,
         });
     }
+    let gaps_m2: Vec<f64> = points.windows(2).map(gap_m2).collect();
     let eye = lidar.mount.translation();
     for k in 0..points.len() {
-        points[k].normal = line_normal(&points, k, lidar, &eye);
+        points[k].normal = line_normal(&points, &gaps_m2, k, lidar, &eye);
     }
     points
 }
 
+/// Square of the distance between two neighbouring returns; no surface joins those of beams that
+/// are no neighbours.
+fn gap_m2(pair: &[SurfacePoint]) -> f64 {
+    if pair[1].beam - pair[0].beam <= 2 {
+        (pair[1].position - pair[0].position).norm_squared()
+    } else {
+        f64::INFINITY
+    }
+}
+
 fn line_normal(
     points: &[SurfacePoint],
+    gaps_m2: &[f64],
     k: usize,
     lidar: &Lidar,
     eye: &Vector2<f64>,
@@ -72,53 +78,76 @@ fn line_normal(
     let centre = &points[k];
     let gap_m = (GAP_SPACINGS * lidar.angle_increment_rad * centre.range_m).max(GAP_MIN_M);
     let reach_m = LINE_REACH_SIGMAS * lidar.range_sigma_m;
-    let same_surface = |a: &SurfacePoint, b: &SurfacePoint| {
-        a.beam.abs_diff(b.beam) <= 2 && (a.position - b.position).norm() <= gap_m
+    let mut scatter = Scatter::default();
+    let mut take = |neighbours: usize, gap_to_it_m2: f64, point: &SurfacePoint| {
+        let offset = point.position - centre.position;
+        let within_reach = neighbours < NEIGHBOURS_MIN
+            || neighbours < NEIGHBOURS_MAX && offset.norm_squared() <= reach_m * reach_m;
+        let takes = within_reach && gap_to_it_m2 <= gap_m * gap_m;
+        if takes {
+            scatter.add(&offset);
+        }
+        takes
     };
-    let within_reach = |neighbours: usize, point: &SurfacePoint| {
-        neighbours < NEIGHBOURS_MIN
-            || neighbours < NEIGHBOURS_MAX && (point.position - centre.position).norm() <= reach_m
-    };
-    let mut first = k;
-    while first > 0
-        && within_reach(k - first, &points[first - 1])
-        && same_surface(&points[first - 1], &points[first])
-    {
-        first -= 1;
+    for (neighbours, j) in (0..k).rev().enumerate() {
+        if !take(neighbours, gaps_m2[j], &points[j]) {
+            break;
+        }
     }
-    let mut last = k;
-    while last + 1 < points.len()
-        && within_reach(last - k, &points[last + 1])
-        && same_surface(&points[last + 1], &points[last])
-    {
-        last += 1;
+    for (neighbours, j) in (k + 1..points.len()).enumerate() {
+        if !take(neighbours, gaps_m2[j - 1], &points[j]) {
+            break;
+        }
     }
-    let surface = &points[first..=last];
-    if surface.len() < LINE_POINTS_MIN {
-        return None;
-    }
-    let count = surface.len() as f64;
-    let mean = surface.iter().map(|p| p.position).sum::<Vector2<f64>>() / count;
-    let scatter = surface.iter().fold(Matrix2::zeros(), |sum, p| {
-        let d = p.position - mean;
-        sum + d * d.transpose()
-    });
-    let (across, along, normal) = least_axis(&scatter);
-    if across > LINE_FLATNESS_MAX * LINE_FLATNESS_MAX * along {
-        return None;
-    }
+    let normal = scatter.normal()?;
     let towards_eye = (eye - centre.position).dot(&normal) >= 0.0;
     Some(if towards_eye { normal } else { -normal })
 }
 
-/// Eigenvalues (smaller, larger) of a symmetric matrix and the unit eigenvector of the smaller.
-fn least_axis(m: &Matrix2<f64>) -> (f64, f64, Vector2<f64>) {
-    let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(1, 1)]);
-    let half_trace = 0.5 * (a + c);
-    let radius = (0.5 * (a - c)).hypot(b);
-    let axis_angle = 0.5 * (2.0 * b).atan2(a - c);
-    let normal = Vector2::new(-axis_angle.sin(), axis_angle.cos());
-    ((half_trace - radius).max(0.0), half_trace + radius, normal)
+/// How a point and its neighbours lie around their middle.
+#[derive(Default)]
+struct Scatter {
+    neighbours: usize,
+    /// Of offsets from the point, metres.
+    sum: Vector2<f64>,
+    /// Of their products, m².
+    xx: f64,
+    xy: f64,
+    yy: f64,
+}
+
+impl Scatter {
+    fn add(&mut self, offset: &Vector2<f64>) {
+        self.neighbours += 1;
+        self.sum += offset;
+        self.xx += offset.x * offset.x;
+        self.xy += offset.x * offset.y;
+        self.yy += offset.y * offset.y;
+    }
+
+    /// The unit vector along which there is least of it; `None` where that is no line.
+    fn normal(&self) -> Option<Vector2<f64>> {
+        if self.neighbours + 1 < LINE_POINTS_MIN {
+            return None;
+        }
+        let mean = self.sum / (self.neighbours + 1) as f64;
+        let half_trace = 0.5 * (self.xx - self.sum.x * mean.x + self.yy - self.sum.y * mean.y);
+        let half_difference = 0.5 * (self.xx - self.sum.x * mean.x - self.yy + self.sum.y * mean.y);
+        let product = self.xy - self.sum.x * mean.y;
+        let radius = (half_difference * half_difference + product * product).sqrt();
+        let (across, along) = (half_trace - radius, half_trace + radius);
+        if radius <= 0.0 || across > LINE_FLATNESS_MAX * LINE_FLATNESS_MAX * along {
+            return None;
+        }
+        // The line's direction is half the angle of (half_difference, product).
+        let line = if half_difference >= 0.0 {
+            Vector2::new(radius + half_difference, product)
+        } else {
+            Vector2::new(product, radius - half_difference)
+        };
+        let line = line.normalize();
+        Some(Vector2::new(-line.y, line.x))
+    }
 }
 
 #[cfg(test)]

@@ -83,7 +83,7 @@ fn linearise(
     params: &IcpParams,
 ) -> (NormalEquations, usize) {
     let mut pairing = Pairing::new(cloud, points);
-    pairing.look_up(pose, gate_m, params);
+    pairing.look_up(pose, gate_m, params, 1);
     let pairs = pairing.pairs();
     let equations = NormalEquations::of(pairs, pose, params.cauchy_scale_m);
     (equations, pairs.len())
