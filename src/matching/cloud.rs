@@ -1,6 +1,8 @@
 //! The points a scan is matched against.
 
-use super::point_grid::PointGrid;
+use pulp::Simd;
+
+use super::point_grid::{Found, PointGrid};
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::SurfacePoint;
 
@@ -48,17 +50,21 @@ impl ReferenceCloud {
 
     /// The nearest point within a distance.
     pub fn nearest(&self, point: &Vector2<f64>, distance_max_m: f64) -> Option<Neighbour> {
-        self.grid.nearest(point, distance_max_m, None)
+        self.grid
+            .nearest(pulp::Scalar::new(), point, distance_max_m, None)
+            .nearest
     }
 
     /// The same, sooner found if a point near the nearest one is known.
-    pub(super) fn nearest_from(
+    #[inline(always)]
+    pub(super) fn nearest_from<S: Simd>(
         &self,
+        simd: S,
         point: &Vector2<f64>,
         distance_max_m: f64,
         near: Option<usize>,
-    ) -> Option<Neighbour> {
-        self.grid.nearest(point, distance_max_m, near)
+    ) -> Found {
+        self.grid.nearest(simd, point, distance_max_m, near)
     }
 
     /// A point's position, metres.

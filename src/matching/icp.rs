@@ -75,6 +75,8 @@ pub struct Prior {
 /// While the gate is wide, so many points lead as well as all (at least so many, and fewer than
 /// twice as many, take part).
 const COARSE_POINTS: usize = 180;
+/// The gate need not be wider than so many times the way that the last step led.
+const GATE_MOTIONS: f64 = 20.0;
 /// Fewest pairs that an alignment is based on.
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
@@ -125,7 +127,10 @@ pub fn align(
             termination = Termination::Converged;
             break;
         }
-        gate_m = (gate_m * params.gate_factor).max(params.gate_end_m);
+        let motion_m = step.xy().norm() + step.z.abs() * stepper.lever_arm_m;
+        gate_m = (gate_m * params.gate_factor)
+            .min(GATE_MOTIONS * motion_m)
+            .max(params.gate_end_m);
     }
     if termination != Termination::Converged {
         pairing.look_up(&pose, params.gate_end_m, params, 1);

@@ -1,6 +1,8 @@
 //! Which point is compared with which.
 
-use super::{IcpParams, ReferenceCloud};
+use pulp::{Simd, WithSimd};
+
+use super::{IcpParams, Neighbour, ReferenceCloud};
 use crate::geometry::{Pose2, Transform2, Vector2};
 use crate::scan::SurfacePoint;
 
@@ -15,12 +17,67 @@ pub(super) struct Pair {
     pub normal: Option<Vector2<f64>>,
 }
 
+/// What was found when a point's neighbours were last searched.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    /// Metres, reference frame.
+    searched_at: Vector2<f64>,
+    nearest: Option<u32>,
+    /// No other point was nearer than this, metres.
+    others_from_m: f64,
+}
+
+impl Known {
+    const NOTHING: Self = Self {
+        searched_at: Vector2::new(0.0, 0.0),
+        nearest: None,
+        others_from_m: f64::NEG_INFINITY,
+    };
+
+    /// The nearest neighbour within a distance of where the point is now, searched for only if
+    /// another can have become the nearest since the last search.
+    #[inline(always)]
+    fn nearest<S: Simd>(
+        &mut self,
+        simd: S,
+        reference: &ReferenceCloud,
+        position: &Vector2<f64>,
+        reach_m: f64,
+        beside: Option<u32>,
+    ) -> Option<Neighbour> {
+        let others_from_m = self.others_from_m - (position - self.searched_at).norm();
+        let hint = self.nearest.map(|k| k as usize);
+        match hint {
+            Some(index) => {
+                let distance_squared_m2 = (reference.position(index) - position).norm_squared();
+                let bound_m = others_from_m.min(reach_m);
+                if bound_m > 0.0 && distance_squared_m2 <= bound_m * bound_m {
+                    return Some(Neighbour {
+                        index,
+                        distance_squared_m2,
+                    });
+                }
+            }
+            None if reach_m <= others_from_m => return None,
+            None => (),
+        }
+        let near = hint.or(beside.map(|k| k as usize));
+        let found = reference.nearest_from(simd, position, reach_m, near);
+        *self = Self {
+            searched_at: *position,
+            nearest: found.nearest.map(|n| n.index as u32),
+            others_from_m: found.others_from_m,
+        };
+        found.nearest
+    }
+}
+
 /// The pairs of a scan and a cloud, found again and again while the scan is moved.
 pub(super) struct Pairing<'a> {
     reference: &'a ReferenceCloud,
     points: &'a [SurfacePoint],
-    /// Each point's nearest neighbour when it was last looked up.
-    nearest: Vec<Option<u32>>,
+    /// What is known of each point's nearest neighbour.
+    known: Vec<Known>,
     pairs: Vec<Pair>,
     beyond_gate: Vec<Pair>,
 }
@@ -30,7 +87,7 @@ impl<'a> Pairing<'a> {
         Self {
             reference,
             points,
-            nearest: vec![None; points.len()],
+            known: vec![Known::NOTHING; points.len()],
             pairs: Vec::with_capacity(points.len()),
             beyond_gate: Vec::new(),
         }
@@ -40,33 +97,13 @@ impl<'a> Pairing<'a> {
     /// `reference_from_base`; those within [`IcpParams::overlap_gate_m`] are found too. The search
     /// begins at the neighbour of the last time, or at the one of the beam beside.
     pub(super) fn look_up(&mut self, pose: &Pose2, gate_m: f64, params: &IcpParams, stride: usize) {
-        let to_reference = pose.to_transform();
-        let reach_m = gate_m.max(params.overlap_gate_m);
-        self.pairs.clear();
-        self.beyond_gate.clear();
-        let mut beside = None;
-        for (point, near) in self.points.iter().zip(&mut self.nearest).step_by(stride) {
-            let position = to_reference.apply(&point.position);
-            let hint = near.map(|k| k as usize).or(beside);
-            let Some(found) = self.reference.nearest_from(&position, reach_m, hint) else {
-                continue;
-            };
-            *near = Some(found.index as u32);
-            beside = Some(found.index);
-            let pair = Pair {
-                point: point.position,
-                counterpart: self.reference.position(found.index),
-                normal: self.reference.normal(found.index),
-            };
-            if !is_fit(&pair, point, &position, &to_reference, params) {
-                continue;
-            }
-            if found.distance_squared_m2 <= gate_m * gate_m {
-                self.pairs.push(pair);
-            } else {
-                self.beyond_gate.push(pair);
-            }
-        }
+        pulp::Arch::new().dispatch(LookUp {
+            pairing: self,
+            pose,
+            gate_m,
+            params,
+            stride,
+        });
     }
 
     /// The pairs within the gate.
@@ -77,6 +114,55 @@ impl<'a> Pairing<'a> {
     /// Those farther apart.
     pub(super) fn beyond_gate(&self) -> &[Pair] {
         &self.beyond_gate
+    }
+}
+
+/// [`Pairing::look_up`], as wide as the machine is.
+struct LookUp<'b, 'a> {
+    pairing: &'b mut Pairing<'a>,
+    pose: &'b Pose2,
+    gate_m: f64,
+    params: &'b IcpParams,
+    stride: usize,
+}
+
+impl WithSimd for LookUp<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let pairing = self.pairing;
+        let to_reference = self.pose.to_transform();
+        let reach_m = self.gate_m.max(self.params.overlap_gate_m);
+        pairing.pairs.clear();
+        pairing.beyond_gate.clear();
+        let mut beside = None;
+        for (point, known) in pairing
+            .points
+            .iter()
+            .zip(&mut pairing.known)
+            .step_by(self.stride)
+        {
+            let position = to_reference.apply(&point.position);
+            let reference = pairing.reference;
+            let Some(found) = known.nearest(simd, reference, &position, reach_m, beside) else {
+                continue;
+            };
+            beside = Some(found.index as u32);
+            let pair = Pair {
+                point: point.position,
+                counterpart: pairing.reference.position(found.index),
+                normal: pairing.reference.normal(found.index),
+            };
+            if !is_fit(&pair, point, &position, &to_reference, self.params) {
+                continue;
+            }
+            if found.distance_squared_m2 <= self.gate_m * self.gate_m {
+                pairing.pairs.push(pair);
+            } else {
+                pairing.beyond_gate.push(pair);
+            }
+        }
     }
 }
 

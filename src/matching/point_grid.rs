@@ -1,5 +1,7 @@
 //! Nearest neighbours by square cells.
 
+use pulp::Simd;
+
 use super::cloud::Neighbour;
 use crate::geometry::Vector2;
 
@@ -7,20 +9,26 @@ use crate::geometry::Vector2;
 const CELLS_PER_POINT: f64 = 8.0;
 /// Shortest edge of a cell, metres.
 const CELL_MIN_M: f64 = 0.02;
+/// How much farther than it must a search looks, as a share of a cell, so that it need not be done
+/// again at once.
+const SPARE_SHARE: f64 = 0.1;
 /// Most cells along a side.
 const SIDE_CELLS_MAX: f64 = 4_096.0;
 
 /// Points sorted by cell, row by row, so that neighbouring cells of a row are one slice.
 pub(super) struct PointGrid {
-    positions: Vec<Vector2<f64>>,
+    /// Followed by [`PADDING`].
+    xs: Vec<f64>,
+    ys: Vec<f64>,
     origin: Vector2<f64>,
     cell_m: f64,
     cells_per_m: f64,
     width: usize,
     height: usize,
-    /// Places of the points given before and after each.
-    beside: Vec<[u32; 2]>,
-    /// Where each cell begins in `positions`, and the end of the last.
+    /// One less than the width, and the height.
+    last_column: f64,
+    last_row: f64,
+    /// Where each cell begins, and the end of the last.
     starts: Vec<u32>,
 }
 
@@ -40,14 +48,20 @@ impl PointGrid {
         let by_area_m = (size.x * size.y / (CELLS_PER_POINT * points.len() as f64)).sqrt();
         let by_side_m = size.x.max(size.y) / SIDE_CELLS_MAX;
         let cell_m = by_area_m.max(by_side_m).max(CELL_MIN_M);
+        let (width, height) = (
+            (size.x / cell_m) as usize + 1,
+            (size.y / cell_m) as usize + 1,
+        );
         let mut grid = Self {
-            positions: Vec::new(),
-            beside: Vec::new(),
+            xs: Vec::new(),
+            ys: Vec::new(),
             origin: low,
             cell_m,
             cells_per_m: 1.0 / cell_m,
-            width: (size.x / cell_m) as usize + 1,
-            height: (size.y / cell_m) as usize + 1,
+            width,
+            height,
+            last_column: (width - 1) as f64,
+            last_row: (height - 1) as f64,
             starts: Vec::new(),
         };
         let order = grid.sort(points);
@@ -74,19 +88,12 @@ impl PointGrid {
             order[*place as usize] = k as u32;
         }
         self.starts = starts;
-        let mut places = vec![0u32; points.len()];
-        for (place, &k) in order.iter().enumerate() {
-            places[k as usize] = place as u32;
-        }
-        let last = points.len() - 1;
-        self.beside = order
-            .iter()
-            .map(|&k| {
-                let k = k as usize;
-                [places[k.saturating_sub(1)], places[(k + 1).min(last)]]
-            })
-            .collect();
-        self.positions = order.iter().map(|&k| points[k as usize]).collect();
+        let sorted = |coordinate: fn(&Vector2<f64>) -> f64| {
+            let sorted = order.iter().map(|&k| coordinate(&points[k as usize]));
+            sorted.chain([f64::INFINITY; PADDING]).collect()
+        };
+        self.xs = sorted(|p| p.x);
+        self.ys = sorted(|p| p.y);
         order
     }
 
@@ -95,131 +102,163 @@ impl PointGrid {
     }
 
     /// The row of a y, or the one nearest to it.
-    #[inline]
+    #[inline(always)]
     fn row(&self, y: f64) -> usize {
-        let row = ((y - self.origin.y) * self.cells_per_m) as i32;
-        (row.max(0) as usize).min(self.height - 1)
+        whole_part(((y - self.origin.y) * self.cells_per_m).min(self.last_row))
     }
 
-    #[inline]
+    #[inline(always)]
     fn column(&self, x: f64) -> usize {
-        let column = ((x - self.origin.x) * self.cells_per_m) as i32;
-        (column.max(0) as usize).min(self.width - 1)
+        whole_part(((x - self.origin.x) * self.cells_per_m).min(self.last_column))
     }
 
+    #[inline(always)]
     pub(super) fn position(&self, index: usize) -> Vector2<f64> {
-        self.positions[index]
+        Vector2::new(self.xs[index], self.ys[index])
     }
 
     /// The nearest point within a distance; a point that is known to be near bounds the search.
-    pub(super) fn nearest(
+    ///
+    /// Of points at the same distance any may be found.
+    #[inline(always)]
+    pub(super) fn nearest<S: Simd>(
         &self,
+        simd: S,
         point: &Vector2<f64>,
         distance_max_m: f64,
         near: Option<usize>,
-    ) -> Option<Neighbour> {
-        let mut looking = Looking {
-            grid: self,
-            point: *point,
-            // So that a point at just that distance is still found.
-            least_m2: distance_max_m * distance_max_m * (1.0 + 2.0 * f64::EPSILON),
-            index: NONE,
-        };
+    ) -> Found {
+        let mut reach_m2 = distance_max_m * distance_max_m;
         if let Some(near) = near {
-            looking.compare(near, &self.positions[near]);
-            looking.walk(near, 0);
-            looking.walk(near, 1);
+            reach_m2 = reach_m2.min((self.position(near) - point).norm_squared());
         }
-        if looking.least_m2 < self.cell_m * self.cell_m {
+        let mut looking = Looking::new(simd, self, point, just_above(reach_m2));
+        if reach_m2 < self.cell_m * self.cell_m {
             looking.scan_square();
         } else {
-            let row = self.row(point.y);
-            // Whatever lies in the same cell bounds the search as well.
-            let cell = row * self.width + self.column(point.x);
-            looking.scan(cell, cell + 1);
-            looking.rows_from(row);
+            looking.scan_rows();
         }
-        (looking.index != NONE).then_some(Neighbour {
-            index: looking.index,
-            distance_squared_m2: looking.least_m2,
-        })
+        looking.found()
     }
 }
 
-/// No index.
-const NONE: usize = usize::MAX;
+/// What a search found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Found {
+    pub nearest: Option<Neighbour>,
+    /// No other point is nearer than this, metres.
+    pub others_from_m: f64,
+}
 
-/// A search under way.
-struct Looking<'a> {
+/// Points that stand after the last, infinitely far away: at least as many as are compared at a
+/// time, less one.
+const PADDING: usize = 7;
+/// The numbers of the points that are compared at a time.
+const LANES: [f64; PADDING + 1] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// A search under way, which compares several points at a time.
+struct Looking<'a, S: Simd> {
+    simd: S,
     grid: &'a PointGrid,
     point: Vector2<f64>,
-    /// A point must be nearer than this, m².
-    least_m2: f64,
-    /// The nearest point so far, or [`NONE`].
-    index: usize,
+    xs: S::f64s,
+    ys: S::f64s,
+    /// Each lane's least squared distance so far, m² …
+    least_m2: S::f64s,
+    /// … the least of the others …
+    second_m2: S::f64s,
+    /// … and whose the least is, or infinity.
+    index: S::f64s,
+    /// The nearest point is no farther than this, m² …
+    reach_m2: f64,
+    /// … and what is nearer than this is compared, metres.
+    clear_m: f64,
 }
 
-impl Looking<'_> {
-    /// Takes a point if it is the nearest so far.
-    #[inline]
-    fn compare(&mut self, index: usize, position: &Vector2<f64>) {
-        let (dx, dy) = (position.x - self.point.x, position.y - self.point.y);
-        let distance_m2 = dx * dx + dy * dy;
-        if distance_m2 < self.least_m2 {
-            self.least_m2 = distance_m2;
-            self.index = index;
+impl<'a, S: Simd> Looking<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, grid: &'a PointGrid, point: &Vector2<f64>, reach_m2: f64) -> Self {
+        Self {
+            simd,
+            grid,
+            point: *point,
+            xs: simd.splat_f64s(point.x),
+            ys: simd.splat_f64s(point.y),
+            least_m2: simd.splat_f64s(reach_m2),
+            second_m2: simd.splat_f64s(f64::INFINITY),
+            index: simd.splat_f64s(f64::INFINITY),
+            reach_m2,
+            clear_m: reach_m2.sqrt() + SPARE_SHARE * grid.cell_m,
         }
     }
 
-    /// Steps to one side, until two in a row lead no nearer.
-    #[inline]
-    fn walk(&mut self, from: usize, side: usize) {
-        let (mut place, mut in_vain) = (from, 0);
-        while in_vain < 2 {
-            let next = self.grid.beside[place][side] as usize;
-            if next == place {
-                return;
-            }
-            place = next;
-            self.compare(place, &self.grid.positions[place]);
-            in_vain = if self.index == place { 0 } else { in_vain + 1 };
+    /// The points from one to before another, and perhaps a few more.
+    #[inline(always)]
+    fn scan(&mut self, from: usize, to: usize) {
+        let simd = self.simd;
+        let mut index = simd.add_f64s(
+            simd.splat_f64s(WHOLE + from as f64),
+            first_lanes::<S>(&LANES),
+        );
+        let step = simd.splat_f64s(S::F64_LANES as f64);
+        let mut first = from;
+        while first < to {
+            let dx = simd.sub_f64s(first_lanes::<S>(&self.grid.xs[first..]), self.xs);
+            let dy = simd.sub_f64s(first_lanes::<S>(&self.grid.ys[first..]), self.ys);
+            let distance_m2 = simd.add_f64s(simd.mul_f64s(dx, dx), simd.mul_f64s(dy, dy));
+            let nearer = simd.less_than_f64s(distance_m2, self.least_m2);
+            let farther_m2 = simd.select_f64s(nearer, self.least_m2, distance_m2);
+            self.second_m2 = simd.min_f64s(self.second_m2, farther_m2);
+            self.least_m2 = simd.select_f64s(nearer, distance_m2, self.least_m2);
+            self.index = simd.select_f64s(nearer, index, self.index);
+            index = simd.add_f64s(index, step);
+            first += S::F64_LANES;
         }
     }
 
     /// The points of the cells from one to before another.
-    #[inline]
-    fn scan(&mut self, from_cell: usize, to_cell: usize) {
+    #[inline(always)]
+    fn scan_cells(&mut self, from: usize, to: usize) {
         let starts = &self.grid.starts;
-        let (from, to) = (starts[from_cell] as usize, starts[to_cell] as usize);
-        for (k, position) in self.grid.positions[from..to].iter().enumerate() {
-            self.compare(from + k, position);
-        }
+        self.scan(starts[from] as usize, starts[to] as usize);
     }
 
-    /// All cells of the square around a circle that is smaller than a cell: at most three by
-    /// three.
-    #[inline]
+    /// What was found bounds the rest.
+    #[inline(always)]
+    fn shrink(&mut self) {
+        self.reach_m2 = self.simd.reduce_min_f64s(self.least_m2);
+        self.clear_m = self.reach_m2.sqrt() + SPARE_SHARE * self.grid.cell_m;
+    }
+
+    /// All cells of the square around a circle of about a cell: at most three by three.
+    #[inline(always)]
     fn scan_square(&mut self) {
-        let (grid, reach_m) = (self.grid, self.least_m2.sqrt());
-        let first = grid.column(self.point.x - reach_m);
-        let last = grid.column(self.point.x + reach_m);
-        for row in grid.row(self.point.y - reach_m)..grid.row(self.point.y + reach_m) + 1 {
-            let cells = row * grid.width;
-            self.scan(cells + first, cells + last + 1);
+        let (grid, clear_m) = (self.grid, self.clear_m);
+        for row in grid.row(self.point.y - clear_m)..grid.row(self.point.y + clear_m) + 1 {
+            self.scan_row(row);
         }
+        self.reach_m2 = self.simd.reduce_min_f64s(self.least_m2);
     }
 
-    /// All rows within reach, from one outwards.
-    fn rows_from(&mut self, row: usize) {
+    /// All rows within reach, from the point's own outwards.
+    #[inline(always)]
+    fn scan_rows(&mut self) {
         let grid = self.grid;
+        let row = grid.row(self.point.y);
+        // Whatever lies in the same cell bounds the search.
+        let cell = row * grid.width + grid.column(self.point.x);
+        self.scan_cells(cell, cell + 1);
+        self.shrink();
+        *self = Self::new(self.simd, grid, &self.point, just_above(self.reach_m2));
         self.scan_row(row);
+        self.shrink();
         let mut below = row;
         let mut above = row + 1;
         loop {
             let to_below_m = self.point.y - (grid.origin.y + below as f64 * grid.cell_m);
             let to_above_m = grid.origin.y + above as f64 * grid.cell_m - self.point.y;
-            let goes_below = below > 0 && self.reaches(to_below_m);
-            let goes_above = above < grid.height && self.reaches(to_above_m);
+            let goes_below = below > 0 && to_below_m < self.clear_m;
+            let goes_above = above < grid.height && to_above_m < self.clear_m;
             if !goes_below && !goes_above {
                 return;
             }
@@ -231,20 +270,64 @@ impl Looking<'_> {
                 self.scan_row(above);
                 above += 1;
             }
+            self.shrink();
         }
     }
 
-    fn reaches(&self, distance_m: f64) -> bool {
-        distance_m <= 0.0 || distance_m * distance_m < self.least_m2
+    #[inline(always)]
+    fn scan_row(&mut self, row: usize) {
+        let first = self.grid.column(self.point.x - self.clear_m);
+        let last = self.grid.column(self.point.x + self.clear_m);
+        let cells = row * self.grid.width;
+        self.scan_cells(cells + first, cells + last + 1);
     }
 
-    fn scan_row(&mut self, row: usize) {
-        let reach_m = self.least_m2.sqrt();
-        let first = self.grid.column(self.point.x - reach_m);
-        let last = self.grid.column(self.point.x + reach_m);
-        let cells = row * self.grid.width;
-        self.scan(cells + first, cells + last + 1);
+    /// The nearest of all lanes; of equals the first in the grid.
+    #[inline(always)]
+    fn found(&self) -> Found {
+        let simd = self.simd;
+        let infinity = simd.splat_f64s(f64::INFINITY);
+        let is_least = simd.equal_f64s(self.least_m2, simd.splat_f64s(self.reach_m2));
+        let index = simd.reduce_min_f64s(simd.select_f64s(is_least, self.index, infinity));
+        if index == f64::INFINITY {
+            return Found {
+                nearest: None,
+                others_from_m: self.clear_m,
+            };
+        }
+        let is_nearest = simd.equal_f64s(self.index, simd.splat_f64s(index));
+        let rest_m2 = simd.select_f64s(is_nearest, infinity, self.least_m2);
+        let second_m2 = simd.reduce_min_f64s(simd.min_f64s(rest_m2, self.second_m2));
+        Found {
+            nearest: Some(Neighbour {
+                index: index.to_bits() as u32 as usize,
+                distance_squared_m2: self.reach_m2,
+            }),
+            others_from_m: self.clear_m.min(second_m2.sqrt()),
+        }
     }
+}
+
+/// A bound under which a square at just that distance still is.
+#[inline(always)]
+fn just_above(squared: f64) -> f64 {
+    squared * (1.0 + 2.0 * f64::EPSILON)
+}
+
+/// The lowest bits of a number at and above this are its whole part.
+const WHOLE: f64 = (1u64 << 52) as f64;
+
+/// The whole part of a number below 2³²; zero of a negative one.
+#[inline(always)]
+fn whole_part(number: f64) -> usize {
+    // Rounds to the nearest, so that half a unit is taken away before.
+    ((number - 0.5).max(0.0) + WHOLE).to_bits() as u32 as usize
+}
+
+/// As many values as are handled at a time.
+#[inline(always)]
+fn first_lanes<S: Simd>(values: &[f64]) -> S::f64s {
+    S::as_simd_f64s(&values[..S::F64_LANES]).0[0]
 }
 
 #[cfg(test)]
@@ -254,17 +337,37 @@ mod tests {
 
     fn check(points: &[Vector2<f64>], from: &Vector2<f64>, gate_m: f64, near: Option<usize>) {
         let (grid, order) = PointGrid::new(points).unwrap();
-        let brute = points
+        let nearest = points
             .iter()
             .map(|p| (p - from).norm_squared())
             .filter(|&d| d <= gate_m * gate_m)
             .min_by(f64::total_cmp);
-        let found = grid.nearest(from, gate_m, near);
-        assert_eq!(found.map(|n| n.distance_squared_m2), brute);
-        if let Some(found) = found {
-            let point = points[order[found.index] as usize];
-            assert_eq!(point, grid.position(found.index));
-            assert_eq!((point - from).norm_squared(), found.distance_squared_m2);
+        for found in [
+            grid.nearest(pulp::Scalar::new(), from, gate_m, near),
+            pulp::Arch::new().dispatch(Nearest(&grid, *from, gate_m, near)),
+        ] {
+            let others =
+                (0..points.len()).filter(|&place| found.nearest.map(|n| n.index) != Some(place));
+            let distances = others.map(|place| (grid.position(place) - from).norm());
+            let others_from_m = distances.fold(f64::INFINITY, f64::min);
+            assert!(found.others_from_m <= others_from_m * (1.0 + 1e-12));
+            let found = found.nearest;
+            assert_eq!(found.map(|n| n.distance_squared_m2), nearest);
+            if let Some(found) = found {
+                let point = points[order[found.index] as usize];
+                assert_eq!(point, grid.position(found.index));
+                assert_eq!((point - from).norm_squared(), found.distance_squared_m2);
+            }
+        }
+    }
+
+    struct Nearest<'a>(&'a PointGrid, Vector2<f64>, f64, Option<usize>);
+
+    impl pulp::WithSimd for Nearest<'_> {
+        type Output = Found;
+
+        fn with_simd<S: Simd>(self, simd: S) -> Found {
+            self.0.nearest(simd, &self.1, self.2, self.3)
         }
     }
 
