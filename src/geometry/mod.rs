@@ -5,7 +5,7 @@ mod information;
 mod polygon;
 mod pose2;
 
-pub use angle::{angle_difference_rad, wrap_angle};
+pub use angle::{angle_difference_rad, direction_rad, wrap_angle};
 pub use information::Information;
 pub use polygon::{distance_to_polygon, polygon_gap};
 pub use pose2::{EdgeError, Pose2, Tangent2, Transform2};

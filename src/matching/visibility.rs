@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::geometry::{Pose2, Transform2, Vector2, wrap_angle};
+use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
 use crate::scan::{LaserScan, SurfacePoint};
 
 /// What a scan says about a point.
@@ -42,6 +42,9 @@ impl Agreement {
 pub struct View<'a> {
     scan: &'a LaserScan,
     lidar_from_base: Transform2,
+    /// Direction of the first beam, in (−π, π].
+    first_beam_rad: f64,
+    beams_per_rad: f64,
     /// Whether the last beam is the first one's neighbour.
     goes_round: bool,
 }
@@ -55,6 +58,8 @@ impl<'a> View<'a> {
         Self {
             scan,
             lidar_from_base: lidar.mount.inverse().to_transform(),
+            first_beam_rad: wrap_angle(lidar.angle_min_rad),
+            beams_per_rad: 1.0 / lidar.angle_increment_rad,
             goes_round: covered_rad >= TAU,
         }
     }
@@ -101,14 +106,18 @@ impl<'a> View<'a> {
     }
 
     fn beam_towards(&self, in_lidar: &Vector2<f64>) -> Option<usize> {
-        let lidar = self.scan.lidar();
-        let turn = wrap_angle(in_lidar.y.atan2(in_lidar.x) - lidar.angle_min_rad);
-        let turn = if turn < -0.5 * lidar.angle_increment_rad {
-            turn + TAU
+        let turn_rad = direction_rad(in_lidar) - self.first_beam_rad;
+        let beams = turn_rad * self.beams_per_rad;
+        let beams_per_turn = self.beams_per_rad * TAU;
+        // Half a beam before the first is still its own.
+        let beams = if beams < -0.5 {
+            beams + beams_per_turn
+        } else if beams >= beams_per_turn - 0.5 {
+            beams - beams_per_turn
         } else {
-            turn
+            beams
         };
-        let beam = (turn / lidar.angle_increment_rad).round() as usize;
+        let beam = (beams + 0.5) as usize;
         (beam < self.scan.beam_count()).then_some(beam)
     }
 }
