@@ -240,6 +240,12 @@ impl<const B: usize> BlockCholesky<B> {
         bottom_up.filter(|&f| is_on_path[f as usize]).collect()
     }
 
+    /// The matrix's pairs that are filled in at these fronts.
+    pub(super) fn pairs_of<'a>(&'a self, fronts: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
+        let fronts = fronts.iter().map(|&f| &self.fronts[f as usize]);
+        fronts.flat_map(|front| front.couplings.iter().map(|c| c.pair as usize))
+    }
+
     /// The variables that a path eliminates.
     pub(super) fn variables_of<'a>(&'a self, path: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
         let fronts = path.iter().map(|&f| &self.fronts[f as usize]);
