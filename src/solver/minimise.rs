@@ -25,9 +25,6 @@ const PROMISE_SMALL: f64 = 1e-2;
 const PROMISE_SHRINKS: f64 = 0.5;
 /// … and lowers the cost by about what it promised, between this part and its inverse.
 const GAIN_MIN: f64 = 0.25;
-/// A factor that is kept no longer is brought up to date where factors have moved by more than
-/// this, as an angle.
-const MOVED_RAD: f64 = 1e-2;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
@@ -91,10 +88,9 @@ impl Minimiser {
         options: &SolveOptions,
     ) -> SolveSummary {
         let mut descent = Descent::plain();
-        let packed = if self.equations.is_some() {
-            known.factors
-        } else {
-            0
+        let packed = match self.equations {
+            Some(_) => known.factors,
+            None => 0,
         };
         if packed == 0 {
             self.packs.clear();
@@ -109,7 +105,9 @@ impl Minimiser {
         let mut equations = self.equations.take().filter(|_| packed > 0);
         equations = equations
             .and_then(|mut e| e.grow(problem, &self.packs, &self.here.frames).then_some(e));
-        descent.keep_factor = equations.as_ref().is_some_and(NormalEquations::has_plain_factor);
+        descent.keep_factor = equations
+            .as_ref()
+            .is_some_and(NormalEquations::has_plain_factor);
         self.equations = equations.or_else(|| NormalEquations::new(problem, true));
         self.descend_from_here(descent, problem, options)
     }
@@ -237,10 +235,11 @@ impl Minimiser {
         cost: f64,
     ) -> Option<f64> {
         equations.set_gradient(&self.here.gradient);
+        let only_growth = std::mem::take(&mut descent.only_growth);
         let mut promise = f64::NAN;
         if descent.keep_factor {
-            if std::mem::take(&mut descent.only_growth) {
-                promise = equations.promise_of_growth(&mut self.secants);
+            if only_growth {
+                promise = equations.promise_of_growth();
             }
             // That there is nothing to do is for the whole gradient to say.
             let is_enough = promise > options.cost_tolerance * cost;
@@ -248,16 +247,17 @@ impl Minimiser {
                 self.secants.learn(equations.gradient());
                 promise = equations.promise(&mut self.secants);
             }
-        } else if descent.damping <= DAMPING_MIN && equations.can_be_refreshed() {
-            self.secants.clear();
-            if equations.refresh(MOVED_RAD, &self.packs, &self.here.frames) {
-                promise = equations.promise(&mut self.secants);
-            }
         } else {
             self.secants.clear();
-            equations.linearise(&self.packs, &self.here.frames);
-            if equations.factorise(descent.damping) {
-                promise = equations.fresh_promise();
+            if descent.damping <= DAMPING_MIN && equations.can_be_refreshed() {
+                if equations.refresh(&self.packs, &self.here.frames) {
+                    promise = equations.promise(&mut self.secants);
+                }
+            } else {
+                equations.linearise(&self.packs, &self.here.frames);
+                if equations.factorise(descent.damping) {
+                    promise = equations.fresh_promise();
+                }
             }
         }
         promise.is_finite().then_some(promise)

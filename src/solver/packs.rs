@@ -67,7 +67,9 @@ pub(super) fn pack_factors(factors: &[Factor], packs: &mut Vec<Pack>) {
 
 /// Puts factors behind the so many that are in packs already.
 pub(super) fn pack_more(factors: &[Factor], packed: usize, packs: &mut Vec<Pack>) {
-    let free = (packs.len() * LANES).saturating_sub(packed).min(factors.len());
+    let free = (packs.len() * LANES)
+        .saturating_sub(packed)
+        .min(factors.len());
     let (first, rest) = factors.split_at(free);
     if let Some(pack) = packs.last_mut() {
         for (k, factor) in first.iter().enumerate() {
@@ -210,7 +212,11 @@ impl<const N: usize> Pack<N> {
             let shift = xx[l] * dx * dx + yy[l] * dy * dy;
             let turn = dc * dc + ds * ds;
             // A factor that weighs nothing is nowhere.
-            distances[l] = if shift > 0.0 { turn + shift / angles[l] } else { turn };
+            distances[l] = if shift > 0.0 {
+                turn + shift / angles[l]
+            } else {
+                turn
+            };
         }
         distances
     }

@@ -8,12 +8,12 @@ use super::super::local_error::Frame;
 use super::super::minimise::DAMPING_MIN;
 use super::super::packs::{LANES, Motions, Pack};
 use super::super::problem::Problem;
-use super::super::secants::{Secants, dot};
+use super::super::secants::dot;
 use super::{NONE, NormalEquations, POSE_SIZE, Slot, add_block};
 
-/// A factor whose fronts are factored again anyway is linearised again if it has moved by more
-/// than this, as an angle.
-const MOVED_RAD: f64 = 1e-3;
+/// What has moved by no more than this, as an angle, is left as it is. Where a large part of a map
+/// is turned, ten times more leaves so much stress in it that steps are ten times as many.
+const MOVED_RAD: f64 = 1e-4;
 
 impl NormalEquations {
     /// Takes in the poses and factors that a problem has and the equations have not; the new ones
@@ -45,8 +45,7 @@ impl NormalEquations {
             return false;
         };
         if self.has_plain_factor {
-            self.linearised
-                .resize(packs.len(), Motions::none());
+            self.linearised.resize(packs.len(), Motions::none());
             for factor in factors..self.slots.len() {
                 self.linearise_one(factor, true, packs, frames);
             }
@@ -64,21 +63,16 @@ impl NormalEquations {
         true
     }
 
-    /// Linearises again what has moved by more than this, as an angle, and factors again what
-    /// that touches; `false` if H is not positive definite then.
-    pub(in super::super) fn refresh(
-        &mut self,
-        moved_rad: f64,
-        packs: &[Pack],
-        frames: &[Frame],
-    ) -> bool {
+    /// Linearises again what has moved, and factors again what that touches; `false` if H is not
+    /// positive definite then.
+    pub(in super::super) fn refresh(&mut self, packs: &[Pack], frames: &[Frame]) -> bool {
         let mut moved: Vec<usize> = Vec::new();
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
                 for (k, (pack, linearised)) in packs.iter().zip(&self.linearised).enumerate() {
                     let distances = pack.square_distances(&pack.motions(frames), linearised);
-                    let is_moved = |&lane: &usize| distances[lane] > moved_rad * moved_rad;
+                    let is_moved = |&lane: &usize| distances[lane] > MOVED_RAD * MOVED_RAD;
                     let lanes = (0..LANES).filter(is_moved);
                     moved.extend(lanes.map(|lane| k * LANES + lane));
                 }
@@ -91,8 +85,8 @@ impl NormalEquations {
             let Slot { from, to, .. } = self.slots[factor];
             touched.extend([from, to]);
         }
-        let touched = touched.into_iter().filter(|&variable| variable != NONE);
-        let fronts = self.cholesky.path_of(touched);
+        touched.retain(|&variable| variable != NONE);
+        let fronts = self.cholesky.path_of(touched.into_iter());
         self.has_plain_factor = self
             .cholesky
             .factorise_fronts(&fronts, &self.matrix, DAMPING_MIN);
@@ -124,8 +118,7 @@ impl NormalEquations {
     }
 
     /// As [`Self::promise`] for a gradient that counts for nothing but where the problem grew.
-    pub(in super::super) fn promise_of_growth(&mut self, secants: &mut Secants) -> f64 {
-        secants.clear();
+    pub(in super::super) fn promise_of_growth(&mut self) -> f64 {
         self.solution.clear();
         self.solution.resize(self.gradient.len(), 0.0);
         for &variable in &self.touched {

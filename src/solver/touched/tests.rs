@@ -10,7 +10,7 @@ use super::super::testing::{add_closure, random_graph};
 use super::*;
 use crate::geometry::wrap_angle;
 use crate::geometry::{Information, Pose2};
-use crate::graph::{Edge, EdgeKind, EdgeStatus, Node};
+use crate::graph::{Block, Edge, EdgeKind, EdgeStatus, Node};
 use crate::ids::NodeId;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
