@@ -117,6 +117,9 @@ impl<const B: usize> BlockCholesky<B> {
     /// Makes fronts of parts whose given fronts are these.
     fn add_fronts(&mut self, matrix: &BlockMatrix<B>, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
         let mut new: Vec<u32> = Vec::with_capacity(parts.len());
+        if self.fronts.is_empty() {
+            self.fronts.reserve_exact(parts.len());
+        }
         for part in parts {
             let kept: Vec<u32> = part.given.iter().map(|&g| given[g as usize]).collect();
             let mut front = Front::new::<B>(part);

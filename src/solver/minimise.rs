@@ -78,6 +78,18 @@ impl Minimiser {
         self.descend_from_here(Descent::plain(), problem, options)
     }
 
+    /// The same for a problem that is minimised once: its factors are dropped on the way, to make
+    /// room.
+    pub(super) fn minimise_once(problem: &mut Problem, options: &SolveOptions) -> SolveSummary {
+        let mut minimiser = Self::default();
+        pack_factors(&problem.factors, &mut minimiser.packs);
+        minimiser.here.set(&problem.poses, &minimiser.packs);
+        let equations = NormalEquations::of_structure(problem, false);
+        problem.factors = Vec::new();
+        minimiser.equations = equations.map(NormalEquations::analysed);
+        minimiser.descend_from_here(Descent::plain(), problem, options)
+    }
+
     /// The same for a problem that grows: it had so many of its poses and factors when it was
     /// minimised last. That the optimum found before is close to the next is what makes this
     /// fast, not right.

@@ -53,6 +53,11 @@ impl NormalEquations {
     /// Orders and analyses a problem's structure; `None` if memory runs out. If it is to grow,
     /// its factorisation takes more memory.
     pub(super) fn new(problem: &Problem, grows: bool) -> Option<Self> {
+        Self::of_structure(problem, grows).map(Self::analysed)
+    }
+
+    /// The first half of [`Self::new`]: afterwards the problem is needed no more.
+    pub(super) fn of_structure(problem: &Problem, grows: bool) -> Option<Self> {
         let mut equations = Self {
             variable: vec![NONE; problem.poses.len()],
             slots: Vec::with_capacity(problem.factors.len()),
@@ -66,12 +71,19 @@ impl NormalEquations {
             touched: Vec::new(),
             has_plain_factor: false,
         };
-        for pose in problem.elimination_order()? {
+        let order = problem.elimination_order()?;
+        equations.matrix.reserve(order.len(), problem.factors.len());
+        for pose in order {
             equations.variable[pose] = equations.matrix.add_variable();
         }
         equations.add_slots(&problem.factors);
-        equations.cholesky = BlockCholesky::analyse(&equations.matrix, grows);
         Some(equations)
+    }
+
+    /// The second half.
+    pub(super) fn analysed(mut self) -> Self {
+        self.cholesky = BlockCholesky::analyse(&self.matrix, self.grows);
+        self
     }
 
     fn add_slots(&mut self, factors: &[Factor]) {
