@@ -79,44 +79,30 @@ impl Neighbours {
         &self.others[start..start + self.degrees[v as usize] as usize]
     }
 
-    /// Eliminates variables with at most two neighbours as long as there are any. No two
-    /// neighbours go in the same pass, so that a long chain becomes a flat tree.
+    /// Eliminates variables with at most two neighbours as long as there are any. Goes along
+    /// chains, so that their variables can be eliminated together.
     fn eliminate_chains(&mut self) -> Vec<u32> {
         let variables = self.degrees.len();
         let mut order = Vec::with_capacity(variables);
-        let mut touched_in = vec![0_u32; variables];
-        let mut waiting: Vec<u32> = (0..variables as u32).collect();
-        waiting.retain(|&v| self.degrees[v as usize] <= 2);
-        for pass in 1.. {
-            let mut later = Vec::new();
-            for &v in &waiting {
-                if touched_in[v as usize] == pass {
-                    later.push(v);
-                    continue;
-                }
-                let (mut ends, mut count) = ([NONE; 2], 0);
-                for &end in self.of_variable(v) {
-                    ends[count] = end;
-                    count += 1;
-                }
-                self.degrees[v as usize] = NONE;
-                order.push(v);
-                for (end, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
-                    if end == NONE {
-                        continue;
-                    }
-                    let before = self.degrees[end as usize];
+        let mut open: Vec<u32> = (0..variables as u32).rev().collect();
+        while let Some(v) = open.pop() {
+            if self.degrees[v as usize] > 2 {
+                // Or eliminated already.
+                continue;
+            }
+            let (mut ends, mut count) = ([NONE; 2], 0);
+            for &end in self.of_variable(v) {
+                ends[count] = end;
+                count += 1;
+            }
+            self.degrees[v as usize] = NONE;
+            order.push(v);
+            for (end, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
+                if end != NONE {
                     self.replace(end, v, other);
-                    touched_in[end as usize] = pass;
-                    if before > 2 && self.degrees[end as usize] <= 2 {
-                        later.push(end);
-                    }
+                    open.push(end);
                 }
             }
-            if later.is_empty() {
-                break;
-            }
-            waiting = later;
         }
         order
     }
