@@ -263,11 +263,12 @@ mod tests {
         assert!(approximate_minimum_degree(0, &[]).unwrap().is_empty());
     }
 
-    /// A tree and a chain of rings are all chains; a clique is not.
+    /// A tree with a ring is all chains; a clique is not.
     #[test]
     fn chains_go_before_the_rest() {
         let mut pairs: Vec<(u32, u32)> = (1..40).map(|k| ((k - 1) / 3, k)).collect();
-        pairs.extend([(37, 38), (38, 39), (39, 37), (12, 3)]);
+        // A ring, and a pair that comes twice.
+        pairs.extend([(37, 38), (12, 3)]);
         let order = Neighbours::of(40, &pairs).eliminate_chains();
         assert!(is_permutation(order.iter().map(|&v| v as usize), 40));
         for a in 40..45 {
