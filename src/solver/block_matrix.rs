@@ -31,6 +31,14 @@ impl<const B: usize> BlockMatrix<B> {
         self.diagonal.len()
     }
 
+    /// Makes room for no more than so many variables and pairs.
+    pub(super) fn reserve(&mut self, variables: usize, pairs: usize) {
+        self.diagonal.reserve_exact(variables);
+        self.newest.reserve_exact(variables);
+        self.blocks.reserve_exact(pairs);
+        self.pairs.reserve_exact(pairs);
+    }
+
     /// Adds a variable, coupled with none, and names it.
     pub(super) fn add_variable(&mut self) -> u32 {
         self.diagonal.push(SMatrix::zeros());

@@ -117,6 +117,9 @@ impl<const B: usize> BlockCholesky<B> {
     /// Makes fronts of parts whose given fronts are these.
     fn add_fronts(&mut self, matrix: &BlockMatrix<B>, parts: Vec<Part>, given: &[u32]) -> Vec<u32> {
         let mut new: Vec<u32> = Vec::with_capacity(parts.len());
+        if self.fronts.is_empty() {
+            self.fronts.reserve_exact(parts.len());
+        }
         for part in parts {
             let kept: Vec<u32> = part.given.iter().map(|&g| given[g as usize]).collect();
             let mut front = Front::new::<B>(part);
@@ -238,6 +241,12 @@ impl<const B: usize> BlockCholesky<B> {
         }
         let bottom_up = self.bottom_up.iter().copied();
         bottom_up.filter(|&f| is_on_path[f as usize]).collect()
+    }
+
+    /// The matrix's pairs that are filled in at these fronts.
+    pub(super) fn pairs_of<'a>(&'a self, fronts: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
+        let fronts = fronts.iter().map(|&f| &self.fronts[f as usize]);
+        fronts.flat_map(|front| front.couplings.iter().map(|c| c.pair as usize))
     }
 
     /// The variables that a path eliminates.

@@ -128,6 +128,28 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// Other numbers in the same places: only the paths to the root are factored again.
+    #[test]
+    fn other_numbers_want_their_paths(seed in any::<u64>(), changes in 1..6_usize) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut matrix = random_matrix::<3>(&mut rng, 40, 25);
+        let mut cholesky = BlockCholesky::analyse(&matrix, true);
+        prop_assert!(cholesky.factorise(&matrix, 0.0, &mut []));
+        for _ in 0..changes {
+            let variable = rng.random_range(0..40_u32);
+            let (other, pair, _) = matrix.coupled(variable).next().unwrap();
+            matrix.blocks[pair] = random_block(&mut rng);
+            matrix.diagonal[variable as usize] += SMatrix::identity();
+            let path = cholesky.path_of([variable, other].into_iter());
+            prop_assert!(cholesky.factorise_fronts(&path, &matrix, 0.0));
+            prop_assert!(gap(&matrix, &mut cholesky, &mut rng) < 1e-12);
+        }
+    }
+}
+
 /// Wide fronts, and heights around every multiple of the vectors' length.
 #[test]
 fn cliques_of_all_sizes_are_factored() {

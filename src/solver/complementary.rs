@@ -95,7 +95,7 @@ fn strains_for(
     let mut equations = NormalEquations::new(&loose, false)?;
     let mut packs = Vec::new();
     pack_factors(&loose.factors, &mut packs);
-    equations.linearise(&loose, &packs, &frames);
+    equations.linearise(&packs, &frames);
     if !equations.factorise(DAMPING_MIN) {
         return None;
     }

@@ -306,8 +306,8 @@ impl Columns {
 /// About how many nanoseconds a part costs: for itself, for the blocks of its update that go into
 /// another part, and for its columns, whose rows are worked on eight at a time.
 fn work(width: u32, below: u32) -> f64 {
+    let vectors = f64::from((3 * (width + below)).div_ceil(8));
     let (width, below) = (f64::from(width), f64::from(below));
-    let vectors = (3.0 * (width + below) / 8.0).ceil();
     let updates = 0.5 * below * (below + 1.0);
     let products = 3.0 * width * vectors * (3.0 * below + 1.5 * width);
     80.0 + 8.0 * updates + 3.0 * width * vectors + 0.3 * products

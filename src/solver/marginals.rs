@@ -44,7 +44,7 @@ impl<'a> Marginals<'a> {
         let frames: Vec<Frame> = problem.poses.iter().map(|&pose| Frame::of(pose)).collect();
         let mut packs = Vec::new();
         pack_factors(&problem.factors, &mut packs);
-        equations.linearise(&problem, &packs, &frames);
+        equations.linearise(&packs, &frames);
         equations.factorise(DAMPING_MIN).then(|| Self {
             graph,
             component: problem.components(),

@@ -1,9 +1,9 @@
 //! Gauss-Newton, with Levenberg-Marquardt damping where a plain step fails.
 
 use super::local_error::{Frame, take_steps};
-use super::normal_equations::{Fit, NormalEquations, POSE_SIZE};
-use super::packs::{Pack, cost_and_gradient, pack_factors};
-use super::problem::Problem;
+use super::normal_equations::{NormalEquations, POSE_SIZE};
+use super::packs::{Pack, cost_and_gradient, pack_factors, pack_more};
+use super::problem::{Known, Problem};
 use super::secants::Secants;
 use super::shares::share_growth;
 use super::summary::{SolveOptions, SolveSummary, Termination};
@@ -33,8 +33,6 @@ const DAMPING_DROPPED: f64 = 1e-7;
 #[derive(Default)]
 pub(super) struct Minimiser {
     equations: Option<NormalEquations>,
-    /// Whether problems to come will have more poses and factors.
-    grows: bool,
     secants: Secants,
     packs: Vec<Pack>,
     step: Vec<[f64; POSE_SIZE]>,
@@ -61,18 +59,11 @@ struct Descent {
     /// Whether the next step is taken by the factor as it is: cheaper by far, and as good while
     /// the quadratic model holds.
     keep_factor: bool,
+    /// Whether the poses were at their optimum but for what is new.
+    only_growth: bool,
 }
 
 impl Minimiser {
-    /// For problems each of which has what the one before had, and more. That the optimum found
-    /// before is close to the next is what makes it fast, not right.
-    pub(super) fn for_growing() -> Self {
-        Self {
-            grows: true,
-            ..Self::default()
-        }
-    }
-
     /// Moves the poses that are not held to a minimum of the cost.
     pub(super) fn minimise(
         &mut self,
@@ -81,6 +72,64 @@ impl Minimiser {
     ) -> SolveSummary {
         pack_factors(&problem.factors, &mut self.packs);
         self.here.set(&problem.poses, &self.packs);
+        if !self.equations.as_ref().is_some_and(|e| e.fit(problem)) {
+            self.equations = NormalEquations::new(problem, false);
+        }
+        self.descend_from_here(Descent::plain(), problem, options)
+    }
+
+    /// The same for a problem that is minimised once: its factors are dropped on the way, to make
+    /// room.
+    pub(super) fn minimise_once(problem: &mut Problem, options: &SolveOptions) -> SolveSummary {
+        let mut minimiser = Self::default();
+        pack_factors(&problem.factors, &mut minimiser.packs);
+        minimiser.here.set(&problem.poses, &minimiser.packs);
+        let equations = NormalEquations::of_structure(problem, false);
+        problem.factors = Vec::new();
+        minimiser.equations = equations.map(NormalEquations::analysed);
+        minimiser.descend_from_here(Descent::plain(), problem, options)
+    }
+
+    /// The same for a problem that grows: it had so many of its poses and factors when it was
+    /// minimised last. That the optimum found before is close to the next is what makes this
+    /// fast, not right.
+    pub(super) fn minimise_more(
+        &mut self,
+        problem: &mut Problem,
+        known: Known,
+        options: &SolveOptions,
+    ) -> SolveSummary {
+        let mut descent = Descent::plain();
+        let packed = match self.equations {
+            Some(_) => known.factors,
+            None => 0,
+        };
+        if packed == 0 {
+            self.packs.clear();
+        }
+        pack_more(&problem.factors[packed..], packed, &mut self.packs);
+        descent.only_growth = packed > 0 && self.here.is_at(&problem.poses[..known.poses]);
+        if descent.only_growth {
+            self.here.grow(problem, known);
+        } else {
+            self.here.set(&problem.poses, &self.packs);
+        }
+        let mut equations = self.equations.take().filter(|_| packed > 0);
+        equations = equations
+            .and_then(|mut e| e.grow(problem, &self.packs, &self.here.frames).then_some(e));
+        descent.keep_factor = equations
+            .as_ref()
+            .is_some_and(NormalEquations::has_plain_factor);
+        self.equations = equations.or_else(|| NormalEquations::new(problem, true));
+        self.descend_from_here(descent, problem, options)
+    }
+
+    fn descend_from_here(
+        &mut self,
+        descent: Descent,
+        problem: &mut Problem,
+        options: &SolveOptions,
+    ) -> SolveSummary {
         let initial_cost = self.here.cost;
         let mut summary = SolveSummary {
             initial_cost,
@@ -91,16 +140,13 @@ impl Minimiser {
         };
         if !initial_cost.is_finite() {
             summary.termination = Termination::NotFinite;
+            self.equations = None;
             return summary;
         }
-        match self.prepare(problem) {
+        match self.equations.take() {
             None => summary.termination = Termination::Unsolvable,
-            Some((equations, _)) if equations.dimension() == 0 => {}
-            Some((mut equations, fit)) => {
-                let descent = Descent {
-                    keep_factor: fit == Fit::Factor,
-                    ..Descent::plain()
-                };
+            Some(equations) if equations.dimension() == 0 => {}
+            Some(mut equations) => {
                 summary.termination =
                     self.descend(&mut equations, descent, problem, options, &mut summary);
                 self.equations = Some(equations);
@@ -122,7 +168,7 @@ impl Minimiser {
             && !equations.has_plain_factor()
         {
             self.here.set(&problem.poses, &self.packs);
-            equations.linearise(problem, &self.packs, &self.here.frames);
+            equations.linearise(&self.packs, &self.here.frames);
             equations.factorise(DAMPING_MIN);
         }
         share_growth(
@@ -131,16 +177,6 @@ impl Minimiser {
             problem,
             equations.filter(|e| e.has_plain_factor()),
         )
-    }
-
-    fn prepare(&mut self, problem: &Problem) -> Option<(NormalEquations, Fit)> {
-        if let Some(mut equations) = self.equations.take() {
-            let fit = equations.adapt(problem);
-            if fit != Fit::Other {
-                return Some((equations, fit));
-            }
-        }
-        Some((NormalEquations::new(problem, self.grows)?, Fit::Structure))
     }
 
     /// `problem.poses` and `summary.final_cost` are always the best so far.
@@ -154,7 +190,7 @@ impl Minimiser {
     ) -> Termination {
         self.secants.clear();
         while summary.iterations < options.iterations_max {
-            let promised = self.promise(equations, problem, &descent);
+            let promised = self.promise(equations, &mut descent, options, summary.final_cost);
             let is_best = self.here.cost <= summary.final_cost;
             if let Some(decrease) = promised
                 && descent.damping <= DAMPING_MIN
@@ -164,7 +200,7 @@ impl Minimiser {
                 return Termination::ConvergedByCost;
             }
             summary.iterations += 1;
-            let promised = promised.filter(|_| self.step(equations));
+            let promised = promised.inspect(|_| equations.step(&mut self.secants, &mut self.step));
             if promised.is_some() {
                 self.trial.step(&self.here, &self.step, &self.packs);
             } else {
@@ -183,6 +219,9 @@ impl Minimiser {
             if let Some(termination) =
                 promised.and_then(|d| self.converged(d, cost, &descent, summary, options))
             {
+                if better {
+                    std::mem::swap(&mut self.here, &mut self.trial);
+                }
                 return termination;
             }
             if descent.accepts(better, cost, gain, promised) {
@@ -203,28 +242,37 @@ impl Minimiser {
     fn promise(
         &mut self,
         equations: &mut NormalEquations,
-        problem: &Problem,
-        descent: &Descent,
+        descent: &mut Descent,
+        options: &SolveOptions,
+        cost: f64,
     ) -> Option<f64> {
         equations.set_gradient(&self.here.gradient);
-        let promise = if descent.keep_factor {
-            self.secants.learn(equations.gradient());
-            equations.promise(&mut self.secants)
+        let only_growth = std::mem::take(&mut descent.only_growth);
+        let mut promise = f64::NAN;
+        if descent.keep_factor {
+            if only_growth {
+                promise = equations.promise_of_growth();
+            }
+            // That there is nothing to do is for the whole gradient to say.
+            let is_enough = promise > options.cost_tolerance * cost;
+            if !is_enough {
+                self.secants.learn(equations.gradient());
+                promise = equations.promise(&mut self.secants);
+            }
         } else {
             self.secants.clear();
-            equations.linearise(problem, &self.packs, &self.here.frames);
-            if !equations.factorise(descent.damping) {
-                return None;
+            if descent.damping <= DAMPING_MIN && equations.can_be_refreshed() {
+                if equations.refresh(&self.packs, &self.here.frames) {
+                    promise = equations.promise(&mut self.secants);
+                }
+            } else {
+                equations.linearise(&self.packs, &self.here.frames);
+                if equations.factorise(descent.damping) {
+                    promise = equations.fresh_promise();
+                }
             }
-            equations.fresh_promise()
-        };
+        }
         promise.is_finite().then_some(promise)
-    }
-
-    /// Finds the step; whether it is finite.
-    fn step(&mut self, equations: &mut NormalEquations) -> bool {
-        equations.step(&mut self.secants, &mut self.step);
-        self.step.iter().flatten().all(|s| s.is_finite())
     }
 
     /// Only a plain step that ends at the best cost can tell: a damped one is short for another
@@ -244,12 +292,9 @@ impl Minimiser {
         if decrease <= options.cost_tolerance * summary.final_cost {
             return Some(Termination::ConvergedByCost);
         }
-        let longest = self
-            .step
-            .iter()
-            .flatten()
-            .fold(0.0_f64, |max, s| max.max(s.abs()));
-        (longest <= options.step_tolerance).then_some(Termination::ConvergedByStep)
+        let is_short = |s: &f64| s.abs() <= options.step_tolerance;
+        let all_are_short = self.step.iter().flatten().all(is_short);
+        all_are_short.then_some(Termination::ConvergedByStep)
     }
 }
 
@@ -268,11 +313,33 @@ impl Place {
     }
 
     fn evaluate(&mut self, packs: &[Pack]) {
+        self.gradient.clear();
+        self.cost = 0.0;
+        self.add(packs);
+    }
+
+    /// Adds what these factors make of the cost and of the gradient.
+    fn add(&mut self, packs: &[Pack]) {
         self.gradient.resize(self.frames.len(), [0.0; POSE_SIZE]);
-        self.cost = pulp::Arch::new().dispatch(
+        self.cost += pulp::Arch::new().dispatch(
             #[inline(always)]
             || cost_and_gradient(packs, &self.frames, &mut self.gradient),
         );
+    }
+
+    /// Whether the first poses are these, to the bit.
+    fn is_at(&self, poses: &[Pose2]) -> bool {
+        let here = self.frames.iter().map(|frame| frame.pose);
+        self.frames.len() == poses.len() && here.eq(poses.iter().copied())
+    }
+
+    /// Takes in a problem's new poses and factors.
+    fn grow(&mut self, problem: &Problem, known: Known) {
+        let new = problem.poses[known.poses..].iter();
+        self.frames.extend(new.map(|&pose| Frame::of(pose)));
+        let mut packs = Vec::new();
+        pack_factors(&problem.factors[known.factors..], &mut packs);
+        self.add(&packs);
     }
 }
 
@@ -284,6 +351,7 @@ impl Descent {
             steps_above_best: 0,
             last_promise: None,
             keep_factor: false,
+            only_growth: false,
         }
     }
 

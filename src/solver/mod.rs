@@ -6,6 +6,7 @@ mod aligned;
 mod arena;
 mod assembly;
 mod block_matrix;
+mod block_problem;
 mod cholesky;
 #[cfg(test)]
 mod cholesky_tests;

@@ -1,14 +1,16 @@
 //! H = Σ JᵀΩJ and g = Σ JᵀΩe of a problem, and their solution.
 
+mod growth;
+
 use pulp::Arch;
 
 use super::block_matrix::BlockMatrix;
 use super::cholesky::BlockCholesky;
 use super::local_error::Frame;
-use super::packs::{BlocksOfOne, LANES, Pack};
+use super::packs::{BlocksOfOne, LANES, Motions, Pack};
 use super::problem::{Factor, Problem};
 use super::secants::{Secants, dot};
-use crate::geometry::{Information, Pose2, Vector3};
+use crate::geometry::Vector3;
 
 /// The coordinates of a pose.
 pub(super) const POSE_SIZE: usize = 3;
@@ -24,17 +26,17 @@ pub(super) struct NormalEquations {
     /// For each factor of the problem.
     slots: Vec<Slot>,
     matrix: BlockMatrix<POSE_SIZE>,
+    /// For each pair of the matrix its factor.
+    factor_of_pair: Vec<u32>,
     gradient: Vec<f64>,
     /// What is solved for, on its way from the gradient to the step.
     solution: Vec<f64>,
     cholesky: BlockCholesky<POSE_SIZE>,
-    /// By a pose's name its variable, and by a factor's name its place among the known ones.
-    variable_of_name: Vec<u32>,
-    known_of_name: Vec<u32>,
-    known: Vec<Slot>,
-    /// For each known factor what was linearised, if the problem is to grow.
-    numbers: Vec<Numbers>,
     grows: bool,
+    /// Where the factors were linearised, if the problem is to grow.
+    linearised: Vec<Motions>,
+    /// The variables that the problem's last growth touched.
+    touched: Vec<u32>,
     /// Whether there is a factor of H at some poses, without damping.
     has_plain_factor: bool,
 }
@@ -47,194 +49,67 @@ struct Slot {
     pair: u32,
 }
 
-/// What a factor's part of H was made from, but for the poses.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Numbers {
-    measurement: Pose2,
-    information: Information,
-    weight: f64,
-}
-
-/// How a problem compares with the one that the equations were made for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Fit {
-    /// It is of another structure: the equations are of no use.
-    Other,
-    /// Its numbers are others.
-    Structure,
-    /// It is the same, or has more poses and factors, and H is factored at some poses.
-    Factor,
-}
-
 impl NormalEquations {
     /// Orders and analyses a problem's structure; `None` if memory runs out. If it is to grow,
     /// its factorisation takes more memory.
     pub(super) fn new(problem: &Problem, grows: bool) -> Option<Self> {
+        Self::of_structure(problem, grows).map(Self::analysed)
+    }
+
+    /// The first half of [`Self::new`]: afterwards the problem is needed no more.
+    pub(super) fn of_structure(problem: &Problem, grows: bool) -> Option<Self> {
         let mut equations = Self {
-            variable: Vec::new(),
-            slots: Vec::new(),
+            variable: vec![NONE; problem.poses.len()],
+            slots: Vec::with_capacity(problem.factors.len()),
+            matrix: BlockMatrix::default(),
+            factor_of_pair: Vec::new(),
             gradient: Vec::new(),
             solution: Vec::new(),
             cholesky: BlockCholesky::empty(grows),
-            matrix: BlockMatrix::default(),
-            variable_of_name: Vec::new(),
-            known_of_name: Vec::new(),
-            known: Vec::new(),
-            numbers: Vec::new(),
             grows,
+            linearised: Vec::new(),
+            touched: Vec::new(),
             has_plain_factor: false,
         };
-        let names = problem.pose_names.iter().max().map_or(0, |&name| name + 1);
-        equations.variable_of_name.resize(names, NONE);
-        for pose in problem.elimination_order()? {
-            let name = problem.pose_names[pose];
-            equations.variable_of_name[name] = equations.matrix.add_variable();
+        let order = problem.elimination_order()?;
+        equations.matrix.reserve(order.len(), problem.factors.len());
+        for pose in order {
+            equations.variable[pose] = equations.matrix.add_variable();
         }
-        equations.take_in(problem);
-        equations.cholesky = BlockCholesky::analyse(&equations.matrix, grows);
+        equations.add_slots(&problem.factors);
         Some(equations)
     }
 
-    /// Adds what a problem has and the equations have not; the variables and factors that are
-    /// new. Known factors must have the slots that they had.
-    fn take_in(&mut self, problem: &Problem) -> (Vec<u32>, Vec<usize>) {
-        let (mut new_variables, mut new_factors) = (Vec::new(), Vec::new());
-        let free = problem.free();
-        self.variable.clear();
-        for (&name, &free) in problem.pose_names.iter().zip(&free) {
-            if self.variable_of_name.len() <= name {
-                self.variable_of_name.resize(name + 1, NONE);
+    /// The second half.
+    pub(super) fn analysed(mut self) -> Self {
+        self.cholesky = BlockCholesky::analyse(&self.matrix, self.grows);
+        self
+    }
+
+    fn add_slots(&mut self, factors: &[Factor]) {
+        for factor in factors {
+            let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
+            let mut pair = NONE;
+            if from != NONE && to != NONE {
+                pair = self.matrix.add_pair(from, to);
+                self.factor_of_pair.push(self.slots.len() as u32);
             }
-            let variable = &mut self.variable_of_name[name];
-            if free && *variable == NONE {
-                *variable = self.matrix.add_variable();
-                new_variables.push(*variable);
-            }
-            self.variable.push(if free { *variable } else { NONE });
+            self.slots.push(Slot { from, to, pair });
         }
         self.gradient
             .resize(self.matrix.variables() * POSE_SIZE, 0.0);
-        self.slots.clear();
-        for (k, (&name, factor)) in problem
-            .factor_names
-            .iter()
-            .zip(&problem.factors)
-            .enumerate()
-        {
-            if self.known_of_name.len() <= name {
-                self.known_of_name.resize(name + 1, NONE);
-            }
-            let known = self.known_of_name[name];
-            if known != NONE {
-                self.slots.push(self.known[known as usize]);
-                continue;
-            }
-            let (from, to) = (self.variable[factor.from], self.variable[factor.to]);
-            let pair = if from != NONE && to != NONE {
-                self.matrix.add_pair(from, to)
-            } else {
-                NONE
-            };
-            let slot = Slot { from, to, pair };
-            self.known_of_name[name] = self.known.len() as u32;
-            self.known.push(slot);
-            if self.grows {
-                self.numbers.push(Numbers::of(factor));
-            }
-            self.slots.push(slot);
-            new_factors.push(k);
-        }
-        (new_variables, new_factors)
     }
 
-    /// Makes the equations those of a problem, if it has the structure that they have, or that
-    /// and more.
-    pub(super) fn adapt(&mut self, problem: &Problem) -> Fit {
-        let Some(numbers_are_same) = self.contains_known(problem) else {
-            return Fit::Other;
+    /// Whether a problem has the structure that these equations have.
+    pub(super) fn fit(&self, problem: &Problem) -> bool {
+        let is_free = |&variable: &u32| variable != NONE;
+        let fits = |(slot, factor): (&Slot, &Factor)| {
+            let ends = (self.variable[factor.from], self.variable[factor.to]);
+            (slot.from, slot.to) == ends
         };
-        let (new_variables, new_factors) = self.take_in(problem);
-        if new_variables.is_empty() && new_factors.is_empty() {
-            return if numbers_are_same && self.has_plain_factor {
-                Fit::Factor
-            } else {
-                Fit::Structure
-            };
-        }
-        let mut touched = new_variables;
-        for &k in &new_factors {
-            touched.extend([self.slots[k].from, self.slots[k].to]);
-        }
-        touched.retain(|&variable| variable != NONE);
-        touched.sort_unstable();
-        touched.dedup();
-        let Some(fronts) = self.cholesky.extend(&self.matrix, &touched) else {
-            return Fit::Other;
-        };
-        if !(numbers_are_same && self.has_plain_factor) {
-            self.has_plain_factor = false;
-            return Fit::Structure;
-        }
-        for &k in &new_factors {
-            let factor = &problem.factors[k];
-            let ends = [factor.from, factor.to].map(|pose| Frame::of(problem.poses[pose]));
-            let alone = Factor {
-                from: 0,
-                to: 1,
-                ..*factor
-            };
-            let blocks = Pack::of_one(&alone).blocks(&ends).of(0);
-            self.add_blocks(self.slots[k], &blocks);
-        }
-        let damping = super::minimise::DAMPING_MIN;
-        self.has_plain_factor = self
-            .cholesky
-            .factorise_fronts(&fronts, &self.matrix, damping);
-        if self.has_plain_factor {
-            Fit::Factor
-        } else {
-            Fit::Structure
-        }
-    }
-
-    /// Whether all that is known is in the problem, with the same poses held, and then whether
-    /// it has the same numbers.
-    fn contains_known(&self, problem: &Problem) -> Option<bool> {
-        let free = problem.free();
-        let mut variables = 0;
-        let variable = |pose: usize| {
-            let name = problem.pose_names[pose];
-            self.variable_of_name.get(name).copied().unwrap_or(NONE)
-        };
-        for (pose, &free) in free.iter().enumerate() {
-            if variable(pose) != NONE {
-                variables += 1;
-                if !free {
-                    return None;
-                }
-            }
-        }
-        let (mut factors, mut numbers_are_same) = (0, true);
-        for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
-            let known = self.known_of_name.get(name).copied().unwrap_or(NONE);
-            if known == NONE {
-                continue;
-            }
-            let slot = self.known[known as usize];
-            let known_or_held = |pose: usize| if free[pose] { variable(pose) } else { NONE };
-            let ends = (known_or_held(factor.from), known_or_held(factor.to));
-            if ends != (slot.from, slot.to)
-                || (slot.from == NONE && free[factor.from])
-                || (slot.to == NONE && free[factor.to])
-            {
-                return None;
-            }
-            factors += 1;
-            let numbers = self.numbers.get(known as usize);
-            numbers_are_same &= numbers.is_some_and(|known| *known == Numbers::of(factor));
-        }
-        let is_all = variables == self.matrix.variables() && factors == self.known.len();
-        is_all.then_some(numbers_are_same)
+        self.slots.len() == problem.factors.len()
+            && self.variable.iter().map(is_free).eq(problem.free())
+            && self.slots.iter().zip(&problem.factors).all(fits)
     }
 
     /// The number of unknown scalars.
@@ -249,27 +124,27 @@ impl NormalEquations {
     }
 
     /// Fills in H at these poses; the packs hold the problem's factors.
-    pub(super) fn linearise(&mut self, problem: &Problem, packs: &[Pack], frames: &[Frame]) {
+    pub(super) fn linearise(&mut self, packs: &[Pack], frames: &[Frame]) {
         self.has_plain_factor = false;
         self.matrix.clear_diagonal();
+        self.linearised.clear();
         let slots = std::mem::take(&mut self.slots);
         Arch::new().dispatch(
             #[inline(always)]
             || {
                 for (pack, slots) in packs.iter().zip(slots.chunks(LANES)) {
-                    let blocks = pack.blocks(frames);
+                    let motions = pack.motions(frames);
+                    let blocks = pack.blocks(&motions);
                     for (lane, &slot) in slots.iter().enumerate() {
                         self.add_blocks(slot, &blocks.of(lane));
+                    }
+                    if self.grows {
+                        self.linearised.push(motions);
                     }
                 }
             },
         );
         self.slots = slots;
-        if self.grows {
-            for (&name, factor) in problem.factor_names.iter().zip(&problem.factors) {
-                self.numbers[self.known_of_name[name] as usize] = Numbers::of(factor);
-            }
-        }
     }
 
     /// Adds a factor's parts to H.
@@ -316,6 +191,11 @@ impl NormalEquations {
     /// Whether the last factor is of H, not far from the poses that were asked for last.
     pub(super) fn has_plain_factor(&self) -> bool {
         self.has_plain_factor
+    }
+
+    /// Whether parts of the last factor may be brought up to date.
+    pub(super) fn can_be_refreshed(&self) -> bool {
+        self.grows && self.has_plain_factor
     }
 
     /// The decrease of the cost that goes with the step after a factorisation.
@@ -374,16 +254,6 @@ impl NormalEquations {
     pub(super) fn solve(&mut self, columns: &mut [f64]) {
         for column in columns.chunks_exact_mut(self.dimension().max(1)) {
             self.cholesky.solve(column);
-        }
-    }
-}
-
-impl Numbers {
-    fn of(factor: &Factor) -> Self {
-        Self {
-            measurement: factor.measurement.pose,
-            information: factor.information,
-            weight: factor.weight,
         }
     }
 }

@@ -11,34 +11,44 @@ use super::trigonometry::wrap;
 pub(super) const LANES: usize = 8;
 
 /// One number of each factor of a pack.
-type Lanes = [f64; LANES];
+type Lanes<const N: usize> = [f64; N];
 
-/// Some factors, by columns. A pack that is not full is filled up with copies of its last factor
-/// that weigh nothing.
+/// Some factors, by columns. A pack that is not full is filled up with copies of one of its
+/// factors that weigh nothing.
 #[derive(Debug, Clone)]
-pub(super) struct Pack {
-    from: [u32; LANES],
-    to: [u32; LANES],
-    measurement: Ends,
+pub(super) struct Pack<const N: usize = LANES> {
+    from: [u32; N],
+    to: [u32; N],
+    measurement: Ends<N>,
     /// The upper triangle row by row, weighted.
-    information: [Lanes; 6],
+    information: [Lanes<N>; 6],
 }
 
-/// Frames of eight poses, by columns.
+/// Frames of some poses, by columns.
 #[derive(Debug, Clone)]
-struct Ends {
-    x: Lanes,
-    y: Lanes,
-    theta: Lanes,
-    cos: Lanes,
-    sin: Lanes,
+struct Ends<const N: usize> {
+    x: Lanes<N>,
+    y: Lanes<N>,
+    theta: Lanes<N>,
+    cos: Lanes<N>,
+    sin: Lanes<N>,
+}
+
+/// What the derivatives of a pack's factors depend on: the place of the second pose seen from the
+/// first, and cosine and sine of the turn between them, less the measured one.
+#[derive(Debug, Clone)]
+pub(super) struct Motions<const N: usize = LANES> {
+    x: Lanes<N>,
+    y: Lanes<N>,
+    cos: Lanes<N>,
+    sin: Lanes<N>,
 }
 
 /// Parts of H of a pack's factors, by columns of the blocks.
-pub(super) struct Blocks {
-    from_from: [Lanes; 9],
-    from_to: [Lanes; 9],
-    to_to: [Lanes; 9],
+pub(super) struct Blocks<const N: usize> {
+    from_from: [Lanes<N>; 9],
+    from_to: [Lanes<N>; 9],
+    to_to: [Lanes<N>; 9],
 }
 
 /// One factor's parts of H, each by columns.
@@ -55,15 +65,28 @@ pub(super) fn pack_factors(factors: &[Factor], packs: &mut Vec<Pack>) {
     packs.extend(factors.chunks(LANES).map(Pack::of));
 }
 
+/// Puts factors behind the so many that are in packs already.
+pub(super) fn pack_more(factors: &[Factor], packed: usize, packs: &mut Vec<Pack>) {
+    let free = (packs.len() * LANES)
+        .saturating_sub(packed)
+        .min(factors.len());
+    let (first, rest) = factors.split_at(free);
+    if let Some(pack) = packs.last_mut() {
+        for (k, factor) in first.iter().enumerate() {
+            pack.set((packed + k) % LANES, factor);
+        }
+    }
+    packs.extend(rest.chunks(LANES).map(Pack::of));
+}
+
 /// F at the poses with these frames, and half its gradient: g = Σ JᵀΩe for steps in the poses'
-/// own frames, three numbers for each pose, held ones too.
+/// own frames, three numbers for each pose, held ones too. Both are added up.
 #[inline(always)]
 pub(super) fn cost_and_gradient(
     packs: &[Pack],
     frames: &[Frame],
     gradient: &mut [[f64; 3]],
 ) -> f64 {
-    gradient.fill([0.0; 3]);
     let mut costs = [0.0; LANES];
     for pack in packs {
         let (from, to) = pack.ends(frames);
@@ -81,19 +104,14 @@ pub(super) fn cost_and_gradient(
     costs.iter().sum()
 }
 
-impl Pack {
-    /// A pack of one factor.
-    pub(super) fn of_one(factor: &Factor) -> Self {
-        Self::of(std::slice::from_ref(factor))
-    }
-
-    /// A pack of at least one and at most eight factors.
+impl<const N: usize> Pack<N> {
+    /// A pack of at least one and at most N factors.
     fn of(factors: &[Factor]) -> Self {
         let mut pack = Self {
-            from: [0; LANES],
-            to: [0; LANES],
+            from: [0; N],
+            to: [0; N],
             measurement: Ends::new(),
-            information: [[0.0; LANES]; 6],
+            information: [[0.0; N]; 6],
         };
         for (lane, factor) in factors.iter().enumerate() {
             pack.set(lane, factor);
@@ -103,7 +121,7 @@ impl Pack {
                 weight: 0.0,
                 ..*last
             };
-            for lane in factors.len()..LANES {
+            for lane in factors.len()..N {
                 pack.set(lane, &nothing);
             }
         }
@@ -120,10 +138,28 @@ impl Pack {
         }
     }
 
+    /// One of its factors.
     #[inline(always)]
-    fn ends(&self, frames: &[Frame]) -> (Ends, Ends) {
+    pub(super) fn lane(&self, lane: usize) -> Pack<1> {
+        let measured = &self.measurement;
+        Pack {
+            from: [self.from[lane]],
+            to: [self.to[lane]],
+            measurement: Ends {
+                x: [measured.x[lane]],
+                y: [measured.y[lane]],
+                theta: [measured.theta[lane]],
+                cos: [measured.cos[lane]],
+                sin: [measured.sin[lane]],
+            },
+            information: self.information.map(|lanes| [lanes[lane]]),
+        }
+    }
+
+    #[inline(always)]
+    fn ends(&self, frames: &[Frame]) -> (Ends<N>, Ends<N>) {
         let (mut from, mut to) = (Ends::new(), Ends::new());
-        for lane in 0..LANES {
+        for lane in 0..N {
             from.set(lane, &frames[self.from[lane] as usize]);
             to.set(lane, &frames[self.to[lane] as usize]);
         }
@@ -133,9 +169,9 @@ impl Pack {
     /// Adds the costs, and says how much each factor pulls at its ends: JᵀΩe of the first pose,
     /// then of the second.
     #[inline(always)]
-    fn pull(&self, from: &Ends, to: &Ends, costs: &mut Lanes, pulls: &mut [Lanes; 6]) {
+    fn pull(&self, from: &Ends<N>, to: &Ends<N>, costs: &mut Lanes<N>, pulls: &mut [Lanes<N>; 6]) {
         let measured = &self.measurement;
-        for l in 0..LANES {
+        for l in 0..N {
             let (c, s) = (measured.cos[l], measured.sin[l]);
             let (x, y) = from.see(to, l);
             let (dx, dy) = (x - measured.x[l], y - measured.y[l]);
@@ -152,16 +188,48 @@ impl Pack {
         }
     }
 
+    /// The motions between the ends of every factor.
+    #[inline(always)]
+    pub(super) fn motions(&self, frames: &[Frame]) -> Motions<N> {
+        let (from, to) = self.ends(frames);
+        let mut motions = Motions::none();
+        for l in 0..N {
+            (motions.x[l], motions.y[l]) = from.see(&to, l);
+            (motions.cos[l], motions.sin[l]) = from.turn(&to, &self.measurement, l);
+        }
+        motions
+    }
+
+    /// How far apart two motions of each factor are, squared: as an angle, where a shift counts
+    /// for as much as the factor knows of it compared with angles.
+    #[inline(always)]
+    pub(super) fn square_distances(&self, a: &Motions<N>, b: &Motions<N>) -> Lanes<N> {
+        let mut distances = [0.0; N];
+        let [xx, _, _, yy, _, angles] = &self.information;
+        for l in 0..N {
+            let (dx, dy) = (a.x[l] - b.x[l], a.y[l] - b.y[l]);
+            let (dc, ds) = (a.cos[l] - b.cos[l], a.sin[l] - b.sin[l]);
+            let shift = xx[l] * dx * dx + yy[l] * dy * dy;
+            let turn = dc * dc + ds * ds;
+            // A factor that weighs nothing is nowhere.
+            distances[l] = if shift > 0.0 {
+                turn + shift / angles[l]
+            } else {
+                turn
+            };
+        }
+        distances
+    }
+
     /// JᵀΩJ of every factor.
     #[inline(always)]
-    pub(super) fn blocks(&self, frames: &[Frame]) -> Blocks {
-        let (from, to) = self.ends(frames);
+    pub(super) fn blocks(&self, motions: &Motions<N>) -> Blocks<N> {
         let measured = &self.measurement;
         let mut blocks = Blocks::new();
-        for l in 0..LANES {
+        for l in 0..N {
             let (c, s) = (measured.cos[l], measured.sin[l]);
-            let seen = from.see(&to, l);
-            let turn = from.turn(&to, measured, l);
+            let seen = (motions.x[l], motions.y[l]);
+            let turn = (motions.cos[l], motions.sin[l]);
             // Jᵀ Ω by columns, which are the rows of ΩJ.
             let mut rows_from = [[0.0; 3]; 3];
             let mut rows_to = [[0.0; 3]; 3];
@@ -205,10 +273,43 @@ impl Pack {
     }
 }
 
-impl Ends {
+impl<const N: usize> Motions<N> {
+    /// Of factors that are not there yet.
+    #[inline(always)]
+    pub(super) fn none() -> Self {
+        let zero = [0.0; N];
+        Self {
+            x: zero,
+            y: zero,
+            cos: zero,
+            sin: zero,
+        }
+    }
+
+    /// That of one factor.
+    #[inline(always)]
+    pub(super) fn lane(&self, lane: usize) -> Motions<1> {
+        Motions {
+            x: [self.x[lane]],
+            y: [self.y[lane]],
+            cos: [self.cos[lane]],
+            sin: [self.sin[lane]],
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, motion: &Motions<1>) {
+        [self.x[lane]] = motion.x;
+        [self.y[lane]] = motion.y;
+        [self.cos[lane]] = motion.cos;
+        [self.sin[lane]] = motion.sin;
+    }
+}
+
+impl<const N: usize> Ends<N> {
     #[inline(always)]
     fn new() -> Self {
-        let zero = [0.0; LANES];
+        let zero = [0.0; N];
         Self {
             x: zero,
             y: zero,
@@ -245,10 +346,10 @@ impl Ends {
     }
 }
 
-impl Blocks {
+impl<const N: usize> Blocks<N> {
     #[inline(always)]
     fn new() -> Self {
-        let zero = [[0.0; LANES]; 9];
+        let zero = [[0.0; N]; 9];
         Self {
             from_from: zero,
             from_to: zero,
@@ -268,7 +369,7 @@ impl Blocks {
 }
 
 #[inline(always)]
-fn block_of(lanes: &[Lanes; 9], lane: usize) -> [[f64; 3]; 3] {
+fn block_of<const N: usize>(lanes: &[Lanes<N>; 9], lane: usize) -> [[f64; 3]; 3] {
     let mut block = [[0.0; 3]; 3];
     for c in 0..3 {
         for r in 0..3 {

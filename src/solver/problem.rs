@@ -48,6 +48,13 @@ pub(super) struct Problem {
     pub(super) factor_names: Vec<usize>,
 }
 
+/// How many poses and factors of a problem that grows were there before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Known {
+    pub(super) poses: usize,
+    pub(super) factors: usize,
+}
+
 impl Problem {
     /// All nodes and active edges of a graph; each component's first node is held.
     pub(super) fn of_graph(graph: &PoseGraph) -> Self {

@@ -5,20 +5,20 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::block_problem::BlockProblem;
 use super::minimise::Minimiser;
 use super::part::{Limits, News, Solved, cost_of, settle_fresh, solve_part};
-use super::problem::{Factor, Problem};
 use super::summary::{SolveOptions, SolveSummary, Termination};
-use crate::graph::{Block, BlockIndex, PoseGraph, Standing};
+use crate::graph::{BlockIndex, PoseGraph, Standing};
 use crate::ids::{EdgeId, NodeId};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
 pub struct Solver {
     whole_blocks: Minimiser,
+    /// What they have minimised last.
+    block: BlockProblem,
     parts: Minimiser,
     limits: Limits,
-    /// Memory: by node of the graph, its place among the poses of the block that is worked on.
-    places: Vec<usize>,
 }
 
 /// What a solve of the touched blocks did.
@@ -45,10 +45,10 @@ impl Solver {
     /// A solver with no memory yet.
     pub fn new() -> Self {
         Self {
-            whole_blocks: Minimiser::for_growing(),
+            whole_blocks: Minimiser::default(),
+            block: BlockProblem::default(),
             parts: Minimiser::default(),
             limits: Limits::default(),
-            places: Vec::new(),
         }
     }
 
@@ -118,10 +118,13 @@ impl Solver {
             }
             total.delta_f += solved.delta_f;
             total.summary.add(&solved.summary);
-            let Problem {
-                pose_names, poses, ..
-            } = solved.problem;
-            graph.move_with_hanging(pose_names.into_iter().zip(poses), &mut moved);
+            let problem = &solved.problem;
+            let names = problem.pose_names.iter().copied();
+            let poses = problem.poses.iter().copied();
+            graph.move_with_hanging(names.zip(poses), &mut moved);
+            if matches!(solved.news, News::Whole(_)) {
+                self.block.problem = solved.problem;
+            }
             if let Some(standing) = graph.standing_mut(index) {
                 solved.news.tell(standing);
             }
@@ -165,10 +168,12 @@ impl Solver {
         touched: &[usize],
         options: &SolveOptions,
     ) -> Option<Solved> {
-        let block = graph.blocks().get(index)?;
-        let mut problem = block_problem(graph, block, &mut self.places);
+        let known = self.block.take_in(graph, index)?;
+        let mut problem = std::mem::take(&mut self.block.problem);
         let cost_of_touched = cost_of(graph, touched);
-        let summary = self.whole_blocks.minimise(&mut problem, options);
+        let summary = self
+            .whole_blocks
+            .minimise_more(&mut problem, known, options);
         let standing = if summary.termination.is_converged() {
             Standing::optimal(summary.final_cost)
         } else {
@@ -198,33 +203,6 @@ fn by_block(graph: &PoseGraph, touched: &BTreeSet<usize>) -> Vec<(BlockIndex, Ve
         }
     }
     groups
-}
-
-/// A block as a problem, its anchor, the first pose, held. Its nodes and edges are in the graph's
-/// order, however the block has grown. `places` is memory.
-fn block_problem(graph: &PoseGraph, block: &Block, places: &mut Vec<usize>) -> Problem {
-    let mut edges = block.edges.clone();
-    edges.sort_unstable();
-    let mut nodes = Vec::with_capacity(block.nodes.len() + 1);
-    nodes.push(block.anchor);
-    nodes.extend_from_slice(&block.nodes);
-    nodes[1..].sort_unstable();
-    // What it has for other nodes is left from other blocks, and not looked at.
-    places.resize(graph.nodes().len().max(places.len()), 0);
-    for (place, &node) in nodes.iter().enumerate() {
-        places[node] = place;
-    }
-    let factors = edges.iter().map(|&edge| {
-        let (from, to) = graph.ends()[edge];
-        Factor::of_edge(&graph.edges()[edge], places[from], places[to])
-    });
-    Problem {
-        factors: factors.collect(),
-        poses: nodes.iter().map(|&n| graph.nodes()[n].pose).collect(),
-        held: (0..nodes.len()).map(|k| k == 0).collect(),
-        pose_names: nodes,
-        factor_names: edges,
-    }
 }
 
 impl SolveSummary {

@@ -12,7 +12,7 @@ use crate::graph::PoseGraph;
 /// finite poses stay finite.
 pub fn solve(graph: &mut PoseGraph, options: &SolveOptions) -> SolveSummary {
     let mut problem = Problem::of_graph(graph);
-    let summary = Minimiser::default().minimise(&mut problem, options);
+    let summary = Minimiser::minimise_once(&mut problem, options);
     publish(graph, &problem.poses);
     summary
 }
@@ -27,7 +27,7 @@ pub fn solve_from_chordal(graph: &mut PoseGraph, options: &SolveOptions) -> Solv
         return solve(graph, options);
     };
     problem.poses = start;
-    let summary = Minimiser::default().minimise(&mut problem, options);
+    let summary = Minimiser::minimise_once(&mut problem, options);
     // A cost that is not a number is no gain either.
     let gains = summary.final_cost < initial_cost;
     if !gains {

@@ -10,7 +10,7 @@ use super::super::testing::{add_closure, random_graph};
 use super::*;
 use crate::geometry::wrap_angle;
 use crate::geometry::{Information, Pose2};
-use crate::graph::{Edge, EdgeKind, EdgeStatus, Node};
+use crate::graph::{Block, Edge, EdgeKind, EdgeStatus, Node};
 use crate::ids::NodeId;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -285,6 +285,43 @@ proptest! {
             prop_assert!(gap <= 1.05 * bound + 1e-9 * cost, "{} {}", gap, bound);
         }
         prop_assert!(parts > 0, "no part ever sufficed");
+    }
+}
+
+/// A block that grows for hundreds of closures is at its optimum after each, though little of it
+/// is linearised and factored again.
+#[test]
+fn a_block_that_grows_stays_at_its_optimum() {
+    let mut closures = 0;
+    drive_figure_eight(7, Limits::default(), 600, |graph, touched| {
+        assert!(touched.summary.termination.is_converged());
+        closures += 1;
+        if closures % 11 == 0 {
+            let gap = gap(graph);
+            assert!(gap.abs() < 1e-9 * graph.cost(), "{gap}");
+        }
+    });
+    assert!(closures > 400);
+}
+
+/// Turned by hand as one rigid body, a block is known again: its errors are the same.
+#[test]
+fn a_block_that_was_carried_away_is_solved() {
+    let mut graph = random_graph(9, 60, 9);
+    let mut solver = Solver::new();
+    let tight = SolveOptions {
+        cost_tolerance: 1e-14,
+        ..SolveOptions::default()
+    };
+    for round in 0..6 {
+        let all: Vec<_> = graph.edges().iter().map(|edge| edge.id).collect();
+        solver.solve_touched(&mut graph, &all, &tight);
+        assert!(gap(&graph).abs() < 1e-9 * graph.cost());
+        let swing = Pose2::new(3.0, -20.0, 0.7 + round as f64);
+        for node in graph.nodes().to_vec() {
+            graph.set_pose(node.id, swing.compose(&node.pose));
+        }
+        add_closure(&mut graph, round);
     }
 }
 

@@ -1,0 +1,134 @@
+//! Equations of a problem that grows: only what is new, and what has moved, is linearised and
+//! factored again, as in iSAM2's fluid relinearisation (Kaess et al. 2012).
+//!
+//! A factor's part of H depends on its ends' relative motion only. It is left as it is until that
+//! motion has become another: steps by such an H lead to the same optimum, in a few more steps.
+
+use super::super::local_error::Frame;
+use super::super::minimise::DAMPING_MIN;
+use super::super::packs::{LANES, Motions, Pack};
+use super::super::problem::Problem;
+use super::super::secants::dot;
+use super::{NONE, NormalEquations, POSE_SIZE, Slot, add_block};
+
+/// What has moved by no more than this, as an angle, is left as it is. Where a large part of a map
+/// is turned, ten times more leaves so much stress in it that steps are ten times as many.
+const MOVED_RAD: f64 = 1e-4;
+
+impl NormalEquations {
+    /// Takes in the poses and factors that a problem has and the equations have not; the new ones
+    /// come last, and every new pose has a factor. `false` if the equations should rather be made
+    /// anew.
+    pub(in super::super) fn grow(
+        &mut self,
+        problem: &Problem,
+        packs: &[Pack],
+        frames: &[Frame],
+    ) -> bool {
+        let (poses, factors) = (self.variable.len(), self.slots.len());
+        self.touched.clear();
+        for &held in &problem.held[poses..] {
+            let variable = if held {
+                NONE
+            } else {
+                self.matrix.add_variable()
+            };
+            self.variable.push(variable);
+        }
+        self.add_slots(&problem.factors[factors..]);
+        let new = &self.slots[factors..];
+        let ends = new.iter().flat_map(|slot| [slot.from, slot.to]);
+        self.touched.extend(ends.filter(|&end| end != NONE));
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        let Some(fronts) = self.cholesky.extend(&self.matrix, &self.touched) else {
+            return false;
+        };
+        if self.has_plain_factor {
+            self.linearised.resize(packs.len(), Motions::none());
+            for factor in factors..self.slots.len() {
+                self.linearise_one(factor, true, packs, frames);
+            }
+            let pairs: Vec<usize> = self.cholesky.pairs_of(&fronts).collect();
+            for pair in pairs {
+                let factor = self.factor_of_pair[pair] as usize;
+                if factor < factors {
+                    self.linearise_one(factor, false, packs, frames);
+                }
+            }
+            self.has_plain_factor =
+                self.cholesky
+                    .factorise_fronts(&fronts, &self.matrix, DAMPING_MIN);
+        }
+        true
+    }
+
+    /// Linearises again what has moved, and factors again what that touches; `false` if H is not
+    /// positive definite then.
+    pub(in super::super) fn refresh(&mut self, packs: &[Pack], frames: &[Frame]) -> bool {
+        let mut moved: Vec<usize> = Vec::new();
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (k, (pack, linearised)) in packs.iter().zip(&self.linearised).enumerate() {
+                    let distances = pack.square_distances(&pack.motions(frames), linearised);
+                    let is_moved = |&lane: &usize| distances[lane] > MOVED_RAD * MOVED_RAD;
+                    let lanes = (0..LANES).filter(is_moved);
+                    moved.extend(lanes.map(|lane| k * LANES + lane));
+                }
+            },
+        );
+        moved.retain(|&factor| factor < self.slots.len());
+        let mut touched = Vec::with_capacity(2 * moved.len());
+        for &factor in &moved {
+            self.linearise_one(factor, false, packs, frames);
+            let Slot { from, to, .. } = self.slots[factor];
+            touched.extend([from, to]);
+        }
+        touched.retain(|&variable| variable != NONE);
+        let fronts = self.cholesky.path_of(touched.into_iter());
+        self.has_plain_factor = self
+            .cholesky
+            .factorise_fronts(&fronts, &self.matrix, DAMPING_MIN);
+        self.has_plain_factor
+    }
+
+    fn linearise_one(&mut self, factor: usize, is_new: bool, packs: &[Pack], frames: &[Frame]) {
+        let (slot, lane) = (self.slots[factor], factor % LANES);
+        let pack = packs[factor / LANES].lane(lane);
+        let motion = pack.motions(frames);
+        let before = &mut self.linearised[factor / LANES];
+        if !is_new {
+            let before = before.lane(lane);
+            let [distance] = pack.square_distances(&motion, &before);
+            if distance <= MOVED_RAD * MOVED_RAD {
+                return;
+            }
+            let blocks = pack.blocks(&before).of(0);
+            let ends = [(slot.from, blocks.from_from), (slot.to, blocks.to_to)];
+            for (variable, block) in ends {
+                if variable != NONE {
+                    let block = block.map(|column| column.map(|entry| -entry));
+                    add_block(&mut self.matrix.diagonal[variable as usize].data.0, &block);
+                }
+            }
+        }
+        before.set(lane, &motion);
+        self.add_blocks(slot, &pack.blocks(&motion).of(0));
+    }
+
+    /// As [`Self::promise`] for a gradient that counts for nothing but where the problem grew.
+    pub(in super::super) fn promise_of_growth(&mut self) -> f64 {
+        self.solution.clear();
+        self.solution.resize(self.gradient.len(), 0.0);
+        for &variable in &self.touched {
+            let at = variable as usize * POSE_SIZE;
+            for k in at..at + POSE_SIZE {
+                self.solution[k] = -self.gradient[k];
+            }
+        }
+        let path = self.cholesky.path_of(self.touched.iter().copied());
+        self.cholesky.solve_lower_along(&path, &mut self.solution);
+        dot(&self.solution, &self.solution)
+    }
+}
