@@ -311,7 +311,7 @@ impl<'a, S: Simd> Looking<'a, S> {
 /// A bound under which a square at just that distance still is.
 #[inline(always)]
 fn just_above(squared: f64) -> f64 {
-    squared * (1.0 + 2.0 * f64::EPSILON)
+    squared * (1.0 + 2.0 * f64::EPSILON) + f64::MIN_POSITIVE
 }
 
 /// The lowest bits of a number at and above this are its whole part.
@@ -380,7 +380,13 @@ mod tests {
             let points: Vec<_> = points.into_iter().map(|(x, y)| Vector2::new(x, y)).collect();
             let from = Vector2::new(x, y);
             check(&points, &from, gate_m, None);
-            check(&points, &from, gate_m, Some(near % points.len()));
+            let near = near % points.len();
+            check(&points, &from, gate_m, Some(near));
+            // Indices are the grid's own: the point itself, and any other beside it.
+            check(&points, &points[near], gate_m, None);
+            for place in 0..points.len() {
+                check(&points, &points[near], gate_m, Some(place));
+            }
         }
 
         #[test]

@@ -6,6 +6,7 @@
 
 use super::packs::LANES;
 use super::trigonometry::{sin_cos, sines_and_cosines, wrap};
+use super::wide::wide;
 use crate::geometry::{Matrix3, Pose2, Vector3};
 
 /// A pose with its sine and cosine taken.
@@ -94,7 +95,7 @@ impl Frame {
 pub(super) fn take_steps(from: &[Frame], steps: &[[f64; 3]], to: &mut Vec<Frame>) {
     to.clear();
     to.extend_from_slice(from);
-    pulp::Arch::new().dispatch(
+    wide(
         #[inline(always)]
         || {
             for (frames, steps) in to.chunks_mut(LANES).zip(steps.chunks(LANES)) {

@@ -7,6 +7,7 @@ use super::problem::{Known, Problem};
 use super::secants::Secants;
 use super::shares::share_growth;
 use super::summary::{SolveOptions, SolveSummary, Termination};
+use super::wide::wide;
 use crate::geometry::Pose2;
 
 /// Always added, relative to the diagonal: directions that no edge measures keep a pivot well
@@ -321,7 +322,7 @@ impl Place {
     /// Adds what these factors make of the cost and of the gradient.
     fn add(&mut self, packs: &[Pack]) {
         self.gradient.resize(self.frames.len(), [0.0; POSE_SIZE]);
-        self.cost += pulp::Arch::new().dispatch(
+        self.cost += wide(
             #[inline(always)]
             || cost_and_gradient(packs, &self.frames, &mut self.gradient),
         );

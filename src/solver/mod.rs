@@ -35,6 +35,7 @@ mod testing;
 mod touched;
 mod trigonometry;
 mod whole;
+mod wide;
 
 pub use marginals::{Innovation, Marginals};
 pub use robust::{RobustSummary, solve_robust};

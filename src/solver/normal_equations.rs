@@ -2,14 +2,13 @@
 
 mod growth;
 
-use pulp::Arch;
-
 use super::block_matrix::BlockMatrix;
 use super::cholesky::BlockCholesky;
 use super::local_error::Frame;
 use super::packs::{BlocksOfOne, LANES, Motions, Pack};
 use super::problem::{Factor, Problem};
 use super::secants::{Secants, dot};
+use super::wide::wide;
 use crate::geometry::Vector3;
 
 /// The coordinates of a pose.
@@ -129,7 +128,7 @@ impl NormalEquations {
         self.matrix.clear_diagonal();
         self.linearised.clear();
         let slots = std::mem::take(&mut self.slots);
-        Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || {
                 for (pack, slots) in packs.iter().zip(slots.chunks(LANES)) {

@@ -2,6 +2,7 @@
 
 use super::local_error::Frame;
 use super::ordering::approximate_minimum_degree;
+use super::wide::wide;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, EdgeStatus, PoseGraph};
 
@@ -130,7 +131,7 @@ impl Problem {
             let error = Frame::error(from, to, &factor.measurement);
             factor.weight * factor.information.squared_norm(&error)
         };
-        pulp::Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || self.factors.iter().map(cost).sum(),
         )

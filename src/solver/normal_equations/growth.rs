@@ -9,6 +9,7 @@ use super::super::minimise::DAMPING_MIN;
 use super::super::packs::{LANES, Motions, Pack};
 use super::super::problem::Problem;
 use super::super::secants::dot;
+use super::super::wide::wide;
 use super::{NONE, NormalEquations, POSE_SIZE, Slot, add_block};
 
 /// What has moved by no more than this, as an angle, is left as it is. Where a large part of a map
@@ -67,7 +68,7 @@ impl NormalEquations {
     /// positive definite then.
     pub(in super::super) fn refresh(&mut self, packs: &[Pack], frames: &[Frame]) -> bool {
         let mut moved: Vec<usize> = Vec::new();
-        pulp::Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || {
                 for (k, (pack, linearised)) in packs.iter().zip(&self.linearised).enumerate() {
