@@ -3,7 +3,7 @@
 use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
 use crate::ids::EdgeId;
-use crate::matching::{Estimate, IcpParams, ReferenceCloud, Termination, agreement, align};
+use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination, agreement};
 use crate::scan::{LaserScan, SurfacePoint};
 
 /// Both measurements of one closure.
@@ -97,14 +97,8 @@ pub(super) fn measure(
         .range_sigma_m
         .max(new_scan.lidar().range_sigma_m);
     let points = &new.keyframe.points;
-    let robust = align(
-        &cloud,
-        points,
-        old_from_new,
-        sigma_m,
-        None,
-        &IcpParams::ROBUST,
-    );
+    let mut alignment = Alignment::new(&cloud, points);
+    let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     let moved = old_from_new.between(&robust.pose);
     let plausible = robust.termination != Termination::TooFewPoints
         && robust.observable_directions >= OBSERVABLE_MIN
@@ -128,14 +122,7 @@ pub(super) fn measure(
     if !plausible || contradiction_share(&old_look, &new_look, &robust.pose) > share_max {
         return None;
     }
-    let all_points = align(
-        &cloud,
-        points,
-        &robust.pose,
-        sigma_m,
-        None,
-        &IcpParams::ALL_POINTS,
-    );
+    let all_points = alignment.align_from(&robust.pose, sigma_m, None, &IcpParams::ALL_POINTS);
     Some(ClosureMeasurement { robust, all_points })
 }
 

@@ -4,7 +4,7 @@ use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use crate::geometry::{Information, Pose2};
 use crate::matching::{
-    Estimate, IcpParams, Prior, SearchParams, SearchWindow, Termination, align, search,
+    Alignment, Estimate, IcpParams, Prior, SearchParams, SearchWindow, Termination, search,
 };
 use crate::scan::SurfacePoint;
 
@@ -70,9 +70,9 @@ pub(super) fn measure_motion(
         pose: *last_from_base,
         information: wheels,
     };
-    let refine = |start: &Pose2| {
-        let params = &IcpParams::ROBUST;
-        align(&cloud, points, start, range_sigma_m, Some(&prior), params)
+    let mut alignment = Alignment::new(&cloud, points);
+    let mut refine = |start: &Pose2| {
+        alignment.align_from(start, range_sigma_m, Some(&prior), &IcpParams::ROBUST)
     };
     let odometry_error = |estimate: &Estimate| {
         let error = Pose2::edge_error(&Pose2::IDENTITY, &estimate.pose, last_from_base);

@@ -81,11 +81,7 @@ const GATE_MOTIONS: f64 = 20.0;
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
 const STEP_TOLERANCE_RAD: f64 = 2e-5;
-/// Aligns a scan with a cloud, starting at `initial` = `reference_from_base`.
-///
-/// Directions that neither the points (along a corridor) nor the prior fix stay as in `initial`;
-/// the information in the estimate is the points' alone. The estimate is
-/// the starting pose with zero information if fewer than a dozen points find a counterpart.
+/// Aligns a scan with a cloud once: [`Alignment::align_from`].
 pub fn align(
     reference: &ReferenceCloud,
     points: &[SurfacePoint],
@@ -94,48 +90,86 @@ pub fn align(
     prior: Option<&Prior>,
     params: &IcpParams,
 ) -> Estimate {
-    let stepper = Stepper {
-        lever_arm_m: lever_arm_m(points),
-        range_sigma_m,
-        prior,
-        params,
-    };
-    let mut pairing = Pairing::new(reference, points);
-    let mut coarse_stride = (points.len() / COARSE_POINTS).max(1);
-    let mut pose = *initial;
-    let mut gate_m = params.gate_start_m;
-    let mut termination = Termination::IterationLimit;
-    for _ in 0..params.iterations_max {
-        let is_coarse = gate_m > params.gate_end_m && coarse_stride > 1;
-        let stride = if is_coarse { coarse_stride } else { 1 };
-        pairing.look_up(&pose, gate_m, params, stride);
-        if pairing.pairs().len() < PAIRS_MIN {
-            if is_coarse {
-                coarse_stride = 1;
-                continue;
+    Alignment::new(reference, points).align_from(initial, range_sigma_m, prior, params)
+}
+
+/// A scan and a cloud that are aligned, from one start or from several: what is known of a point's
+/// neighbours after one alignment helps the next.
+pub struct Alignment<'a> {
+    pairing: Pairing<'a>,
+    points: &'a [SurfacePoint],
+    lever_arm_m: f64,
+}
+
+impl<'a> Alignment<'a> {
+    /// Of a scan's points with a cloud.
+    pub fn new(reference: &'a ReferenceCloud, points: &'a [SurfacePoint]) -> Self {
+        Self {
+            pairing: Pairing::new(reference, points),
+            points,
+            lever_arm_m: lever_arm_m(points),
+        }
+    }
+
+    /// Aligns them, starting at `initial` = `reference_from_base`.
+    ///
+    /// Directions that neither the points (along a corridor) nor the prior fix stay as in
+    /// `initial`; the information in the estimate is the points' alone. The estimate is
+    /// the starting pose with zero information if fewer than a dozen points find a counterpart.
+    pub fn align_from(
+        &mut self,
+        initial: &Pose2,
+        range_sigma_m: f64,
+        prior: Option<&Prior>,
+        params: &IcpParams,
+    ) -> Estimate {
+        let Self {
+            pairing,
+            points,
+            lever_arm_m,
+        } = self;
+        let stepper = Stepper {
+            lever_arm_m: *lever_arm_m,
+            range_sigma_m,
+            prior,
+            params,
+        };
+        let mut coarse_stride = (points.len() / COARSE_POINTS).max(1);
+        let mut pose = *initial;
+        let mut gate_m = params.gate_start_m;
+        let mut termination = Termination::IterationLimit;
+        for _ in 0..params.iterations_max {
+            let is_coarse = gate_m > params.gate_end_m && coarse_stride > 1;
+            let stride = if is_coarse { coarse_stride } else { 1 };
+            pairing.look_up(&pose, gate_m, params, stride);
+            if pairing.pairs().len() < PAIRS_MIN {
+                if is_coarse {
+                    coarse_stride = 1;
+                    continue;
+                }
+                termination = Termination::TooFewPoints;
+                pose = *initial;
+                break;
             }
-            termination = Termination::TooFewPoints;
-            pose = *initial;
-            break;
+            let mut equations = NormalEquations::of(pairing.pairs(), &pose, params.cauchy_scale_m);
+            equations.stand_for(stride);
+            let step = stepper.step(equations, &pose);
+            pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
+            let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
+            if gate_m <= params.gate_end_m && small {
+                termination = Termination::Converged;
+                break;
+            }
+            let motion_m = step.xy().norm() + step.z.abs() * stepper.lever_arm_m;
+            gate_m = (gate_m * params.gate_factor)
+                .min(GATE_MOTIONS * motion_m)
+                .max(params.gate_end_m);
         }
-        let mut equations = NormalEquations::of(pairing.pairs(), &pose, params.cauchy_scale_m);
-        equations.stand_for(stride);
-        let step = stepper.step(equations, &pose);
-        pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
-        let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
-        if gate_m <= params.gate_end_m && small {
-            termination = Termination::Converged;
-            break;
+        if termination != Termination::Converged {
+            pairing.look_up(&pose, params.gate_end_m, params, 1);
         }
-        let motion_m = step.xy().norm() + step.z.abs() * stepper.lever_arm_m;
-        gate_m = (gate_m * params.gate_factor)
-            .min(GATE_MOTIONS * motion_m)
-            .max(params.gate_end_m);
+        stepper.summarise(pairing, points.len(), &pose, termination)
     }
-    if termination != Termination::Converged {
-        pairing.look_up(&pose, params.gate_end_m, params, 1);
-    }
-    stepper.summarise(&pairing, points.len(), &pose, termination)
 }
 
 /// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.

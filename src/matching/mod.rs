@@ -13,7 +13,7 @@ mod visibility;
 
 pub use cloud::{Neighbour, ReferenceCloud};
 pub use estimate::{Estimate, Termination};
-pub use icp::{IcpParams, Prior, align};
+pub use icp::{Alignment, IcpParams, Prior, align};
 pub use likelihood::LikelihoodGrid;
 pub use search::{SearchHit, SearchParams, SearchWindow, search};
 pub use visibility::{Agreement, View, Visibility, agreement};

@@ -184,7 +184,7 @@ impl<'a, S: Simd> Looking<'a, S> {
             point: *point,
             xs: simd.splat_f64s(point.x),
             ys: simd.splat_f64s(point.y),
-            least_m2: simd.splat_f64s(reach_m2),
+            least_m2: simd.splat_f64s(f64::INFINITY),
             second_m2: simd.splat_f64s(f64::INFINITY),
             index: simd.splat_f64s(f64::INFINITY),
             reach_m2,
@@ -226,7 +226,8 @@ impl<'a, S: Simd> Looking<'a, S> {
     /// What was found bounds the rest.
     #[inline(always)]
     fn shrink(&mut self) {
-        self.reach_m2 = self.simd.reduce_min_f64s(self.least_m2);
+        let least_m2 = self.simd.reduce_min_f64s(self.least_m2);
+        self.reach_m2 = self.reach_m2.min(least_m2);
         self.clear_m = self.reach_m2.sqrt() + SPARE_SHARE * self.grid.cell_m;
     }
 
@@ -237,7 +238,6 @@ impl<'a, S: Simd> Looking<'a, S> {
         for row in grid.row(self.point.y - clear_m)..grid.row(self.point.y + clear_m) + 1 {
             self.scan_row(row);
         }
-        self.reach_m2 = self.simd.reduce_min_f64s(self.least_m2);
     }
 
     /// All rows within reach, from the point's own outwards.
@@ -249,7 +249,7 @@ impl<'a, S: Simd> Looking<'a, S> {
         let cell = row * grid.width + grid.column(self.point.x);
         self.scan_cells(cell, cell + 1);
         self.shrink();
-        *self = Self::new(self.simd, grid, &self.point, just_above(self.reach_m2));
+        *self = Self::new(self.simd, grid, &self.point, self.reach_m2);
         self.scan_row(row);
         self.shrink();
         let mut below = row;
@@ -287,31 +287,32 @@ impl<'a, S: Simd> Looking<'a, S> {
     fn found(&self) -> Found {
         let simd = self.simd;
         let infinity = simd.splat_f64s(f64::INFINITY);
-        let is_least = simd.equal_f64s(self.least_m2, simd.splat_f64s(self.reach_m2));
-        let index = simd.reduce_min_f64s(simd.select_f64s(is_least, self.index, infinity));
-        if index == f64::INFINITY {
+        let least_m2 = simd.reduce_min_f64s(self.least_m2);
+        if least_m2 > self.reach_m2 {
             return Found {
                 nearest: None,
-                others_from_m: self.clear_m,
+                others_from_m: self.clear_m.min(least_m2.sqrt()),
             };
         }
+        let is_least = simd.equal_f64s(self.least_m2, simd.splat_f64s(least_m2));
+        let index = simd.reduce_min_f64s(simd.select_f64s(is_least, self.index, infinity));
         let is_nearest = simd.equal_f64s(self.index, simd.splat_f64s(index));
         let rest_m2 = simd.select_f64s(is_nearest, infinity, self.least_m2);
         let second_m2 = simd.reduce_min_f64s(simd.min_f64s(rest_m2, self.second_m2));
         Found {
             nearest: Some(Neighbour {
                 index: index.to_bits() as u32 as usize,
-                distance_squared_m2: self.reach_m2,
+                distance_squared_m2: least_m2,
             }),
             others_from_m: self.clear_m.min(second_m2.sqrt()),
         }
     }
 }
 
-/// A bound under which a square at just that distance still is.
+/// A bound that the square of just that distance, taken otherwise, still keeps.
 #[inline(always)]
 fn just_above(squared: f64) -> f64 {
-    squared * (1.0 + 2.0 * f64::EPSILON) + f64::MIN_POSITIVE
+    squared * (1.0 + 2.0 * f64::EPSILON)
 }
 
 /// The lowest bits of a number at and above this are its whole part.
