@@ -33,11 +33,7 @@ pub fn direction_rad(vector: &Vector2<f64>) -> f64 {
     };
     let tangent = over / under;
     let square = tangent * tangent;
-    let series = ARC_TANGENT
-        .iter()
-        .rev()
-        .fold(0.0, |sum, c| sum * square + c);
-    let octant_rad = from_rad + tangent * series;
+    let octant_rad = from_rad + tangent * arc_tangent_series(square);
     let quadrant_rad = if y > x {
         FRAC_PI_2 - octant_rad
     } else {
@@ -49,6 +45,15 @@ pub fn direction_rad(vector: &Vector2<f64>) -> f64 {
         quadrant_rad
     };
     half_rad.copysign(vector.y)
+}
+
+/// The series at t², by pairs of terms and pairs of those: none waits for all before it.
+fn arc_tangent_series(x: f64) -> f64 {
+    let c = &ARC_TANGENT;
+    let (x2, x4) = (x * x, (x * x) * (x * x));
+    let low = (c[0] + c[1] * x) + (c[2] + c[3] * x) * x2;
+    let high = (c[4] + c[5] * x) + (c[6] + c[7] * x) * x2;
+    low + high * x4 + c[8] * (x4 * x4)
 }
 
 /// tan(π/8).

@@ -44,6 +44,7 @@ pub struct View<'a> {
     lidar_from_base: Transform2,
     /// Direction of the first beam, in (−π, π].
     first_beam_rad: f64,
+    tick_m: f64,
     beams_per_rad: f64,
     /// Whether the last beam is the first one's neighbour.
     goes_round: bool,
@@ -58,6 +59,7 @@ impl<'a> View<'a> {
         Self {
             scan,
             lidar_from_base: lidar.mount.inverse().to_transform(),
+            tick_m: lidar.tick_m(),
             first_beam_rad: wrap_angle(lidar.angle_min_rad),
             beams_per_rad: 1.0 / lidar.angle_increment_rad,
             goes_round: covered_rad >= TAU,
@@ -75,15 +77,15 @@ impl<'a> View<'a> {
         let Some(beam) = self.beam_towards(&in_lidar) else {
             return Visibility::Unseen;
         };
-        let Some(own_m) = self.scan.range_m(beam) else {
+        let Some(own_m) = self.range_m(beam) else {
             return Visibility::Unseen;
         };
         if range_m >= self.scan.lidar().range_max_m {
             return Visibility::Unseen;
         }
         let (mut least_m, mut most_m) = (own_m, own_m);
-        let beside = self.beams_beside(beam).into_iter().flatten();
-        for neighbour_m in beside.filter_map(|b| self.scan.range_m(b)) {
+        let beside = self.beams_beside(beam).into_iter();
+        for neighbour_m in beside.filter_map(|b| self.range_m(b)) {
             least_m = least_m.min(neighbour_m);
             most_m = most_m.max(neighbour_m);
         }
@@ -96,13 +98,28 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The beams on both sides, across the seam of a full turn too.
-    fn beams_beside(&self, beam: usize) -> [Option<usize>; 2] {
+    /// [`LaserScan::range_m`], with what it takes at hand.
+    fn range_m(&self, beam: usize) -> Option<f64> {
+        let &ticks = self.scan.ticks().get(beam)?;
+        (ticks > 0).then(|| f64::from(ticks) * self.tick_m)
+    }
+
+    /// The beams on both sides, across the seam of a full turn too; one that is not there is
+    /// beyond the last.
+    fn beams_beside(&self, beam: usize) -> [usize; 2] {
         let count = self.scan.beam_count();
-        if self.goes_round {
-            return [Some((beam + count - 1) % count), Some((beam + 1) % count)];
-        }
-        [beam.checked_sub(1), Some(beam + 1)]
+        let across = |seam: usize| if self.goes_round { seam } else { count };
+        let before = if beam > 0 {
+            beam - 1
+        } else {
+            across(count - 1)
+        };
+        let after = if beam + 1 < count {
+            beam + 1
+        } else {
+            across(0)
+        };
+        [before, after]
     }
 
     fn beam_towards(&self, in_lidar: &Vector2<f64>) -> Option<usize> {
