@@ -39,6 +39,8 @@ const SCAN_SPACING_M: f64 = 0.5;
 const SEED: u64 = 4_711;
 /// Between the starts of two laps.
 const LAP_EVERY: SignedDuration = SignedDuration::from_mins(5);
+/// No more laps than about so many are drawn.
+const DRAWN_LAPS_MAX: usize = 1_000;
 /// Objects put down before the last lap.
 const CHANGES: usize = 3;
 /// How near to the changed object an alert's region must be, metres.
@@ -309,6 +311,7 @@ fn csv(driven: &[Lap]) -> String {
 fn plots(driven: &[Lap]) -> Vec<Plot> {
     let plot = |title: &str, y_label: &str, joined, value: fn(&Lap) -> f64| {
         let points = driven.iter().enumerate();
+        let points = points.step_by(driven.len().div_ceil(DRAWN_LAPS_MAX).max(1));
         Plot {
             title: title.to_owned(),
             x_label: "laps driven".to_owned(),
