@@ -45,9 +45,10 @@ async fn assert_optimal(service: &Running, laps: &Laps) {
     for node in &state.nodes {
         let k: usize = node["client_id"].as_str().unwrap().parse().unwrap();
         let apart = pose_of(&node["pose"]).between(&expected.nodes()[k].pose);
+        // A solve ends when a step promises 10⁻¹⁰ of F: a micrometre or two are left.
         assert!(
-            apart.translation().norm() < 1e-6 && apart.theta.abs() < 1e-6,
-            "{node}"
+            apart.translation().norm() < 1e-5 && apart.theta.abs() < 1e-5,
+            "{node} is {apart:?} off"
         );
     }
 }
