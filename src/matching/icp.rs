@@ -97,7 +97,6 @@ pub fn align(
 /// neighbours after one alignment helps the next.
 pub struct Alignment<'a> {
     pairing: Pairing<'a>,
-    points: &'a [SurfacePoint],
     lever_arm_m: f64,
 }
 
@@ -106,7 +105,6 @@ impl<'a> Alignment<'a> {
     pub fn new(reference: &'a ReferenceCloud, points: &'a [SurfacePoint]) -> Self {
         Self {
             pairing: Pairing::new(reference, points),
-            points,
             lever_arm_m: lever_arm_m(points),
         }
     }
@@ -123,18 +121,14 @@ impl<'a> Alignment<'a> {
         prior: Option<&Prior>,
         params: &IcpParams,
     ) -> Estimate {
-        let Self {
-            pairing,
-            points,
-            lever_arm_m,
-        } = self;
+        let pairing = &mut self.pairing;
         let stepper = Stepper {
-            lever_arm_m: *lever_arm_m,
+            lever_arm_m: self.lever_arm_m,
             range_sigma_m,
             prior,
             params,
         };
-        let mut coarse_stride = (points.len() / COARSE_POINTS).max(1);
+        let mut coarse_stride = (pairing.points().len() / COARSE_POINTS).max(1);
         let mut pose = *initial;
         let mut gate_m = params.gate_start_m;
         let mut termination = Termination::IterationLimit;
@@ -168,7 +162,7 @@ impl<'a> Alignment<'a> {
         if termination != Termination::Converged {
             pairing.look_up(&pose, params.gate_end_m, params, 1);
         }
-        stepper.summarise(pairing, points.len(), &pose, termination)
+        stepper.summarise(pairing, &pose, termination)
     }
 }
 
@@ -208,13 +202,7 @@ impl Stepper<'_> {
     }
 
     /// What the pairs say, which were found within a tolerance of the pose.
-    fn summarise(
-        &self,
-        pairing: &Pairing<'_>,
-        points: usize,
-        pose: &Pose2,
-        termination: Termination,
-    ) -> Estimate {
+    fn summarise(&self, pairing: &Pairing<'_>, pose: &Pose2, termination: Termination) -> Estimate {
         let params = self.params;
         let support = Support::of(pairing, pose, params);
         let (information, observable_directions) = if termination == Termination::TooFewPoints {
@@ -232,7 +220,7 @@ impl Stepper<'_> {
             pose: *pose,
             information,
             observable_directions,
-            overlap: support.overlapping as f64 / points.max(1) as f64,
+            overlap: support.overlapping as f64 / pairing.points().len().max(1) as f64,
             inlier_share: support.inliers as f64 / support.overlapping.max(1) as f64,
             rmse_m: support.rmse_m,
             termination,

@@ -106,6 +106,11 @@ impl<'a> Pairing<'a> {
         });
     }
 
+    /// The scan's points.
+    pub(super) fn points(&self) -> &'a [SurfacePoint] {
+        self.points
+    }
+
     /// The pairs within the gate.
     pub(super) fn pairs(&self) -> &[Pair] {
         &self.pairs

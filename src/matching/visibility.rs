@@ -44,7 +44,6 @@ pub struct View<'a> {
     lidar_from_base: Transform2,
     /// Direction of the first beam, in (−π, π].
     first_beam_rad: f64,
-    tick_m: f64,
     beams_per_rad: f64,
     /// Whether the last beam is the first one's neighbour.
     goes_round: bool,
@@ -59,7 +58,6 @@ impl<'a> View<'a> {
         Self {
             scan,
             lidar_from_base: lidar.mount.inverse().to_transform(),
-            tick_m: lidar.tick_m(),
             first_beam_rad: wrap_angle(lidar.angle_min_rad),
             beams_per_rad: 1.0 / lidar.angle_increment_rad,
             goes_round: covered_rad >= TAU,
@@ -77,7 +75,7 @@ impl<'a> View<'a> {
         let Some(beam) = self.beam_towards(&in_lidar) else {
             return Visibility::Unseen;
         };
-        let Some(own_m) = self.range_m(beam) else {
+        let Some(own_m) = self.scan.range_m(beam) else {
             return Visibility::Unseen;
         };
         if range_m >= self.scan.lidar().range_max_m {
@@ -85,7 +83,7 @@ impl<'a> View<'a> {
         }
         let (mut least_m, mut most_m) = (own_m, own_m);
         let beside = self.beams_beside(beam).into_iter();
-        for neighbour_m in beside.filter_map(|b| self.range_m(b)) {
+        for neighbour_m in beside.filter_map(|b| self.scan.range_m(b)) {
             least_m = least_m.min(neighbour_m);
             most_m = most_m.max(neighbour_m);
         }
@@ -96,12 +94,6 @@ impl<'a> View<'a> {
         } else {
             Visibility::Surface
         }
-    }
-
-    /// [`LaserScan::range_m`], with what it takes at hand.
-    fn range_m(&self, beam: usize) -> Option<f64> {
-        let &ticks = self.scan.ticks().get(beam)?;
-        (ticks > 0).then(|| f64::from(ticks) * self.tick_m)
     }
 
     /// The beams on both sides, across the seam of a full turn too; one that is not there is

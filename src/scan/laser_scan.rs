@@ -12,6 +12,8 @@ use super::{BEAMS_MAX, Lidar};
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaserScan {
     lidar: Arc<Lidar>,
+    /// The lidar's, at hand for many looks.
+    tick_m: f64,
     ticks: Vec<u16>,
 }
 
@@ -68,7 +70,11 @@ impl LaserScan {
                 covered_deg: covered_rad.to_degrees() as u32,
             });
         }
-        Ok(Self { lidar, ticks })
+        Ok(Self {
+            tick_m: lidar.tick_m(),
+            lidar,
+            ticks,
+        })
     }
 
     /// The lidar that took it.
@@ -89,7 +95,7 @@ impl LaserScan {
     /// A beam's range, metres; `None` for no return.
     pub fn range_m(&self, beam: usize) -> Option<f64> {
         match self.ticks.get(beam) {
-            Some(&ticks) if ticks > 0 => Some(f64::from(ticks) * self.lidar.tick_m()),
+            Some(&ticks) if ticks > 0 => Some(f64::from(ticks) * self.tick_m),
             _ => None,
         }
     }

@@ -149,14 +149,23 @@ impl NormalEquations {
     /// Adds a factor's parts to H.
     #[inline(always)]
     fn add_blocks(&mut self, slot: Slot, blocks: &BlocksOfOne) {
+        self.add_to_diagonal(slot, blocks, 1.0);
+        if slot.pair != NONE {
+            self.matrix.blocks[slot.pair as usize].data.0 = blocks.from_to;
+        }
+    }
+
+    /// Adds so many times a factor's parts to its ends' diagonal blocks.
+    #[inline(always)]
+    fn add_to_diagonal(&mut self, slot: Slot, blocks: &BlocksOfOne, times: f64) {
         let ends = [(slot.from, &blocks.from_from), (slot.to, &blocks.to_to)];
         for (variable, block) in ends {
             if variable != NONE {
-                add_block(&mut self.matrix.diagonal[variable as usize].data.0, block);
+                let to = &mut self.matrix.diagonal[variable as usize].data.0;
+                for (to, block) in to.iter_mut().flatten().zip(block.iter().flatten()) {
+                    *to += times * block;
+                }
             }
-        }
-        if slot.pair != NONE {
-            self.matrix.blocks[slot.pair as usize].data.0 = blocks.from_to;
         }
     }
 
@@ -253,15 +262,6 @@ impl NormalEquations {
     pub(super) fn solve(&mut self, columns: &mut [f64]) {
         for column in columns.chunks_exact_mut(self.dimension().max(1)) {
             self.cholesky.solve(column);
-        }
-    }
-}
-
-#[inline(always)]
-fn add_block(to: &mut [[f64; POSE_SIZE]; POSE_SIZE], block: &[[f64; POSE_SIZE]; POSE_SIZE]) {
-    for (to, block) in to.iter_mut().zip(block) {
-        for (to, block) in to.iter_mut().zip(block) {
-            *to += block;
         }
     }
 }

@@ -10,7 +10,7 @@ use super::super::packs::{LANES, Motions, Pack};
 use super::super::problem::Problem;
 use super::super::secants::dot;
 use super::super::wide::wide;
-use super::{NONE, NormalEquations, POSE_SIZE, Slot, add_block};
+use super::{NONE, NormalEquations, POSE_SIZE, Slot};
 
 /// What has moved by no more than this, as an angle, is left as it is. Where a large part of a map
 /// is turned, ten times more leaves so much stress in it that steps are ten times as many.
@@ -48,13 +48,13 @@ impl NormalEquations {
         if self.has_plain_factor {
             self.linearised.resize(packs.len(), Motions::none());
             for factor in factors..self.slots.len() {
-                self.linearise_one(factor, true, packs, frames);
+                self.linearise_new(factor, packs, frames);
             }
             let pairs: Vec<usize> = self.cholesky.pairs_of(&fronts).collect();
             for pair in pairs {
                 let factor = self.factor_of_pair[pair] as usize;
-                if factor < factors {
-                    self.linearise_one(factor, false, packs, frames);
+                if factor < factors && self.has_moved(factor, packs, frames) {
+                    self.linearise_again(factor, packs, frames);
                 }
             }
             self.has_plain_factor =
@@ -82,7 +82,7 @@ impl NormalEquations {
         moved.retain(|&factor| factor < self.slots.len());
         let mut touched = Vec::with_capacity(2 * moved.len());
         for &factor in &moved {
-            self.linearise_one(factor, false, packs, frames);
+            self.linearise_again(factor, packs, frames);
             let Slot { from, to, .. } = self.slots[factor];
             touched.extend([from, to]);
         }
@@ -94,28 +94,28 @@ impl NormalEquations {
         self.has_plain_factor
     }
 
-    fn linearise_one(&mut self, factor: usize, is_new: bool, packs: &[Pack], frames: &[Frame]) {
-        let (slot, lane) = (self.slots[factor], factor % LANES);
+    fn has_moved(&self, factor: usize, packs: &[Pack], frames: &[Frame]) -> bool {
+        let (pack, lane) = (&packs[factor / LANES], factor % LANES);
+        let before = self.linearised[factor / LANES].lane(lane);
+        let pack = pack.lane(lane);
+        let [distance] = pack.square_distances(&pack.motions(frames), &before);
+        distance > MOVED_RAD * MOVED_RAD
+    }
+
+    fn linearise_again(&mut self, factor: usize, packs: &[Pack], frames: &[Frame]) {
+        let lane = factor % LANES;
+        let before = self.linearised[factor / LANES].lane(lane);
+        let blocks = packs[factor / LANES].lane(lane).blocks(&before).of(0);
+        self.add_to_diagonal(self.slots[factor], &blocks, -1.0);
+        self.linearise_new(factor, packs, frames);
+    }
+
+    fn linearise_new(&mut self, factor: usize, packs: &[Pack], frames: &[Frame]) {
+        let lane = factor % LANES;
         let pack = packs[factor / LANES].lane(lane);
         let motion = pack.motions(frames);
-        let before = &mut self.linearised[factor / LANES];
-        if !is_new {
-            let before = before.lane(lane);
-            let [distance] = pack.square_distances(&motion, &before);
-            if distance <= MOVED_RAD * MOVED_RAD {
-                return;
-            }
-            let blocks = pack.blocks(&before).of(0);
-            let ends = [(slot.from, blocks.from_from), (slot.to, blocks.to_to)];
-            for (variable, block) in ends {
-                if variable != NONE {
-                    let block = block.map(|column| column.map(|entry| -entry));
-                    add_block(&mut self.matrix.diagonal[variable as usize].data.0, &block);
-                }
-            }
-        }
-        before.set(lane, &motion);
-        self.add_blocks(slot, &pack.blocks(&motion).of(0));
+        self.linearised[factor / LANES].set(lane, &motion);
+        self.add_blocks(self.slots[factor], &pack.blocks(&motion).of(0));
     }
 
     /// As [`Self::promise`] for a gradient that counts for nothing but where the problem grew.
