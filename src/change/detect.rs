@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::history::{Departure, Seen, State, last_departure};
 use super::look::{Look, Sight};
 use super::region::{centroid, region_round};
-use super::{AcceptedChange, ChangeKind, Finding};
+use super::{AcceptedChange, ChangeKind, Finding, Tier};
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 
@@ -219,6 +219,8 @@ fn finding_of(
     let support = departures().map(|d| d.support).fold(0.0, f64::max);
     let stands = departures().any(|d| d.until.is_none());
     Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: changed[&group[0]].kind,
         location: centroid(&region),
         sigma_m: POSE_SIGMA_M.hypot(CELL_M / (group.len() as f64).sqrt() / 12_f64.sqrt()),

@@ -1,8 +1,17 @@
 //! What all looks at a place say together.
 
-use super::ChangeKind;
+use super::{ChangeKind, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+
+/// The other side of one event: what left one place and stands at another, as a door does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Counterpart {
+    /// What the other side shows.
+    pub kind: ChangeKind,
+    /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
+    pub region: Vec<Vector2<f64>>,
+}
 
 /// A place where the world contradicts the map, as all looks known so far tell it.
 ///
@@ -18,6 +27,10 @@ pub struct Finding {
     pub sigma_m: f64,
     /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
     pub region: Vec<Vector2<f64>>,
+    /// How far it is to be believed.
+    pub tier: Tier,
+    /// The other side of the same event, if there is one.
+    pub counterpart: Option<Counterpart>,
     /// The closures whose scans disagree there, ascending.
     pub edges: Vec<EdgeId>,
     /// The nodes whose scans show the old or the new state, ascending.

@@ -1,7 +1,7 @@
 //! Closures that were expected and are missing: the map does not fit the place.
 
 use super::region::{centroid, region_round};
-use super::{ChangeKind, Finding};
+use super::{ChangeKind, Finding, Tier};
 use crate::geometry::{Pose2, angle_difference_rad};
 use crate::ids::{NodeId, StampNs, TripId};
 
@@ -58,6 +58,8 @@ fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
     let mut nodes: Vec<NodeId> = run.iter().map(|pose| pose.node).collect();
     nodes.sort_unstable();
     Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: ChangeKind::MapMismatch,
         location: centroid(&region),
         sigma_m: REGION_RADIUS_M,

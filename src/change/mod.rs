@@ -21,6 +21,7 @@ pub mod series;
 #[cfg(test)]
 mod testing;
 pub mod threshold;
+mod tier;
 mod vehicle;
 
 pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
@@ -29,7 +30,7 @@ pub use beam_verdict::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judg
 pub use calibration::{VehicleResidual, calibrated_p_values};
 pub use detect::{Evidence, Suspicion, detect};
 pub use detector::Detector;
-pub use finding::Finding;
+pub use finding::{Counterpart, Finding};
 pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
 pub use look::{Look, Sight};
@@ -37,4 +38,5 @@ pub use mismatch::{TiedPose, mismatches};
 pub use region::region_round;
 pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::p_values_in_order;
+pub use tier::Tier;
 pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use super::region::region_round;
-use super::{ChangeKind, Finding};
+use super::{ChangeKind, Finding, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 
@@ -141,6 +141,8 @@ fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> O
         .map(|closure| closure.p_value)
         .fold(1.0, f64::min);
     Some(Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: ChangeKind::Residual,
         location,
         sigma_m: spread_m.max(REGION_RADIUS_M),

@@ -2,7 +2,7 @@
 
 use super::median::median;
 use super::region::region_round;
-use super::{ChangeKind, Finding};
+use super::{ChangeKind, Finding, Tier};
 use crate::geometry::{Pose2, Vector2, angle_difference_rad, wrap_angle};
 use crate::ids::{NodeId, StampNs, TripId};
 
@@ -86,6 +86,8 @@ pub fn suspect_vehicle(trips: &[(&TripId, Vec<TripPose>)]) -> Option<Finding> {
     let first = poses().min_by_key(|pose| pose.stamp)?;
     let location: Vector2<f64> = first.map_from_base.translation();
     Some(Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: ChangeKind::VehicleSuspect,
         location,
         sigma_m: REGION_RADIUS_M,

@@ -5,8 +5,9 @@ use super::closure::{self, Closure, ClosureMeasurement, Slack};
 use super::drive::{Drive, DriveScan, InitialPose};
 use super::evidence::Contradictions;
 use super::front_end::{Motion, measure_motion};
+use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
-use super::local_map::LocalMap;
+use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
@@ -36,6 +37,9 @@ pub struct Extension {
     pub edges: Vec<EdgeId>,
     /// What the closures among them measured.
     pub closures: Vec<Closure>,
+    /// New scans between keyframes: the keyframe that each follows, and its place among the
+    /// keyframe's [`Keyframe::intermediate`].
+    pub intermediate: Vec<(NodeId, usize)>,
 }
 
 /// Why a drive could not be used; the map is as it was.
@@ -67,10 +71,11 @@ impl RouteMap {
             true => None,
             false => Some(self.first_pose(drive)?),
         };
+        let mut cloud = LocalCloud::default();
         for scan in &drive.scans {
             match start.take() {
                 Some(initial) => self.start_trip(drive, scan, &initial, &mut added)?,
-                None => self.continue_trip(drive, scan, &mut added)?,
+                None => self.continue_trip(drive, scan, &mut cloud, &mut added)?,
             }
         }
         Ok(added)
@@ -106,6 +111,7 @@ impl RouteMap {
         &mut self,
         drive: &Drive,
         scan: &DriveScan,
+        cloud: &mut LocalCloud,
         added: &mut Extension,
     ) -> Result<(), GraphError> {
         let Some(&last) = self.trips.get(&drive.trip).and_then(|trip| trip.last()) else {
@@ -121,14 +127,17 @@ impl RouteMap {
         let rule = KeyframeRule::for_range(scan.scan.lidar().range_max_m);
         let is_due = rule.is_due(&by_odometry);
         if !is_due && !self.looks_again(last, scan) {
+            self.add_intermediate(last, scan, cloud, added);
             return Ok(());
         }
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
         let local_map = self.local_map(last);
         let sigma_m = scan.scan.lidar().range_sigma_m;
         let odometry = OdometryMotion::told(&by_odometry);
-        let motion = measure_motion(&local_map, &keyframe.points, &odometry, sigma_m);
+        cloud.follow(last_node, &local_map);
+        let motion = measure_motion(&local_map, cloud, &keyframe.points, &odometry, sigma_m);
         if !is_due && !is_standing(&motion.measurement) {
+            self.add_intermediate(last, scan, cloud, added);
             return Ok(());
         }
         keyframe.drift_m += drift_of_motion(&motion, &odometry.sigmas);
@@ -136,6 +145,25 @@ impl RouteMap {
         let index = self.insert_new(keyframe, pose, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
         self.close_loops(index, added)
+    }
+
+    /// Keeps a scan that makes no keyframe.
+    fn add_intermediate(
+        &mut self,
+        last: usize,
+        scan: &DriveScan,
+        cloud: &mut LocalCloud,
+        added: &mut Extension,
+    ) {
+        let local_map = self.local_map(last);
+        let keyframe = &self.keyframes[last];
+        cloud.follow(keyframe.node, &local_map);
+        let placed = IntermediateScan::place(scan, keyframe, &local_map, cloud);
+        let keyframe = &mut self.keyframes[last];
+        added
+            .intermediate
+            .push((keyframe.node, keyframe.intermediate.len()));
+        keyframe.intermediate.push(placed);
     }
 
     /// Whether a vehicle that has not moved since its trip began looks once more: one look at

@@ -1,6 +1,6 @@
 //! The motion between two keyframes of one trip.
 
-use super::local_map::{LocalMap, SEARCH_REACH_M};
+use super::local_map::{LocalCloud, LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use crate::geometry::{Information, Pose2};
 use crate::matching::{
@@ -52,6 +52,7 @@ fn support(estimate: &Estimate) -> f64 {
 /// cannot be matched, keep it, with the odometry's information.
 pub(super) fn measure_motion(
     local_map: &LocalMap<'_>,
+    cloud: &LocalCloud,
     points: &[SurfacePoint],
     odometry: &OdometryMotion,
     range_sigma_m: f64,
@@ -63,14 +64,14 @@ pub(super) fn measure_motion(
         information: wheels,
         matched: false,
     };
-    let Some(cloud) = local_map.cloud() else {
+    let Some(cloud) = cloud.points() else {
         return by_odometry;
     };
     let prior = Prior {
         pose: *last_from_base,
         information: wheels,
     };
-    let mut alignment = Alignment::new(&cloud, points);
+    let mut alignment = Alignment::new(cloud, points);
     let mut refine = |start: &Pose2| {
         alignment.align_from(start, range_sigma_m, Some(&prior), &IcpParams::ROBUST)
     };

@@ -1,5 +1,6 @@
 //! What a node of the graph remembers beside its pose.
 
+use super::intermediate::IntermediateScan;
 use crate::geometry::Pose2;
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::scan::{LaserScan, SurfacePoint, surface_points};
@@ -26,6 +27,8 @@ pub struct Keyframe {
     pub scan: Option<LaserScan>,
     /// The scan's returns with normals, base frame; none without a scan.
     pub points: Vec<SurfacePoint>,
+    /// The trip's scans between this keyframe and its next, in the order of time.
+    pub intermediate: Vec<IntermediateScan>,
 }
 
 impl Keyframe {
@@ -58,6 +61,7 @@ impl Keyframe {
             drift_m: 0.0,
             scan: None,
             points: Vec::new(),
+            intermediate: Vec::new(),
         }
     }
 
@@ -66,6 +70,11 @@ impl Keyframe {
         size_of::<Self>()
             + size_of_val(self.points.as_slice())
             + self.scan.as_ref().map_or(0, |s| size_of_val(s.ticks()))
+            + self
+                .intermediate
+                .iter()
+                .map(IntermediateScan::size_bytes)
+                .sum::<usize>()
             + NODE_BYTES
     }
 }

@@ -3,11 +3,35 @@
 use std::collections::BTreeSet;
 
 use crate::geometry::{Pose2, Vector2};
+use crate::ids::NodeId;
 use crate::matching::{LikelihoodGrid, ReferenceCloud};
 use crate::scan::SurfacePoint;
 
 /// A search around a known place compares points up to this far away, metres.
 pub(super) const SEARCH_REACH_M: f64 = 12.0;
+
+/// The points round a trip's last keyframe with an index of neighbours, kept until the trip has
+/// another.
+#[derive(Default)]
+pub(super) struct LocalCloud {
+    last: Option<NodeId>,
+    cloud: Option<ReferenceCloud>,
+}
+
+impl LocalCloud {
+    /// Makes it that of the local map round node `last`.
+    pub fn follow(&mut self, last: NodeId, local_map: &LocalMap<'_>) {
+        if self.last != Some(last) {
+            self.last = Some(last);
+            self.cloud = ReferenceCloud::new(local_map.scans.iter().copied());
+        }
+    }
+
+    /// The points; `None` if there are none.
+    pub fn points(&self) -> Option<&ReferenceCloud> {
+        self.cloud.as_ref()
+    }
+}
 
 /// Keyframes placed in a common frame.
 #[derive(Clone)]
@@ -19,11 +43,6 @@ impl<'a> LocalMap<'a> {
     /// Of keyframes with `local_from_base`.
     pub fn new(scans: Vec<(Pose2, &'a [SurfacePoint])>) -> Self {
         Self { scans }
-    }
-
-    /// The points with an index of neighbours; `None` if there are none.
-    pub fn cloud(&self) -> Option<ReferenceCloud> {
-        ReferenceCloud::new(self.scans.iter().copied())
     }
 
     /// The points drawn for a search; `None` if there are none.
@@ -125,7 +144,7 @@ mod tests {
     #[test]
     fn a_map_without_points_has_nothing_to_match() {
         let map = LocalMap::new(vec![(Pose2::IDENTITY, &[])]);
-        assert!(map.cloud().is_none() && map.grid(0.1, 3).is_none());
+        assert!(map.grid(0.1, 3).is_none());
         assert!(map.thinned(0.1, f64::INFINITY, 10).is_empty());
     }
 }

@@ -7,7 +7,7 @@ use super::stage::references;
 use super::workspace::Workspace;
 use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
 use crate::change::series::{ClosureSample, residual_series};
-use crate::change::{ChangeKind, Detector, Finding, region_round};
+use crate::change::{ChangeKind, Detector, Finding, Tier, region_round};
 use crate::ids::{EdgeId, NodeId, TripId};
 use crate::mapping::Scope;
 
@@ -96,6 +96,8 @@ fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Opti
     let (old, newest) = graph.ends()[graph.edge_position(change.first.edge_id)?];
     let around = [old, newest].map(|k| graph.nodes()[k].pose.translation());
     Some(Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: ChangeKind::Residual,
         location: change.first.place.position,
         sigma_m: PAPER_REGION_M,

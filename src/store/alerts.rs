@@ -11,7 +11,7 @@ use super::alert_records::{
 };
 use super::columns::{Text, alert_id, corrupt, json, micros, name, polygon, text, time};
 use super::error::StoreError;
-use crate::change::Finding;
+use crate::change::{Finding, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
 
@@ -195,6 +195,8 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
     };
     let until: Option<i64> = row.try_get("until_ns")?;
     Ok(Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: text(row, "kind")?,
         location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
         sigma_m: row.try_get("sigma_m")?,

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use mapshift::api::Limits;
-use mapshift::change::{AlertStatus, ChangeKind, Finding};
+use mapshift::change::{AlertStatus, ChangeKind, Finding, Tier};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -213,6 +213,8 @@ fn appeared(route: &RouteId) -> AlertRecord {
         revision: 1,
         status: AlertStatus::Open,
         evidence: Finding {
+            tier: Tier::Confirmed,
+            counterpart: None,
             kind: ChangeKind::Appeared,
             location: Vector2::new(1.8, 1.0),
             sigma_m: 0.06,

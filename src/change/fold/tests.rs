@@ -1,5 +1,5 @@
 use super::*;
-use crate::change::AlertAction;
+use crate::change::{AlertAction, Tier};
 use proptest::prelude::*;
 
 /// A square of 0.4 m round (x, y).
@@ -7,6 +7,8 @@ fn finding(kind: ChangeKind, x: f64, y: f64, since: i64, until: Option<i64>) -> 
     let corners = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]];
     let location = Vector2::new(x, y);
     Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind,
         location,
         sigma_m: 0.05,

@@ -59,11 +59,14 @@ fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::change::Tier;
     use crate::geometry::Vector2;
     use crate::ids::StampNs;
 
     fn finding(kind: ChangeKind, x: f64) -> Finding {
         Finding {
+            tier: Tier::Confirmed,
+            counterpart: None,
             kind,
             location: Vector2::new(x, 0.0),
             sigma_m: 0.02,

@@ -13,7 +13,7 @@ use super::super::process::process;
 use super::super::worker::compute;
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
-use crate::change::{AlertAction, ChangeKind, Finding};
+use crate::change::{AlertAction, ChangeKind, Finding, Tier};
 use crate::formats::g2o::write_g2o;
 use crate::formats::{Look, MapPicture};
 use crate::geometry::{Pose2, Vector2};
@@ -319,6 +319,8 @@ pub fn box_finding(workspace: &Workspace) -> Finding {
     trips.dedup();
     let corners = [[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]];
     Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
         kind: ChangeKind::Appeared,
         location: BOX_AT,
         sigma_m: 0.03,

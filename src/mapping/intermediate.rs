@@ -1,0 +1,104 @@
+//! Scans between keyframes: they say what stands where, and never enter the graph.
+
+use super::front_end::measure_motion;
+use super::keyframe::Keyframe;
+use super::local_map::{LocalCloud, LocalMap};
+use super::odometry::OdometryMotion;
+use crate::geometry::Pose2;
+use crate::ids::StampNs;
+use crate::scan::{LaserScan, Lidar, surface_points};
+
+use super::drive::DriveScan;
+
+/// A scan that was taken after a keyframe and before the next one of its trip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IntermediateScan {
+    /// When it was taken.
+    pub stamp: StampNs,
+    /// Pose of the base in the frame of the keyframe's base: it moves rigidly with the keyframe.
+    pub keyframe_from_base: Pose2,
+    /// Pose of the base in the vehicle's own odometry frame.
+    pub odom_from_base: Pose2,
+    /// What was seen; `None` where it would repeat the scan before.
+    pub scan: Option<LaserScan>,
+}
+
+/// A scan says something new once the lidar has moved by this much since the last that was kept,
+/// metres …
+const MOVED_M: f64 = 0.1;
+/// … or, for a lidar that sees no farther than 8 m, by this share of its range …
+const MOVED_PER_RANGE: f64 = 1.0 / 80.0;
+/// … or turned, radians …
+const TURNED_RAD: f64 = 0.1;
+/// … or waited, seconds, …
+const WAITED_S: f64 = 0.5;
+/// … so many times from one standpoint.
+const WAITS_MAX: usize = 12;
+
+/// A match is used if it ends this near to where odometry had it, metres and radians.
+const MATCHED_WITHIN_M: f64 = 0.3;
+const MATCHED_WITHIN_RAD: f64 = 0.35;
+
+impl IntermediateScan {
+    /// Places a scan behind a trip's last keyframe, by its odometry and, where it is kept, by a
+    /// match with the trip's last keyframes (`cloud`: their points in the keyframe's base frame).
+    pub(super) fn place(
+        scan: &DriveScan,
+        last: &Keyframe,
+        local_map: &LocalMap<'_>,
+        cloud: &LocalCloud,
+    ) -> Self {
+        let by_odometry = last.odom_from_base.between(&scan.odom_from_base);
+        let mut placed = Self {
+            stamp: scan.stamp,
+            keyframe_from_base: by_odometry,
+            odom_from_base: scan.odom_from_base,
+            scan: None,
+        };
+        if !says_something_new(scan, last) {
+            return placed;
+        }
+        let points = surface_points(&scan.scan);
+        let sigma_m = scan.scan.lidar().range_sigma_m;
+        let odometry = OdometryMotion::told(&by_odometry);
+        let motion = measure_motion(local_map, cloud, &points, &odometry, sigma_m);
+        let moved = by_odometry.between(&motion.measurement);
+        if motion.matched
+            && moved.translation().norm() <= MATCHED_WITHIN_M
+            && moved.theta.abs() <= MATCHED_WITHIN_RAD
+        {
+            placed.keyframe_from_base = motion.measurement;
+        }
+        placed.scan = Some(scan.scan.clone());
+        placed
+    }
+
+    /// About how much memory it takes, bytes.
+    pub(super) fn size_bytes(&self) -> usize {
+        size_of::<Self>() + self.scan.as_ref().map_or(0, |s| size_of_val(s.ticks()))
+    }
+}
+
+/// By odometry alone, so that it does not depend on what the map knows.
+fn says_something_new(scan: &DriveScan, last: &Keyframe) -> bool {
+    let kept = || last.intermediate.iter().filter(|s| s.scan.is_some());
+    let (stamp, odom_from_kept) = kept()
+        .next_back()
+        .map_or((last.stamp, last.odom_from_base), |s| {
+            (s.stamp, s.odom_from_base)
+        });
+    if has_moved(scan.scan.lidar(), &odom_from_kept, &scan.odom_from_base) {
+        return true;
+    }
+    let waits = kept()
+        .rev()
+        .take_while(|s| !has_moved(scan.scan.lidar(), &s.odom_from_base, &scan.odom_from_base))
+        .count();
+    waits < WAITS_MAX && scan.stamp.seconds() - stamp.seconds() >= WAITED_S
+}
+
+fn has_moved(lidar: &Lidar, odom_from_before: &Pose2, odom_from_base: &Pose2) -> bool {
+    let motion = odom_from_before.between(odom_from_base);
+    let moved_m = MOVED_M.min(MOVED_PER_RANGE * lidar.range_max_m);
+    motion.translation().norm() >= moved_m || motion.theta.abs() >= TURNED_RAD
+}
