@@ -15,8 +15,8 @@ use std::sync::Arc;
 use anyhow::Context;
 use mapshift::change::{ChangeKind, Finding};
 use mapshift::geometry::{Pose2, Vector2};
-use mapshift::ids::{EdgeId, StampNs, TripId};
-use mapshift::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Weighting};
+use mapshift::ids::{StampNs, TripId};
+use mapshift::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
 use mapshift::scan::LaserScan;
 use mapshift::sim::{ChangeEvent, Changes, Hall, Rooms, Scene, Shape, SimScan, Vehicle};
 
@@ -176,8 +176,8 @@ fn run(world: &str, condition: &Condition, seed: u64, score: &mut Score) -> anyh
     score.laps += LAPS.len() * fleet.len();
     let reach_m = if condition.vehicles > 1 { 0.5 } else { 0.35 };
     let findings = map.findings(&Scope {
-        fresh_from: EdgeId(0),
-        watched: &[],
+        sites: Sites::All,
+        pending: &[],
         accepted: &[],
         vehicles: &BTreeMap::new(),
     });

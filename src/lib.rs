@@ -40,6 +40,7 @@ pub mod graph;
 pub mod ids;
 pub mod mapping;
 pub mod matching;
+pub mod observation;
 pub mod pipeline;
 pub mod scan;
 pub mod sim;

@@ -8,8 +8,8 @@ use anyhow::Context;
 use jiff::Timestamp;
 use mapshift::formats::batch_json;
 use mapshift::geometry::Pose2;
-use mapshift::ids::{EdgeId, TripId, VehicleId};
-use mapshift::mapping::{Drive, RouteMap, Scope, Weighting};
+use mapshift::ids::{TripId, VehicleId};
+use mapshift::mapping::{Drive, RouteMap, Scope, Sites, Weighting};
 use mapshift::matching::{IcpParams, ReferenceCloud, align};
 use mapshift::scan::{decode_scan, encode_scan, surface_points};
 use mapshift::sim::{Hall, drive};
@@ -193,14 +193,13 @@ fn extend_and_find(table: &mut Table, laps: &Laps) -> anyhow::Result<()> {
         }
         let (mut extending_s, mut finding_s) = (0.0, 0.0);
         for drive in &laps.drives {
-            let fresh_from: EdgeId = map.next_edge_id();
             let begin = Instant::now();
             map.extend(drive)?;
             extending_s += begin.elapsed().as_secs_f64();
             let begin = Instant::now();
             map.findings(&Scope {
-                fresh_from,
-                watched: &[],
+                sites: Sites::Touched,
+                pending: &[],
                 accepted: &[],
                 vehicles: &laps.vehicles,
             });

@@ -19,6 +19,11 @@ pub enum ChangeKind {
 }
 
 impl ChangeKind {
+    /// Whether a place is free that was occupied, or the reverse.
+    pub fn is_of_state(self) -> bool {
+        matches!(self, Self::Appeared | Self::Disappeared)
+    }
+
     /// Its name in files and in the API.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,105 +1,53 @@
-//! The map's scans as evidence of changes.
+//! The map's observations as evidence of changes.
 
 use std::collections::BTreeMap;
 
-use super::partners::Placed;
+use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Evidence, Finding, Look, Suspicion, TiedPose, TripPose, detect, mismatches,
-    suspect_vehicle,
+    AcceptedChange, CandidateSite, Finding, ObservationKey, Observed, Screened, Site, TiedPose,
+    TripPose, mismatches, state_changes, suspect_vehicle,
 };
-use crate::geometry::{Pose2, Vector2};
-use crate::graph::{EdgeKind, EdgeStatus};
-use crate::ids::{EdgeId, TripId, VehicleId};
-use crate::matching::{View, Visibility};
+use crate::geometry::Pose2;
+use crate::graph::EdgeKind;
+use crate::ids::{EdgeId, StampNs, TripId, VehicleId};
+use crate::observation::{Observation, REACH_M};
+use crate::scan::LaserScan;
 
-/// Depth tolerance of the comparison of two scans, metres.
-const TOLERANCE_M: f64 = 0.12;
-/// What a metre of range adds to it: three standard deviations of a pose's turn, at a slant.
-const TOLERANCE_PER_RANGE: f64 = 0.012;
-/// Standard deviations of the two ranges in it.
-const TOLERANCE_SIGMAS: f64 = 4.0;
-
-/// The points by which the two scans of a closure contradict each other.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Contradictions {
-    /// Places in the new node's points: they lie in the old scan's free space.
-    pub new_in_old: Vec<usize>,
-    /// Places in the old node's points: they lie in the new scan's free space.
-    pub old_in_new: Vec<usize>,
-}
-
-impl Contradictions {
-    /// About how much memory they take, bytes.
-    pub fn size_bytes(&self) -> usize {
-        size_of::<Self>()
-            + size_of_val(self.new_in_old.as_slice())
-            + size_of_val(self.old_in_new.as_slice())
-    }
-
-    /// Of two scans that were matched.
-    pub fn between(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> Self {
-        Self {
-            new_in_old: in_free_space(new, old, old_from_new),
-            old_in_new: in_free_space(old, new, &old_from_new.inverse()),
-        }
-    }
-}
-
-fn in_free_space(
-    points: &Placed<'_>,
-    seen_by: &Placed<'_>,
-    seen_by_from_points: &Pose2,
-) -> Vec<usize> {
-    let (Some(points_scan), Some(scan)) = (&points.keyframe.scan, &seen_by.keyframe.scan) else {
-        return Vec::new();
-    };
-    let view = View::new(scan);
-    let to_seen_by = seen_by_from_points.to_transform();
-    let sigma_m = [points_scan, scan]
-        .map(|scan| scan.lidar().range_sigma_m)
-        .into_iter()
-        .fold(0.0, f64::hypot);
-    let is_free = |position: &Vector2<f64>| {
-        let position = to_seen_by.apply(position);
-        let tolerance_m =
-            TOLERANCE_M + TOLERANCE_PER_RANGE * position.norm() + TOLERANCE_SIGMAS * sigma_m;
-        view.look_at(&position, tolerance_m) == Visibility::Free
-    };
-    let points = points.keyframe.points.iter().enumerate();
-    points
-        .filter(|(_, point)| is_free(&point.position))
-        .map(|(k, _)| k)
-        .collect()
-}
+/// Two findings of one kind this near to each other are one, found from two sides, metres.
+const SAME_FINDING_M: f64 = 0.3;
 
 /// What findings are asked for.
 pub struct Scope<'a> {
-    /// Spots are decided anew where closures from this one on raise a suspicion,
-    pub fresh_from: EdgeId,
-    /// and in these regions (map frame).
-    pub watched: &'a [Vec<Vector2<f64>>],
+    /// Sites that were touched since the last time, or every one.
+    pub sites: Sites,
+    /// The findings that alerts wait with: where nothing was touched they stand as they are.
+    pub pending: &'a [Finding],
     /// What the map has taken in already.
     pub accepted: &'a [AcceptedChange],
     /// Whose each trip is; a trip that is not named is its own vehicle's.
     pub vehicles: &'a BTreeMap<TripId, VehicleId>,
 }
 
+/// Which sites are judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sites {
+    /// Those that something new was seen of.
+    Touched,
+    /// All.
+    All,
+}
+
 impl RouteMap {
-    /// What the scans of the map say: places that changed, vehicles whose lidar is turned, and
-    /// stretches where the map does not fit. A change that only suspected vehicles saw is left
+    /// What the observations of the map say: places that changed, vehicles whose lidar is turned,
+    /// and segments where the map does not fit. A change that only suspected vehicles saw is left
     /// out.
-    pub fn findings(&self, scope: &Scope<'_>) -> Vec<Finding> {
+    pub fn findings(&mut self, scope: &Scope<'_>) -> Vec<Finding> {
+        self.update_screen();
+        let mut findings = self.state_changes(scope);
+        self.screen.settle();
         let suspects = self.suspected_vehicles(scope.vehicles);
         let is_suspected = |trip: &TripId| suspects.iter().any(|s| s.trips.contains(trip));
-        let trips: Vec<TripId> = self.trips.keys().cloned().collect();
-        let mut findings = detect(&Evidence {
-            looks: &self.looks(),
-            trips: &trips,
-            suspicions: &self.suspicions(scope.fresh_from),
-            accepted: scope.accepted,
-            watched: scope.watched,
-        });
         findings.retain(|finding| !finding.trips.iter().all(is_suspected));
         let seen = || {
             self.trips
@@ -109,6 +57,123 @@ impl RouteMap {
         findings.extend(seen().flat_map(|(trip, _)| self.mismatches_of(trip)));
         findings.extend(suspects);
         findings
+    }
+
+    /// Brings the screen up to date with the map, without a judgement: what has moved or left is
+    /// no news.
+    pub fn settle_screen(&mut self) {
+        self.update_screen();
+        self.screen.settle();
+    }
+
+    fn update_screen(&mut self) {
+        let mut screen = std::mem::take(&mut self.screen);
+        let keyframes = self.keyframes.iter().zip(self.graph.nodes());
+        let observations = keyframes.flat_map(|(keyframe, node)| {
+            observations_of(keyframe, node.pose).map(|(place, stamp, map_from_base, scan)| {
+                Screened {
+                    key: (keyframe.node, place),
+                    trip: &keyframe.trip,
+                    stamp,
+                    map_from_base,
+                    scan,
+                }
+            })
+        });
+        screen.update(observations);
+        self.screen = screen;
+    }
+
+    fn state_changes(&self, scope: &Scope<'_>) -> Vec<Finding> {
+        let pending = || scope.pending.iter().filter(|f| f.kind.is_of_state());
+        let regions: Vec<_> = pending().map(|finding| finding.region.clone()).collect();
+        let sites = match scope.sites {
+            Sites::Touched => self.screen.touched_sites(&regions),
+            Sites::All => self.screen.all_sites(),
+        };
+        let trips: Vec<TripId> = self.trips.keys().cloned().collect();
+        let mut findings: Vec<Finding> = Vec::new();
+        for site in &sites {
+            for found in self.judge(site, &trips, scope.accepted) {
+                let is_same = |other: &&mut Finding| {
+                    other.kind == found.kind
+                        && (other.location - found.location).norm() <= SAME_FINDING_M
+                };
+                match findings.iter_mut().find(is_same) {
+                    Some(same) if same.confidence >= found.confidence => {}
+                    Some(same) => *same = found,
+                    None => findings.push(found),
+                }
+            }
+        }
+        if scope.sites == Sites::Touched {
+            let untouched = pending().filter(|finding| !self.screen.is_touched(&finding.region));
+            findings.extend(untouched.cloned());
+        }
+        findings
+    }
+
+    fn judge(
+        &self,
+        site: &CandidateSite,
+        trips: &[TripId],
+        accepted: &[AcceptedChange],
+    ) -> Vec<Finding> {
+        let near = self.screen.observations_near(site);
+        let mut observed: Vec<Observed> = near
+            .into_iter()
+            .filter_map(|key| self.observed(key, trips))
+            .filter(|observed| {
+                let eye = observed.observation.eye();
+                site.cells.iter().any(|cell| (cell - eye).norm() <= REACH_M)
+            })
+            .collect();
+        observed.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));
+        let observations: Vec<&Observed> = observed.iter().collect();
+        let mut findings = state_changes(&Site {
+            candidates: &site.cells,
+            observations: &observations,
+            accepted,
+            trips,
+        });
+        for finding in &mut findings {
+            finding.edges = self.closures_across(finding);
+        }
+        findings
+    }
+
+    fn observed(&self, (node, place): ObservationKey, trips: &[TripId]) -> Option<Observed> {
+        let position = self.graph.node_position(node)?;
+        let keyframe = &self.keyframes[position];
+        let pose = self.graph.nodes()[position].pose;
+        let (_, stamp, map_from_base, scan) =
+            observations_of(keyframe, pose).find(|(at, ..)| *at == place)?;
+        Some(Observed {
+            node,
+            trip: trips.binary_search(&keyframe.trip).ok()?,
+            stamp,
+            observation: Observation::new(scan, &map_from_base),
+        })
+    }
+
+    /// The closures between the nodes that saw a finding's old state and those that saw its new
+    /// one.
+    fn closures_across(&self, finding: &Finding) -> Vec<EdgeId> {
+        let stamp_of = |k: usize| self.keyframes[k].stamp;
+        let is_seen_from = |k: usize| {
+            let node = self.keyframes[k].node;
+            finding.nodes.binary_search(&node).is_ok()
+        };
+        let edges = self.graph.edges().iter().zip(self.graph.ends());
+        let across = edges.filter(|(edge, (from, to))| {
+            let (a, b) = (stamp_of(*from), stamp_of(*to));
+            edge.kind == EdgeKind::LoopClosure
+                && a.min(b) < finding.since
+                && finding.since <= a.max(b)
+                && is_seen_from(*from)
+                && is_seen_from(*to)
+        });
+        across.map(|(edge, _)| edge.id).collect()
     }
 
     fn suspected_vehicles(&self, vehicles: &BTreeMap<TripId, VehicleId>) -> Vec<Finding> {
@@ -172,80 +237,19 @@ impl RouteMap {
     fn ties(&self, edge: usize, k: usize) -> bool {
         self.graph.edges()[edge].kind == EdgeKind::LoopClosure && self.graph.ends()[edge].1 == k
     }
+}
 
-    fn looks(&self) -> Vec<Look<'_>> {
-        let nodes = self.graph.nodes();
-        let mut looks = Vec::with_capacity(nodes.len());
-        for (trip, places) in self.trips.values().enumerate() {
-            for &k in places {
-                let keyframe = &self.keyframes[k];
-                let Some(scan) = &keyframe.scan else {
-                    continue;
-                };
-                let order = keyframe.trip_order as usize;
-                let look = Look::new(
-                    keyframe.node,
-                    (trip, order),
-                    keyframe.stamp,
-                    &nodes[k].pose,
-                    scan,
-                );
-                looks.push(look.with_pose_error(self.pose_error_m(k)));
-            }
-        }
-        looks
-    }
-
-    /// How far node `k` is from where its closures have it, metres: the farthest of them tells,
-    /// since nothing tells which is right.
-    fn pose_error_m(&self, k: usize) -> f64 {
-        let edges = self.graph.incident(k).iter();
-        let closures = edges
-            .map(|&edge| &self.graph.edges()[edge])
-            .filter(|edge| edge.kind == EdgeKind::LoopClosure && edge.status == EdgeStatus::Active);
-        let errors = closures.filter_map(|edge| self.graph.error_of(edge));
-        errors.map(|e| e.x.hypot(e.y)).fold(0.0, f64::max)
-    }
-
-    fn suspicions(&self, fresh_from: EdgeId) -> Vec<Suspicion> {
-        let mut suspicions = Vec::new();
-        for (&edge, contradictions) in &self.contradictions {
-            let Some(position) = self.graph.edge_position(edge) else {
-                continue;
-            };
-            let (old, new) = self.graph.ends()[position];
-            let [a, b] = [old, new].map(|k| self.keyframes[k].stamp);
-            let sides = [
-                (new, &contradictions.new_in_old),
-                (old, &contradictions.old_in_new),
-            ];
-            for (k, points) in sides {
-                let placed = self.placed(k);
-                let to_map = placed.pose.to_transform();
-                suspicions.extend(points.iter().map(|&point| Suspicion {
-                    edge,
-                    node: placed.keyframe.node,
-                    taken: (a.min(b), a.max(b)),
-                    spot: to_map.apply(&placed.keyframe.points[point].position),
-                    fresh: edge >= fresh_from,
-                }));
-            }
-        }
-        suspicions
-    }
-
-    /// The contradictions of all closures, from their scans and measurements.
-    pub(super) fn compare_closures(&self) -> BTreeMap<EdgeId, Contradictions> {
-        let edges = self.graph.edges().iter().zip(self.graph.ends());
-        let closures = edges.filter(|(edge, _)| edge.kind == EdgeKind::LoopClosure);
-        closures
-            .map(|(edge, &(old, new))| {
-                let (old, new) = (self.placed(old), self.placed(new));
-                (
-                    edge.id,
-                    Contradictions::between(&old, &new, &edge.measurement),
-                )
-            })
-            .collect()
-    }
+/// A keyframe's own scan and those that follow it: place, stamp, `map_from_base`, scan.
+fn observations_of(
+    keyframe: &Keyframe,
+    map_from_keyframe: Pose2,
+) -> impl Iterator<Item = (u32, StampNs, Pose2, &LaserScan)> {
+    let own = keyframe.scan.as_ref();
+    let own = own.map(|scan| (0, keyframe.stamp, map_from_keyframe, scan));
+    let following = (1..).zip(&keyframe.intermediate);
+    let following = following.filter_map(move |(place, following)| {
+        let pose = map_from_keyframe.compose(&following.keyframe_from_base);
+        Some((place, following.stamp, pose, following.scan.as_ref()?))
+    });
+    own.into_iter().chain(following)
 }

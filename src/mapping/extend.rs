@@ -3,7 +3,6 @@
 use super::anchor::{self, AnchorError};
 use super::closure::{self, Closure, ClosureMeasurement, Slack};
 use super::drive::{Drive, DriveScan, InitialPose};
-use super::evidence::Contradictions;
 use super::front_end::{Motion, measure_motion};
 use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
@@ -353,9 +352,6 @@ impl RouteMap {
             status: EdgeStatus::Active,
         };
         self.graph.add_edge(edge)?;
-        let (old, new) = (self.placed(partner), self.placed(index));
-        let contradictions = Contradictions::between(&old, &new, &edge.measurement);
-        self.contradictions.insert(edge.id, contradictions);
         Ok(edge.id)
     }
 

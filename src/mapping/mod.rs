@@ -26,7 +26,7 @@ pub use anchor::AnchorError;
 pub use attach::Attached;
 pub use closure::{Closure, ClosureRule};
 pub use drive::{Drive, DriveScan, InitialPose};
-pub use evidence::Scope;
+pub use evidence::{Scope, Sites};
 pub use extend::{Extension, NotExtended};
 pub use given::{End, GivenEdge, GivenGraph, GivenNode};
 pub use intermediate::IntermediateScan;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::closure::ClosureRule;
-use super::evidence::Contradictions;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
+use crate::change::Screen;
 use crate::geometry::Pose2;
 use crate::graph::{Edge, GraphError, Node, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
@@ -32,8 +32,8 @@ pub struct RouteMap {
     pub(super) closure_rule: ClosureRule,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
-    /// What the scans of each closure say about each other.
-    pub(super) contradictions: BTreeMap<EdgeId, Contradictions>,
+    /// Where something may have changed.
+    pub(super) screen: Screen,
     next_node: i64,
     next_edge: i64,
 }
@@ -48,7 +48,7 @@ impl RouteMap {
             weighting,
             closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
-            contradictions: BTreeMap::new(),
+            screen: Screen::default(),
             next_node: 1,
             next_edge: 1,
         }
@@ -78,9 +78,11 @@ impl RouteMap {
         for edge in edges {
             map.graph.add_edge(edge)?;
         }
-        map.contradictions = map.compare_closures();
         map.next_node = next_node.0;
         map.next_edge = next_edge.0;
+        if weighting == Weighting::Robust {
+            map.settle_screen();
+        }
         Ok(map)
     }
 

@@ -121,10 +121,8 @@ impl RouteMap {
         for edge in graph.edges().iter().filter(|edge| !leaves(edge)) {
             self.graph.add_edge(*edge)?;
         }
-        for (edge, _) in &leaving_edges {
-            self.contradictions.remove(edge);
-        }
         self.solve_anew(around);
+        self.settle_screen();
         Ok(())
     }
 
@@ -132,8 +130,7 @@ impl RouteMap {
     pub fn size_bytes(&self) -> usize {
         let keyframes: usize = self.keyframes.iter().map(Keyframe::size_bytes).sum();
         let edges = self.graph.edges().len() * EDGE_BYTES;
-        let contradictions = self.contradictions.values().map(|c| c.size_bytes());
-        keyframes + edges + contradictions.sum::<usize>()
+        keyframes + edges + self.screen.size_bytes()
     }
 }
 

@@ -197,6 +197,7 @@ fn compute(
         }
         _ => (AlertStatus::Accepted, accept(&mut workspace, alert)?),
     };
+    workspace.map.settle_screen();
     let decision = Decision {
         base_revision,
         alert: next(alert, order, status),

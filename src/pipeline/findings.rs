@@ -9,18 +9,18 @@ use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_c
 use crate::change::series::{ClosureSample, residual_series};
 use crate::change::{ChangeKind, Detector, Finding, Tier, region_round};
 use crate::ids::{EdgeId, NodeId, TripId};
-use crate::mapping::Scope;
+use crate::mapping::{Scope, Sites};
 
 /// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
 /// the rule does not say where.
 const PAPER_REGION_M: f64 = 1.0;
 
-/// All findings that stand. In fused mode spots are decided anew where closures from `fresh_from`
-/// on raise a suspicion, and where an alert waits.
-pub(super) fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
+/// All findings that stand. In fused mode places are judged anew that something was seen of since
+/// the last time.
+pub(super) fn findings(workspace: &mut Workspace) -> Vec<Finding> {
     match workspace.detector {
         Detector::Fused => {
-            let mut findings = by_looks(workspace, fresh_from);
+            let mut findings = by_observations(workspace);
             findings.extend(by_residuals(workspace));
             findings
         }
@@ -28,12 +28,12 @@ pub(super) fn findings(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding
     }
 }
 
-fn by_looks(workspace: &Workspace, fresh_from: EdgeId) -> Vec<Finding> {
+fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
     let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
-    let watched: Vec<_> = pending.map(|a| a.evidence.region.clone()).collect();
+    let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
     workspace.map.findings(&Scope {
-        fresh_from,
-        watched: &watched,
+        sites: Sites::Touched,
+        pending: &pending,
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
     })

@@ -62,12 +62,8 @@ pub(super) fn conclude(
     outcomes: Vec<BatchOutcome>,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let mut result = of_added(&mut workspace, job, origins, added)?;
-    if !(added.nodes.is_empty() && added.edges.is_empty()) {
-        let first_edge = added.edges.keys().next().copied();
-        let first_edge = first_edge.unwrap_or_else(|| workspace.map.next_edge_id());
-        let findings = findings(&workspace, first_edge);
-        result.alerts = fold_into(&mut workspace, job, &findings);
-    }
+    let findings = findings(&mut workspace);
+    result.alerts = fold_into(&mut workspace, job, &findings);
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;
     result.outcomes = outcomes;

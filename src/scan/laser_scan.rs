@@ -7,15 +7,31 @@ use super::{BEAMS_MAX, Lidar};
 /// One sweep of a lidar.
 ///
 /// Ranges are held as whole ticks of [`Lidar::tick_m`], so that a scan from memory and the same
-/// scan from the store are equal to the bit. A beam without a measurement (no return, too near,
-/// too far) is tick 0: it is evidence of nothing, not of free space (REP-117).
+/// scan from the store are equal to the bit. A beam without a return is tick 0, an invalid reading
+/// (too near, not a number) the last tick; what either is evidence of, [`Reading`] says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaserScan {
     lidar: Arc<Lidar>,
-    /// The lidar's, at hand for many looks.
+    /// The lidar's, at hand for many ray tests.
     tick_m: f64,
-    ticks: Vec<u16>,
+    ticks: Arc<[u16]>,
 }
+
+/// What one beam says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reading {
+    /// Something was met at this range, metres.
+    Range(f64),
+    /// Nothing was met within the lidar's range, or it gave nothing back.
+    NoReturn,
+    /// Nearer than the lidar can measure, or not a number: it says nothing.
+    Invalid,
+}
+
+/// The tick of a beam without a return.
+const NO_RETURN: u16 = 0;
+/// The tick of an invalid reading; the longest range is one less.
+const INVALID: u16 = u16::MAX;
 
 /// Why a sweep was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -34,8 +50,8 @@ pub enum ScanError {
 }
 
 impl LaserScan {
-    /// Takes ranges in metres, `None` for no return. Values outside
-    /// [`range_min_m`, `range_max_m`) and non-finite ones count as no return.
+    /// Takes ranges in metres, `None` for no return. Values from `range_max_m` on count as no
+    /// return; those below `range_min_m` and what is not a number are invalid (REP-117).
     ///
     /// # Errors
     /// [`ScanError`] if the number of beams does not fit the lidar.
@@ -46,19 +62,21 @@ impl LaserScan {
         let tick_m = lidar.tick_m();
         let to_tick = |range: Option<f64>| match range {
             Some(r) if r >= lidar.range_min_m && r < lidar.range_max_m => {
-                (r / tick_m).round().clamp(1.0, f64::from(u16::MAX)) as u16
+                (r / tick_m).round().clamp(1.0, f64::from(INVALID - 1)) as u16
             }
-            _ => 0,
+            Some(r) if r.is_nan() || r < lidar.range_min_m => INVALID,
+            _ => NO_RETURN,
         };
-        let ticks = ranges_m.into_iter().map(to_tick).collect();
+        let ticks: Vec<u16> = ranges_m.into_iter().map(to_tick).collect();
         Self::from_ticks(lidar, ticks)
     }
 
-    /// Takes ranges in ticks, 0 for no return.
+    /// Takes ranges in ticks: 0 for no return, the last for an invalid reading.
     ///
     /// # Errors
     /// [`ScanError`] if the number of beams does not fit the lidar.
-    pub fn from_ticks(lidar: Arc<Lidar>, ticks: Vec<u16>) -> Result<Self, ScanError> {
+    pub fn from_ticks(lidar: Arc<Lidar>, ticks: impl Into<Arc<[u16]>>) -> Result<Self, ScanError> {
+        let ticks = ticks.into();
         let beams = ticks.len();
         if !(1..=BEAMS_MAX).contains(&beams) {
             return Err(ScanError::BeamCount(beams));
@@ -82,7 +100,7 @@ impl LaserScan {
         &self.lidar
     }
 
-    /// Ranges in ticks, 0 for no return.
+    /// Ranges in ticks: 0 for no return, the last for an invalid reading.
     pub fn ticks(&self) -> &[u16] {
         &self.ticks
     }
@@ -92,11 +110,20 @@ impl LaserScan {
         self.ticks.len()
     }
 
-    /// A beam's range, metres; `None` for no return.
-    pub fn range_m(&self, beam: usize) -> Option<f64> {
+    /// What a beam says; a beam that is not there says nothing.
+    pub fn reading(&self, beam: usize) -> Reading {
         match self.ticks.get(beam) {
-            Some(&ticks) if ticks > 0 => Some(f64::from(ticks) * self.tick_m),
-            _ => None,
+            None | Some(&INVALID) => Reading::Invalid,
+            Some(&NO_RETURN) => Reading::NoReturn,
+            Some(&ticks) => Reading::Range(f64::from(ticks) * self.tick_m),
+        }
+    }
+
+    /// A beam's range, metres; `None` without one.
+    pub fn range_m(&self, beam: usize) -> Option<f64> {
+        match self.reading(beam) {
+            Reading::Range(range_m) => Some(range_m),
+            Reading::NoReturn | Reading::Invalid => None,
         }
     }
 
@@ -107,7 +134,8 @@ impl LaserScan {
 
     /// Beams with a measurement.
     pub fn return_count(&self) -> usize {
-        self.ticks.iter().filter(|&&t| t > 0).count()
+        let measured = |tick: &&u16| !matches!(**tick, NO_RETURN | INVALID);
+        self.ticks.iter().filter(measured).count()
     }
 }
 
@@ -141,6 +169,9 @@ mod tests {
         let read: Vec<_> = scan.ranges_m().collect();
         assert!((read[0].unwrap() - 1.234).abs() < 1e-9);
         assert_eq!(read[1..5], [None; 4]);
+        let said: Vec<Reading> = (1..5).map(|beam| scan.reading(beam)).collect();
+        use Reading::{Invalid, NoReturn};
+        assert_eq!(said, [NoReturn, Invalid, NoReturn, Invalid]);
         assert!((read[5].unwrap() - 20.0).abs() < 1e-9);
         assert_eq!(scan.return_count(), 2);
     }

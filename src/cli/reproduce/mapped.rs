@@ -9,8 +9,8 @@ use super::laps::{Laps, RecordedScan};
 use crate::change::Finding;
 use crate::change::paper::ClosurePlace;
 use crate::geometry::{Vector2, angle_difference_rad};
-use crate::ids::{EdgeId, StampNs, TripId};
-use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Weighting};
+use crate::ids::{StampNs, TripId};
+use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Sites, Weighting};
 
 /// A node farther than this from the truth, metres, makes a map incorrect …
 const SHIFT_MAX_M: f64 = 1.0;
@@ -96,8 +96,8 @@ impl Mapped {
             }
             if weighting == Weighting::Robust {
                 let found = map.findings(&Scope {
-                    fresh_from: EdgeId(0),
-                    watched: &[],
+                    sites: Sites::All,
+                    pending: &[],
                     accepted: &[],
                     vehicles: &BTreeMap::new(),
                 });

@@ -1,0 +1,532 @@
+//! Which places may have changed: a grid of counts that every observation goes through once.
+//!
+//! A cell exists while some observation has a hit in it; it keeps, for each pass, how many
+//! observations hit it and how many missed it. That is a sum over pairs of cell and observation,
+//! each a function of the two alone, so the counts depend neither on the order of arrival nor on
+//! what was moved or removed in between. Whether something changed is decided elsewhere: here
+//! nothing may be missed, and what is named too often costs time.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::history::{History, limited};
+use crate::geometry::{Pose2, Vector2, distance_to_polygon};
+use crate::ids::{NodeId, StampNs, TripId};
+use crate::observation::{Cell, Observation, Outcome, REACH_M};
+use crate::scan::LaserScan;
+
+/// Width of a cell, metres.
+const CELL_M: f64 = 0.08;
+/// Cells along a tile.
+const TILE_CELLS: i32 = 16;
+const TILE_M: f64 = CELL_M * TILE_CELLS as f64;
+/// Observations are found by tiles of this width, metres.
+const EYE_TILE_M: f64 = 4.0;
+/// Poses are taken to whole steps of these, so that what a solve moves by a hair stays where it
+/// is: metres, radians.
+const POSE_STEP_M: f64 = 0.02;
+const POSE_STEP_RAD: f64 = 0.004;
+/// Observations of a trip within so many seconds are taken for one pass.
+const PASS_NS: i64 = 120_000_000_000;
+/// As the decision has it: nats of an observation, and of a pass at most.
+const NATS_PER_OBSERVATION: f64 = 1.5;
+const NATS_PER_PASS: f64 = 10.0;
+/// A pass that says something so often has said all it can.
+const SAID_OFTEN: u32 = 16;
+/// Hits and misses that a cell needs.
+const ANSWERS_MIN: u32 = 2;
+/// How much the share of hits must differ between the two states: the decision wants more.
+const CONTRAST_MIN: f64 = 0.5;
+/// Candidates this near to each other belong to one site, metres.
+const LINK_M: f64 = 0.25;
+/// A site reaches no farther than this from its first cell, metres.
+const SITE_REACH_M: f64 = 4.0;
+/// Fewest candidates of a site.
+const SITE_CELLS_MIN: usize = 2;
+/// What lies this near to an alert's region belongs to it, metres.
+const REGION_MARGIN_M: f64 = 0.3;
+
+/// Which observation: a keyframe's own (0), or its first, second … intermediate scan.
+pub type ObservationKey = (NodeId, u32);
+
+/// An observation as the screen is given it.
+pub struct Screened<'a> {
+    /// Which.
+    pub key: ObservationKey,
+    /// Its trip.
+    pub trip: &'a TripId,
+    /// When.
+    pub stamp: StampNs,
+    /// Where the base was.
+    pub map_from_base: Pose2,
+    /// What was seen.
+    pub scan: &'a LaserScan,
+}
+
+/// The grid.
+#[derive(Default)]
+pub struct Screen {
+    observations: BTreeMap<ObservationKey, Recorded>,
+    /// Observations by where the lidar was.
+    eyes: BTreeMap<(i32, i32), BTreeSet<ObservationKey>>,
+    tiles: BTreeMap<(i32, i32), Tile>,
+    /// Cells that were counted anew, with what they said before.
+    touched: BTreeMap<CellKey, Signature>,
+}
+
+/// What a cell's passes say, in steps of what matters to a decision.
+type Signature = u64;
+
+/// An observation that has gone through the grid.
+struct Recorded {
+    pose: PoseSteps,
+    pass: PassKey,
+    observation: Observation,
+}
+
+/// A pose in whole steps.
+type PoseSteps = [i64; 3];
+/// A cell, in cells from the map's origin.
+type CellKey = (i32, i32);
+
+/// Passes sort by time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct PassKey {
+    span: i64,
+    trip: u32,
+}
+
+#[derive(Default)]
+struct Tile {
+    /// Ascending by key.
+    cells: Vec<CountedCell>,
+}
+
+struct CountedCell {
+    key: CellKey,
+    /// Observations that have a hit in it.
+    makers: u32,
+    /// Ascending by pass.
+    passes: Vec<PassCounts>,
+    /// Whether its history has a change.
+    candidate: bool,
+}
+
+#[derive(Clone, Copy)]
+struct PassCounts {
+    pass: PassKey,
+    hits: u32,
+    misses: u32,
+}
+
+/// Candidate cells that lie together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CandidateSite {
+    /// Centres of the cells, map frame, metres.
+    pub cells: Vec<Vector2<f64>>,
+}
+
+impl Screen {
+    /// Brings the grid up to date with all observations of a map.
+    pub fn update<'a>(&mut self, observations: impl Iterator<Item = Screened<'a>>) {
+        let mut gone: BTreeSet<ObservationKey> = self.observations.keys().copied().collect();
+        let mut come = Vec::new();
+        for screened in observations {
+            let pose = steps_of(&screened.map_from_base);
+            let known = self.observations.get(&screened.key);
+            if known.is_some_and(|known| known.pose == pose) {
+                gone.remove(&screened.key);
+            } else {
+                come.push((screened, pose));
+            }
+        }
+        for key in gone {
+            self.remove(key);
+        }
+        for (screened, pose) in come {
+            self.add(&screened, pose);
+        }
+        let tiles = &mut self.tiles;
+        self.touched.retain(|key, before| {
+            cell_mut(tiles, *key).is_none_or(|cell| {
+                cell.candidate = cell.has_change();
+                cell.signature() != *before
+            })
+        });
+    }
+
+    /// What has been touched counts as judged.
+    pub fn settle(&mut self) {
+        self.touched.clear();
+    }
+
+    fn add(&mut self, screened: &Screened<'_>, pose: PoseSteps) {
+        let observation = Observation::new(screened.scan, &pose_of(&pose));
+        let pass = PassKey {
+            span: screened.stamp.0.div_euclid(PASS_NS),
+            trip: hash_of(screened.trip),
+        };
+        for key in hit_cells(&observation) {
+            let tile = self.tiles.entry(tile_of(key)).or_default();
+            let at = match tile.cells.binary_search_by_key(&key, |cell| cell.key) {
+                Ok(at) => at,
+                Err(at) => {
+                    let mut cell = CountedCell::new(key);
+                    self.touched.insert(key, cell.signature());
+                    // What came before answers for the new cell.
+                    for key in keys_near(&self.eyes, &cell.geometry().centre) {
+                        if let Some(before) = self.observations.get(&key) {
+                            let outcome = before.observation.test(&cell.geometry());
+                            cell.count(before.pass, outcome, true);
+                        }
+                    }
+                    tile.cells.insert(at, cell);
+                    at
+                }
+            };
+            tile.cells[at].makers += 1;
+        }
+        self.count_all(&observation, pass, true);
+        let eye = eye_tile(&observation.eye());
+        self.eyes.entry(eye).or_default().insert(screened.key);
+        let recorded = Recorded {
+            pose,
+            pass,
+            observation,
+        };
+        self.observations.insert(screened.key, recorded);
+    }
+
+    fn remove(&mut self, key: ObservationKey) {
+        let Some(recorded) = self.observations.remove(&key) else {
+            return;
+        };
+        let eye = eye_tile(&recorded.observation.eye());
+        if let Some(keys) = self.eyes.get_mut(&eye) {
+            keys.remove(&key);
+            if keys.is_empty() {
+                self.eyes.remove(&eye);
+            }
+        }
+        self.count_all(&recorded.observation, recorded.pass, false);
+        for key in hit_cells(&recorded.observation) {
+            let Some(tile) = self.tiles.get_mut(&tile_of(key)) else {
+                continue;
+            };
+            if let Ok(at) = tile.cells.binary_search_by_key(&key, |cell| cell.key) {
+                tile.cells[at].makers -= 1;
+                if tile.cells[at].makers == 0 {
+                    tile.cells.remove(at);
+                }
+            }
+            if tile.cells.is_empty() {
+                self.tiles.remove(&tile_of(key));
+            }
+        }
+    }
+
+    /// Counts what an observation says about every cell within reach, or takes that back.
+    fn count_all(&mut self, observation: &Observation, pass: PassKey, adds: bool) {
+        let (eye, reach_m) = (observation.eye(), observation.reach_m());
+        let first = ((eye.x - reach_m) / TILE_M).floor() as i32;
+        let last = ((eye.x + reach_m) / TILE_M).floor() as i32;
+        let low = ((eye.y - reach_m) / TILE_M).floor() as i32;
+        let high = ((eye.y + reach_m) / TILE_M).floor() as i32;
+        for column in first..=last {
+            for (_, tile) in self.tiles.range_mut((column, low)..=(column, high)) {
+                for cell in &mut tile.cells {
+                    let outcome = observation.test(&cell.geometry());
+                    if matches!(outcome, Outcome::Hit | Outcome::Miss) {
+                        let signature = || cell.signature();
+                        self.touched.entry(cell.key).or_insert_with(signature);
+                        cell.count(pass, outcome, adds);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The sites that were touched since the last [`Screen::settle`], by their first cells;
+    /// `regions` are those of alerts that wait, which are judged anew when anything near them was
+    /// touched.
+    pub fn touched_sites(&self, regions: &[Vec<Vector2<f64>>]) -> Vec<CandidateSite> {
+        let mut seeds: BTreeSet<CellKey> = self.touched.keys().copied().collect();
+        for region in regions.iter().filter(|region| self.is_touched(region)) {
+            seeds.extend(self.cells_near(region));
+        }
+        self.sites(seeds)
+    }
+
+    /// Every site.
+    pub fn all_sites(&self) -> Vec<CandidateSite> {
+        let cells = self.tiles.values().flat_map(|tile| &tile.cells);
+        self.sites(cells.map(|cell| cell.key).collect())
+    }
+
+    /// Whether anything was touched in or near a region since the last [`Screen::settle`].
+    pub fn is_touched(&self, region: &[Vector2<f64>]) -> bool {
+        let mut near = self.cells_near(region).into_iter();
+        near.any(|key| self.touched.contains_key(&key))
+    }
+
+    /// The observations from which a place may have been seen, with the place's half width.
+    pub fn observations_near(&self, site: &CandidateSite) -> Vec<ObservationKey> {
+        let mut near = BTreeSet::new();
+        for cell in &site.cells {
+            near.extend(keys_near(&self.eyes, cell));
+        }
+        near.into_iter().collect()
+    }
+
+    /// About how much memory it takes, bytes.
+    pub fn size_bytes(&self) -> usize {
+        let cells = self.tiles.values().flat_map(|tile| &tile.cells);
+        let cells: usize = cells
+            .map(|cell| size_of::<CountedCell>() + cell.passes.capacity() * size_of::<PassCounts>())
+            .sum();
+        cells + self.observations.len() * (size_of::<Recorded>() + OBSERVATION_BYTES)
+    }
+
+    fn cells_near(&self, region: &[Vector2<f64>]) -> Vec<CellKey> {
+        let corners = || region.iter();
+        let reach = Vector2::repeat(REGION_MARGIN_M);
+        let Some(first) = region.first() else {
+            return Vec::new();
+        };
+        let low = tile_of(key_of(
+            &(corners().fold(*first, |low, c| low.inf(c)) - reach),
+        ));
+        let high = tile_of(key_of(
+            &(corners().fold(*first, |high, c| high.sup(c)) + reach),
+        ));
+        let columns = low.0..=high.0;
+        let tiles = columns.flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
+        let cells = tiles.flat_map(|(_, tile)| &tile.cells);
+        let is_near = |cell: &&CountedCell| {
+            distance_to_polygon(&cell.geometry().centre, region) <= REGION_MARGIN_M
+        };
+        cells.filter(is_near).map(|cell| cell.key).collect()
+    }
+
+    fn is_candidate(&self, key: CellKey) -> bool {
+        self.tiles.get(&tile_of(key)).is_some_and(|tile| {
+            let at = tile.cells.binary_search_by_key(&key, |cell| cell.key);
+            at.is_ok_and(|at| tile.cells[at].candidate)
+        })
+    }
+
+    /// Candidates that hang together with a seed.
+    fn sites(&self, seeds: BTreeSet<CellKey>) -> Vec<CandidateSite> {
+        let mut left: BTreeSet<CellKey> = seeds;
+        let mut taken: BTreeSet<CellKey> = BTreeSet::new();
+        let mut sites = Vec::new();
+        while let Some(seed) = left.pop_first() {
+            if taken.contains(&seed) || !self.is_candidate(seed) {
+                continue;
+            }
+            taken.insert(seed);
+            let mut cells = vec![seed];
+            let mut next = 0;
+            while let Some(&at) = cells.get(next) {
+                for near in self.candidates_round(at) {
+                    let within = (centre_of(near) - centre_of(seed)).amax() <= SITE_REACH_M;
+                    if within && taken.insert(near) {
+                        cells.push(near);
+                    }
+                }
+                next += 1;
+            }
+            if cells.len() >= SITE_CELLS_MIN {
+                cells.sort_unstable();
+                sites.push(CandidateSite {
+                    cells: cells.into_iter().map(centre_of).collect(),
+                });
+            }
+        }
+        sites
+    }
+
+    fn candidates_round(&self, key: CellKey) -> impl Iterator<Item = CellKey> + '_ {
+        let reach = (LINK_M / CELL_M).floor() as i32;
+        let (low, high) = (
+            tile_of((key.0 - reach, key.1 - reach)),
+            tile_of((key.0 + reach, key.1 + reach)),
+        );
+        let columns = low.0..=high.0;
+        let tiles = columns.flat_map(move |x| self.tiles.range((x, low.1)..=(x, high.1)));
+        let cells = tiles.flat_map(|(_, tile)| &tile.cells);
+        let is_linked = move |cell: &&CountedCell| {
+            let (dx, dy) = (cell.key.0 - key.0, cell.key.1 - key.1);
+            cell.candidate && dx * dx + dy * dy <= reach * reach
+        };
+        cells.filter(is_linked).map(|cell| cell.key)
+    }
+}
+
+/// An observation in the indices; its ranges are the map's.
+const OBSERVATION_BYTES: usize = 128;
+
+impl CountedCell {
+    fn new(key: CellKey) -> Self {
+        Self {
+            key,
+            makers: 0,
+            passes: Vec::new(),
+            candidate: false,
+        }
+    }
+
+    fn geometry(&self) -> Cell {
+        Cell::of_grid(centre_of(self.key), 0.5 * CELL_M)
+    }
+
+    /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
+    /// again and again says no more.
+    fn signature(&self) -> Signature {
+        let mut signature = 0xcbf2_9ce4_8422_2325;
+        let mut mix = |value: u64| signature = (signature ^ value).wrapping_mul(0x0100_0000_01b3);
+        for counts in &self.passes {
+            mix(counts.pass.span.cast_unsigned());
+            mix(u64::from(counts.pass.trip));
+            mix(u64::from(
+                counts
+                    .hits
+                    .min(SAID_OFTEN)
+                    .checked_ilog2()
+                    .map_or(0, |log| log + 1),
+            ));
+            mix(u64::from(
+                counts
+                    .misses
+                    .min(SAID_OFTEN)
+                    .checked_ilog2()
+                    .map_or(0, |log| log + 1),
+            ));
+            mix(u64::from(counts.hits > counts.misses));
+        }
+        signature
+    }
+
+    /// Counts an answer, or takes it back.
+    fn count(&mut self, pass: PassKey, outcome: Outcome, adds: bool) {
+        let (hits, misses) = match outcome {
+            Outcome::Hit => (1, 0),
+            Outcome::Miss => (0, 1),
+            Outcome::NoReturn | Outcome::Unknown => return,
+        };
+        let at = match self.passes.binary_search_by_key(&pass, |p| p.pass) {
+            Ok(at) => at,
+            Err(at) if adds => {
+                let counts = PassCounts {
+                    pass,
+                    hits: 0,
+                    misses: 0,
+                };
+                self.passes.insert(at, counts);
+                at
+            }
+            Err(_) => return,
+        };
+        let counts = &mut self.passes[at];
+        if adds {
+            counts.hits += hits;
+            counts.misses += misses;
+        } else {
+            counts.hits -= hits;
+            counts.misses -= misses;
+            if counts.hits + counts.misses == 0 {
+                self.passes.remove(at);
+            }
+        }
+    }
+
+    fn has_change(&self) -> bool {
+        let (hits, misses) = self.passes.iter().fold((0, 0), |(hits, misses), p| {
+            (hits + p.hits, misses + p.misses)
+        });
+        if hits < ANSWERS_MIN || misses < ANSWERS_MIN {
+            return false;
+        }
+        let evidence = self.passes.iter().map(|p| {
+            let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - f64::from(p.misses));
+            limited(sum, NATS_PER_PASS)
+        });
+        let Some(change) = History::of(evidence).last_change() else {
+            return false;
+        };
+        let share_of_hits = |counts: &mut dyn Iterator<Item = &PassCounts>| {
+            let (hits, misses) = counts.fold((0, 0), |(h, m), p| (h + p.hits, m + p.misses));
+            f64::from(hits) / f64::from((hits + misses).max(1))
+        };
+        let within = share_of_hits(&mut self.passes[change.clone()].iter());
+        let (before, after) = (&self.passes[..change.start], &self.passes[change.end..]);
+        let outside = share_of_hits(&mut before.iter().chain(after));
+        (within - outside).abs() >= CONTRAST_MIN
+    }
+}
+
+fn cell_mut(tiles: &mut BTreeMap<(i32, i32), Tile>, key: CellKey) -> Option<&mut CountedCell> {
+    let tile = tiles.get_mut(&tile_of(key))?;
+    let at = tile
+        .cells
+        .binary_search_by_key(&key, |cell| cell.key)
+        .ok()?;
+    tile.cells.get_mut(at)
+}
+
+/// Observations whose eye is within reach of a place, ascending by tiles.
+fn keys_near<'a>(
+    eyes: &'a BTreeMap<(i32, i32), BTreeSet<ObservationKey>>,
+    place: &Vector2<f64>,
+) -> impl Iterator<Item = ObservationKey> + 'a {
+    let low = eye_tile(&(place - Vector2::repeat(REACH_M)));
+    let high = eye_tile(&(place + Vector2::repeat(REACH_M)));
+    let columns = low.0..=high.0;
+    let tiles = columns.flat_map(move |x| eyes.range((x, low.1)..=(x, high.1)));
+    tiles.flat_map(|(_, keys)| keys.iter().copied())
+}
+
+fn hit_cells(observation: &Observation) -> BTreeSet<CellKey> {
+    observation.hits().map(|hit| key_of(&hit)).collect()
+}
+
+fn key_of(point: &Vector2<f64>) -> CellKey {
+    let key = |v: f64| (v / CELL_M).floor() as i32;
+    (key(point.x), key(point.y))
+}
+
+fn centre_of(key: CellKey) -> Vector2<f64> {
+    let centre = |k: i32| (f64::from(k) + 0.5) * CELL_M;
+    Vector2::new(centre(key.0), centre(key.1))
+}
+
+fn tile_of(key: CellKey) -> (i32, i32) {
+    (key.0.div_euclid(TILE_CELLS), key.1.div_euclid(TILE_CELLS))
+}
+
+fn eye_tile(eye: &Vector2<f64>) -> (i32, i32) {
+    let tile = |v: f64| (v / EYE_TILE_M).floor() as i32;
+    (tile(eye.x), tile(eye.y))
+}
+
+fn steps_of(pose: &Pose2) -> PoseSteps {
+    let steps = |v: f64, step: f64| (v / step).round() as i64;
+    [
+        steps(pose.x, POSE_STEP_M),
+        steps(pose.y, POSE_STEP_M),
+        steps(pose.theta, POSE_STEP_RAD),
+    ]
+}
+
+fn pose_of(steps: &PoseSteps) -> Pose2 {
+    let [x, y, theta] = steps.map(|steps| steps as f64);
+    Pose2::new(x * POSE_STEP_M, y * POSE_STEP_M, theta * POSE_STEP_RAD)
+}
+
+/// FNV-1a: the same for every run, whatever the order in which trips came.
+fn hash_of(trip: &TripId) -> u32 {
+    let mix = |sum: u32, byte: u8| (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+    trip.as_str().bytes().fold(0x811c_9dc5, mix)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,172 @@
+//! One site: a few square metres where something may have changed, judged by every observation
+//! of it.
+//!
+//! What is found is a function of the set of observations and their poses, not of the order in
+//! which they arrived. The rule and its constants come from recordings; `docs/DETECTION.md` has
+//! what each step is worth.
+
+mod answers;
+mod cells;
+mod cluster;
+mod pooled;
+mod shift;
+mod surroundings;
+mod void;
+
+use std::collections::BTreeSet;
+
+use self::answers::Answers;
+use self::cells::SiteCells;
+use self::cluster::{Cluster, clusters};
+use self::pooled::Pooled;
+use self::surroundings::Surroundings;
+use super::history::State;
+use super::pass::Standpoint;
+use super::region::{centroid, region_round};
+use super::{AcceptedChange, ChangeKind, Finding, Tier};
+use crate::geometry::Vector2;
+use crate::ids::{NodeId, StampNs, TripId};
+use crate::observation::Observation;
+
+/// Surroundings this far from the candidates tell whether an observation's pose is right, metres.
+const SURROUNDINGS_M: f64 = 3.0;
+/// Cells this near to a candidate are judged with it, metres.
+const JUDGED_WITHIN_M: f64 = 0.5;
+/// How far the outline stays away from the cells' centres, metres: half a cell.
+const REGION_MARGIN_M: f64 = 0.03;
+/// What is known of a pose, metres: no location is better.
+const POSE_SIGMA_M: f64 = 0.02;
+
+/// An observation of a map.
+#[derive(Debug, Clone)]
+pub struct Observed {
+    /// The keyframe that it is of, or follows.
+    pub node: NodeId,
+    /// Number of its trip.
+    pub trip: usize,
+    /// When it was taken.
+    pub stamp: StampNs,
+    /// The scan at its pose.
+    pub observation: Observation,
+}
+
+impl Observed {
+    fn standpoint(&self) -> Standpoint {
+        Standpoint {
+            trip: self.trip,
+            stamp: self.stamp,
+            eye: self.observation.eye(),
+        }
+    }
+}
+
+/// What is judged together.
+pub struct Site<'a> {
+    /// Centres of the cells that may have changed, map frame, metres.
+    pub candidates: &'a [Vector2<f64>],
+    /// Every observation within reach, in the order of trip and time.
+    pub observations: &'a [&'a Observed],
+    /// Accepted changes: in their regions what was observed before them is out of date.
+    pub accepted: &'a [AcceptedChange],
+    /// Names of the trips that observations number.
+    pub trips: &'a [TripId],
+}
+
+/// The changes of a site, in the order of their places.
+pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
+    // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
+    //    observation says hit, miss or unknown.
+    let all = || 0..site.observations.len();
+    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
+    let mut answers = Answers::of(site, &cells, all());
+    let is_promising = |cluster: &Cluster| {
+        Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
+    };
+    if !clusters(site, &cells, &answers).iter().any(is_promising) {
+        return Vec::new();
+    }
+    // 2. Observations that do not fit their surroundings have a wrong pose: they say nothing.
+    let witnesses = answers.witnesses();
+    let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
+    let mut answers_around = Answers::of(site, &around, witnesses.iter().copied());
+    let void = void::void_observations(&around, &answers_around);
+    answers.drop_void(&void);
+    answers_around.drop_void(&void);
+    answers.weigh_no_returns(site, &answers_around);
+    // 3. The history of each cell over its passes; 4. cells that changed alike at one time.
+    let clusters = clusters(site, &cells, &answers);
+    let findings = clusters.iter().filter_map(|cluster| {
+        // 5. What all observations of a cluster say together.
+        let pooled = Pooled::of(&answers, cluster)?;
+        if !pooled.is_clear(cluster) {
+            return None;
+        }
+        // 6. The surroundings must be the same to those who saw the old state and to those who
+        //    saw the new; 7. and no shift may explain the difference.
+        let surroundings =
+            Surroundings::of(&around, &answers_around, &centres(&cells, cluster), &pooled);
+        if !pooled.is_sure()
+            && (!surroundings.agree(&pooled)
+                || shift::explains(site, &cells, cluster, &pooled, &surroundings))
+        {
+            return None;
+        }
+        Some(finding_of(site, &cells, cluster, &pooled))
+    });
+    findings.collect()
+}
+
+fn centres(cells: &SiteCells, cluster: &Cluster) -> Vec<Vector2<f64>> {
+    cluster.cells.iter().map(|&c| cells[c].centre).collect()
+}
+
+fn finding_of(site: &Site<'_>, cells: &SiteCells, cluster: &Cluster, pooled: &Pooled) -> Finding {
+    let centres = centres(cells, cluster);
+    let region = region_round(&centres, REGION_MARGIN_M);
+    let new_state = pooled.baseline.other();
+    let showing = || {
+        pooled
+            .views
+            .iter()
+            .filter(|view| view.in_change && view.shows(new_state))
+    };
+    let observed = |k: usize| site.observations[k];
+    let stamps = || showing().map(|view| observed(view.observation).stamp);
+    let nodes: BTreeSet<NodeId> = pooled
+        .views
+        .iter()
+        .map(|view| observed(view.observation).node)
+        .collect();
+    let trips: BTreeSet<usize> = showing().map(|v| observed(v.observation).trip).collect();
+    let after = pooled.views.iter().filter(|view| view.after_change);
+    let back = after.filter(|view| view.shows(pooled.baseline));
+    let until = back.map(|view| observed(view.observation).stamp).min();
+    let tier = if pooled.passes_in_change >= 2 {
+        Tier::Confirmed
+    } else {
+        Tier::Tentative
+    };
+    Finding {
+        kind: match pooled.baseline {
+            State::Free => ChangeKind::Appeared,
+            State::Occupied => ChangeKind::Disappeared,
+        },
+        location: centroid(&region),
+        sigma_m: POSE_SIGMA_M.hypot(cells::CELL_M / (12.0 * centres.len() as f64).sqrt()),
+        region,
+        tier,
+        counterpart: None,
+        edges: Vec::new(),
+        nodes: nodes.into_iter().collect(),
+        trips: trips.iter().map(|&trip| site.trips[trip].clone()).collect(),
+        views: showing().count(),
+        laps: pooled.passes_in_change,
+        confidence: 1.0 / (1.0 + (-pooled.support).exp()),
+        since: stamps().min().unwrap_or(StampNs(i64::MAX)),
+        last_seen: stamps().max().unwrap_or(StampNs(0)),
+        until: until.filter(|_| !pooled.stands),
+    }
+}
+
+#[cfg(test)]
+mod tests;

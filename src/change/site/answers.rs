@@ -1,0 +1,152 @@
+//! What every observation says about every cell.
+
+use std::ops::Range;
+
+use super::Site;
+use super::cells::SiteCells;
+use crate::change::AcceptedChange;
+use crate::change::pass::{Standpoint, passes};
+use crate::observation::Outcome;
+
+/// An answer other than "unknown".
+#[derive(Debug, Clone, Copy)]
+pub struct Answer {
+    /// Place of the observation among the site's.
+    pub observation: u32,
+    /// What it says.
+    pub outcome: Outcome,
+}
+
+/// A lidar that loses more of the surfaces that are there, as a share, earns no word for its
+/// no-returns …
+const LOST_SHARE_MAX: f64 = 0.03;
+/// … and so does one of which fewer answers are known.
+const ANSWERS_MIN: usize = 200;
+/// Observations of a pass that are asked about the surroundings, at most.
+const WITNESSES_MAX: usize = 48;
+/// What a no-return is worth, in misses, where the lidar earns it.
+const NO_RETURN_WORTH: f64 = 0.3;
+/// A cell that was hit by at least so many …
+const SOLID_HITS_MIN: usize = 3;
+/// … and by a larger share of those who saw it is a surface that is there.
+const SOLID_SHARE_MIN: f64 = 0.8;
+
+/// Answers by cell, each cell's in the order of the observations: trip and time.
+pub struct Answers {
+    of_cells: Vec<Vec<Answer>>,
+    /// When, by which trip and from where each observation was made.
+    pub standpoints: Vec<Standpoint>,
+    /// What a no-return of each observation is worth, in misses.
+    no_return_worth: Vec<f64>,
+}
+
+impl Answers {
+    /// Asks some observations, given in their order, about all cells.
+    pub fn of(
+        site: &Site<'_>,
+        cells: &SiteCells,
+        observations: impl Iterator<Item = usize>,
+    ) -> Self {
+        let mut of_cells = vec![Vec::new(); cells.len()];
+        for k in observations {
+            let observed = site.observations[k];
+            for (cell, answers) in of_cells.iter_mut().enumerate() {
+                let outcome = observed.observation.test(&cells[cell]);
+                if outcome == Outcome::Unknown {
+                    continue;
+                }
+                let is_outdated =
+                    |change: &AcceptedChange| change.outdates(observed.stamp, &cells[cell].centre);
+                if !site.accepted.iter().any(is_outdated) {
+                    answers.push(Answer {
+                        observation: k as u32,
+                        outcome,
+                    });
+                }
+            }
+        }
+        let standpoints = site.observations.iter().map(|o| o.standpoint()).collect();
+        Self {
+            of_cells,
+            standpoints,
+            no_return_worth: vec![0.0; site.observations.len()],
+        }
+    }
+
+    /// Of those who hit or missed anything at most [`WITNESSES_MAX`] in each pass, evenly chosen:
+    /// they are asked about the surroundings.
+    pub fn witnesses(&self) -> Vec<usize> {
+        let mut speaks = vec![false; self.standpoints.len()];
+        for answer in self.of_cells.iter().flatten() {
+            speaks[answer.observation as usize] |= answer.outcome != Outcome::NoReturn;
+        }
+        let mut witnesses = Vec::new();
+        for pass in passes(&self.standpoints) {
+            let speaking: Vec<usize> = pass.filter(|&k| speaks[k]).collect();
+            let kept = speaking.len().min(WITNESSES_MAX);
+            witnesses.extend((0..kept).map(|k| speaking[k * speaking.len() / kept]));
+        }
+        witnesses
+    }
+
+    /// Takes back what some observations said.
+    pub fn drop_void(&mut self, void: &[bool]) {
+        for answers in &mut self.of_cells {
+            answers.retain(|answer| !void[answer.observation as usize]);
+        }
+    }
+
+    /// A no-return is weak evidence of free space where the lidar hardly ever loses a surface that
+    /// is there, and none elsewhere. Lidars are told apart by trips.
+    pub fn weigh_no_returns(&mut self, site: &Site<'_>, surroundings: &Self) {
+        let mut lost_and_kept = vec![(0_usize, 0_usize); site.trips.len()];
+        for answers in &surroundings.of_cells {
+            let count = |outcome| answers.iter().filter(|a| a.outcome == outcome).count();
+            let (hits, misses) = (count(Outcome::Hit), count(Outcome::Miss));
+            let seen = (hits + misses) as f64;
+            if hits < SOLID_HITS_MIN || (hits as f64) <= SOLID_SHARE_MIN * seen {
+                continue;
+            }
+            for answer in answers {
+                let trip = self.standpoints[answer.observation as usize].trip;
+                match answer.outcome {
+                    Outcome::NoReturn => lost_and_kept[trip].0 += 1,
+                    Outcome::Hit => lost_and_kept[trip].1 += 1,
+                    Outcome::Miss | Outcome::Unknown => {}
+                }
+            }
+        }
+        let worth = |&(lost, kept): &(usize, usize)| {
+            let all = lost + kept;
+            let earns = all >= ANSWERS_MIN && (lost as f64) < LOST_SHARE_MAX * all as f64;
+            if earns { NO_RETURN_WORTH } else { 0.0 }
+        };
+        let of_trips: Vec<f64> = lost_and_kept.iter().map(worth).collect();
+        let worth = self.standpoints.iter().map(|s| of_trips[s.trip]);
+        self.no_return_worth = worth.collect();
+    }
+
+    /// What was said about a cell.
+    pub fn about(&self, cell: usize) -> &[Answer] {
+        &self.of_cells[cell]
+    }
+
+    /// How much an answer counts as a hit and as a miss.
+    pub fn counts(&self, answer: &Answer) -> (f64, f64) {
+        match answer.outcome {
+            Outcome::Hit => (1.0, 0.0),
+            Outcome::Miss => (0.0, 1.0),
+            Outcome::NoReturn => (0.0, self.no_return_worth[answer.observation as usize]),
+            Outcome::Unknown => (0.0, 0.0),
+        }
+    }
+
+    /// The passes of some observations, given in their order, in the order of time.
+    pub fn passes_of(&self, observations: &[u32]) -> Vec<Range<usize>> {
+        let standpoints = observations.iter().map(|&k| self.standpoints[k as usize]);
+        let standpoints: Vec<Standpoint> = standpoints.collect();
+        let mut passes = passes(&standpoints);
+        passes.sort_by_key(|pass| (standpoints[pass.start].stamp, pass.start));
+        passes
+    }
+}

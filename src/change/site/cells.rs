@@ -1,0 +1,162 @@
+//! The cells of a site: what was hit in it.
+
+use std::ops::Index;
+
+use super::Site;
+use crate::geometry::Vector2;
+use crate::observation::{Cell, CellBuilder};
+
+/// Width of a cell, metres.
+pub const CELL_M: f64 = 0.06;
+/// Cells so far apart at most are neighbours when a normal is told.
+const NEIGHBOURS: usize = 3;
+
+/// Cells of a site, in the order of their places.
+pub struct SiteCells {
+    cells: Vec<Cell>,
+    to_candidate_m: Vec<f64>,
+}
+
+impl SiteCells {
+    /// Those within a distance of the candidates, from the hits of some observations; `every` so
+    /// many, as on a chessboard.
+    pub fn of(
+        site: &Site<'_>,
+        observations: impl Iterator<Item = usize>,
+        within_m: f64,
+        every: i64,
+    ) -> Self {
+        let near = Nearness::to(site.candidates);
+        let mut grid = Grid::over(&near, within_m);
+        let (centre, radius_m) = near.circle(within_m);
+        for k in observations {
+            let observation = &site.observations[k].observation;
+            let eye = observation.eye();
+            for hit in observation.hits_near(&centre, radius_m) {
+                if let Some(builder) = grid.at_mut(&hit) {
+                    builder.add(&hit, &eye);
+                }
+            }
+        }
+        let mut kept = Self {
+            cells: Vec::new(),
+            to_candidate_m: Vec::new(),
+        };
+        for (place, builder) in grid.hit() {
+            let to_candidate_m = near.distance_m(&builder.mean());
+            if to_candidate_m <= within_m && grid.is_taken(place, every) {
+                kept.cells.push(builder.build(grid.around(place)));
+                kept.to_candidate_m.push(to_candidate_m);
+            }
+        }
+        kept
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// How far a cell is from the nearest candidate, metres.
+    pub fn to_candidate_m(&self, cell: usize) -> f64 {
+        self.to_candidate_m[cell]
+    }
+}
+
+impl Index<usize> for SiteCells {
+    type Output = Cell;
+
+    fn index(&self, cell: usize) -> &Cell {
+        &self.cells[cell]
+    }
+}
+
+/// The cells round some points, column by column.
+struct Grid {
+    origin: Vector2<f64>,
+    columns: usize,
+    rows: usize,
+    builders: Vec<CellBuilder>,
+}
+
+impl Grid {
+    /// Cells are those of the map's grid, so that sites that overlap have the same ones.
+    fn over(near: &Nearness<'_>, margin_m: f64) -> Self {
+        let margin = Vector2::repeat(margin_m);
+        let low = ((near.low - margin) / CELL_M).map(f64::floor);
+        let high = ((near.high + margin) / CELL_M).map(f64::ceil);
+        let size = (high - low).map(|cells| cells.max(0.0) as usize);
+        Self {
+            origin: low * CELL_M,
+            columns: size.x,
+            rows: size.y,
+            builders: vec![CellBuilder::default(); size.x * size.y],
+        }
+    }
+
+    fn at_mut(&mut self, point: &Vector2<f64>) -> Option<&mut CellBuilder> {
+        let at = (point - self.origin) / CELL_M;
+        let is_inside = at.x >= 0.0 && at.y >= 0.0;
+        let (column, row) = (at.x as usize, at.y as usize);
+        if !is_inside || column >= self.columns || row >= self.rows {
+            return None;
+        }
+        self.builders.get_mut(column * self.rows + row)
+    }
+
+    /// Those that were hit, with their places.
+    fn hit(&self) -> impl Iterator<Item = (usize, &CellBuilder)> {
+        let builders = self.builders.iter().enumerate();
+        builders.filter(|(_, builder)| builder.is_hit())
+    }
+
+    fn is_taken(&self, place: usize, every: i64) -> bool {
+        let at = (self.origin / CELL_M).map(|cells| cells.round() as i64);
+        let (column, row) = (place / self.rows, place % self.rows);
+        (at.x + column as i64 + at.y + row as i64).rem_euclid(every) == 0
+    }
+
+    /// A cell and its neighbours, as far as they were hit.
+    fn around(&self, place: usize) -> impl Iterator<Item = &CellBuilder> {
+        let (column, row) = (place / self.rows, place % self.rows);
+        let span = |at: usize, count: usize| {
+            at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(count)
+        };
+        let rows = span(row, self.rows);
+        let columns = span(column, self.columns);
+        let near = columns.flat_map(move |column| {
+            let first = column * self.rows;
+            &self.builders[first + rows.start..first + rows.end]
+        });
+        near.filter(|builder| builder.is_hit())
+    }
+}
+
+/// Distances to a set of points.
+struct Nearness<'a> {
+    points: &'a [Vector2<f64>],
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+}
+
+impl<'a> Nearness<'a> {
+    fn to(points: &'a [Vector2<f64>]) -> Self {
+        let unbounded = Vector2::repeat(f64::INFINITY);
+        Self {
+            points,
+            low: points.iter().fold(unbounded, |low, p| low.inf(p)),
+            high: points.iter().fold(-unbounded, |high, p| high.sup(p)),
+        }
+    }
+
+    /// A circle that holds everything within a distance of the points.
+    fn circle(&self, within_m: f64) -> (Vector2<f64>, f64) {
+        let half = 0.5 * (self.high - self.low);
+        (self.low + half, half.norm() + within_m)
+    }
+
+    fn distance_m(&self, point: &Vector2<f64>) -> f64 {
+        let squares = self.points.iter().map(|p| (p - point).norm_squared());
+        squares.fold(f64::INFINITY, f64::min).sqrt()
+    }
+}

@@ -1,0 +1,117 @@
+//! Cells that changed alike at one time.
+
+use super::Site;
+use super::answers::Answers;
+use super::cells::SiteCells;
+use crate::change::history::{History, State, limited};
+use crate::change::pass::{Standpoint, weights};
+use crate::ids::StampNs;
+
+/// Hits and misses that a cell needs before its history is asked for.
+const HITS_MIN: usize = 2;
+const MISSES_MIN: f64 = 2.0;
+/// log p(hit | occupied) − log p(hit | free), and the reverse for a miss, in nats.
+const NATS_PER_OBSERVATION: f64 = 1.5;
+/// What a pass can say about one cell at most, in nats.
+const NATS_PER_PASS: f64 = 10.0;
+/// Cells this near to each other belong together, metres.
+const LINK_M: f64 = 0.25;
+/// A change is at least two neighbouring cells.
+const CELLS_MIN: usize = 2;
+
+/// Cells that changed from one state to the other.
+pub struct Cluster {
+    /// What they were first.
+    pub baseline: State,
+    /// Ascending.
+    pub cells: Vec<usize>,
+}
+
+/// The change of one cell.
+struct CellChange {
+    cell: usize,
+    baseline: State,
+    first: StampNs,
+    last: StampNs,
+}
+
+/// The clusters of a site, by their first cells.
+pub fn clusters(site: &Site<'_>, cells: &SiteCells, answers: &Answers) -> Vec<Cluster> {
+    let changes: Vec<CellChange> = (0..cells.len())
+        .filter_map(|cell| change_of(site, answers, cell))
+        .collect();
+    let mut group_of: Vec<usize> = (0..changes.len()).collect();
+    for (k, change) in changes.iter().enumerate() {
+        for (j, other) in changes[..k].iter().enumerate() {
+            let alike = change.baseline == other.baseline
+                && change.first.max(other.first) <= change.last.min(other.last);
+            let offset = cells[change.cell].centre - cells[other.cell].centre;
+            if alike && offset.norm_squared() <= LINK_M * LINK_M {
+                let (a, b) = (root(&group_of, k), root(&group_of, j));
+                group_of[a.max(b)] = a.min(b);
+            }
+        }
+    }
+    let mut clusters: Vec<(usize, Cluster)> = Vec::new();
+    for (k, change) in changes.iter().enumerate() {
+        let group = root(&group_of, k);
+        match clusters.iter_mut().find(|(root, _)| *root == group) {
+            Some((_, cluster)) => cluster.cells.push(change.cell),
+            None => clusters.push((
+                group,
+                Cluster {
+                    baseline: change.baseline,
+                    cells: vec![change.cell],
+                },
+            )),
+        }
+    }
+    let clusters = clusters.into_iter().map(|(_, cluster)| cluster);
+    clusters
+        .filter(|cluster| cluster.cells.len() >= CELLS_MIN)
+        .collect()
+}
+
+fn root(group_of: &[usize], mut k: usize) -> usize {
+    while group_of[k] != k {
+        k = group_of[k];
+    }
+    k
+}
+
+fn change_of(site: &Site<'_>, answers: &Answers, cell: usize) -> Option<CellChange> {
+    let about = answers.about(cell);
+    let (hits, misses) = about.iter().fold((0.0, 0.0), |(hits, misses), answer| {
+        let (hit, miss) = answers.counts(answer);
+        (hits + hit, misses + miss)
+    });
+    if hits < HITS_MIN as f64 || misses < MISSES_MIN {
+        return None;
+    }
+    let observations: Vec<u32> = about.iter().map(|answer| answer.observation).collect();
+    let passes = answers.passes_of(&observations);
+    let evidence = passes.iter().map(|pass| {
+        let standpoints = observations[pass.clone()].iter();
+        let standpoints: Vec<Standpoint> = standpoints
+            .map(|&k| answers.standpoints[k as usize])
+            .collect();
+        let answers_of_pass = about[pass.clone()].iter();
+        let sum: f64 = answers_of_pass
+            .zip(weights(&standpoints))
+            .map(|(answer, weight)| {
+                let (hit, miss) = answers.counts(answer);
+                weight * NATS_PER_OBSERVATION * (hit - miss)
+            })
+            .sum();
+        limited(sum, NATS_PER_PASS)
+    });
+    let history = History::of(evidence);
+    let change = history.last_change()?;
+    let stamp = |k: usize| site.observations[observations[k] as usize].stamp;
+    Some(CellChange {
+        cell,
+        baseline: history.baseline()?,
+        first: stamp(passes[change.start].start),
+        last: stamp(passes[change.end - 1].end - 1),
+    })
+}

@@ -1,0 +1,161 @@
+//! What all observations of a cluster say together.
+
+use std::collections::BTreeMap;
+
+use super::answers::Answers;
+use super::cluster::Cluster;
+use crate::change::history::{History, State, limited};
+use crate::change::pass::{Standpoint, weights};
+
+/// What an observation that only hits (or only misses) the cluster's cells is worth, in nats.
+const NATS_PER_OBSERVATION: f64 = 2.0;
+/// What a pass can say about a cluster at most, in nats: enough that one pass against one pays for
+/// a change.
+const NATS_PER_PASS: f64 = 12.0;
+/// An observation of fewer cells weighs less.
+const CELLS_FOR_FULL_WEIGHT: f64 = 2.0;
+/// How much the share of hits must differ between the two states.
+const CONTRAST_MIN: f64 = 0.75;
+/// As much may be hidden by observations whose pose is wrong.
+const PROMISING_CONTRAST_MIN: f64 = 0.55;
+/// How much better the change must explain the passes, in nats.
+const SUPPORT_MIN: f64 = 4.5;
+/// Fewest cells of a change; …
+const CELLS_MIN: usize = 8;
+/// … a smaller one needs so many, …
+const SMALL_CELLS_MIN: usize = 4;
+/// … this contrast …
+const SMALL_CONTRAST_MIN: f64 = 0.9;
+/// … and this support.
+const SMALL_SUPPORT_MIN: f64 = 8.0;
+/// With this support no surroundings are asked.
+const SUPPORT_SURE: f64 = 20.0;
+
+/// What one observation says about a cluster.
+#[derive(Debug, Clone, Copy)]
+pub struct View {
+    /// Place among the site's observations.
+    pub observation: usize,
+    hits: f64,
+    misses: f64,
+    /// Whether it belongs to the passes that show the change.
+    pub in_change: bool,
+    /// Whether its pass came after those.
+    pub after_change: bool,
+}
+
+impl View {
+    /// Whether it shows the cluster in a state.
+    pub fn shows(&self, state: State) -> bool {
+        match state {
+            State::Occupied => self.hits > self.misses,
+            State::Free => self.misses > self.hits,
+        }
+    }
+}
+
+/// A cluster's history.
+pub struct Pooled {
+    /// In the order of trip and time.
+    pub views: Vec<View>,
+    /// The state in which it was first seen.
+    pub baseline: State,
+    /// How much better a change explains the passes than none, in nats.
+    pub support: f64,
+    /// Passes that show the other state, …
+    pub passes_in_change: usize,
+    /// … and those that do not.
+    pub passes_outside: usize,
+    /// Whether the last pass shows the other state.
+    pub stands: bool,
+    contrast: f64,
+}
+
+impl Pooled {
+    /// Of a cluster; `None` if it shows no change as a whole, or another one than its cells.
+    pub fn of(answers: &Answers, cluster: &Cluster) -> Option<Self> {
+        let mut counts: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+        for answer in cluster.cells.iter().flat_map(|&cell| answers.about(cell)) {
+            let (hit, miss) = answers.counts(answer);
+            let (hits, misses) = counts.entry(answer.observation).or_default();
+            *hits += hit;
+            *misses += miss;
+        }
+        counts.retain(|_, (hits, misses)| *hits + *misses > 0.0);
+        let observations: Vec<u32> = counts.keys().copied().collect();
+        let passes = answers.passes_of(&observations);
+        let evidence = passes.iter().map(|pass| {
+            let of_pass = &observations[pass.clone()];
+            let standpoints = of_pass.iter().map(|&k| answers.standpoints[k as usize]);
+            let standpoints: Vec<Standpoint> = standpoints.collect();
+            let sum: f64 = of_pass
+                .iter()
+                .zip(weights(&standpoints))
+                .map(|(k, weight)| {
+                    let (hits, misses) = counts[k];
+                    let cells = hits + misses;
+                    let weight = weight * (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
+                    weight * NATS_PER_OBSERVATION * (hits - misses) / cells
+                })
+                .sum();
+            limited(sum, NATS_PER_PASS)
+        });
+        let history = History::of(evidence);
+        let change = history.last_change()?;
+        let baseline = history.baseline().filter(|b| *b == cluster.baseline)?;
+        let mut views = Vec::with_capacity(observations.len());
+        for (number, pass) in passes.iter().enumerate() {
+            for &k in &observations[pass.clone()] {
+                let (hits, misses) = counts[&k];
+                views.push(View {
+                    observation: k as usize,
+                    hits,
+                    misses,
+                    in_change: change.contains(&number),
+                    after_change: number >= change.end,
+                });
+            }
+        }
+        let share_of_hits = |in_change: bool| {
+            let of_side = views.iter().filter(|view| view.in_change == in_change);
+            let (hits, all) = of_side.fold((0.0, 0.0), |(hits, all), view| {
+                (hits + view.hits, all + view.hits + view.misses)
+            });
+            hits / f64::max(all, f64::MIN_POSITIVE)
+        };
+        let contrast = (share_of_hits(true) - share_of_hits(false)).abs();
+        views.sort_by_key(|view| view.observation);
+        Some(Self {
+            views,
+            baseline,
+            support: history.support,
+            passes_in_change: change.len(),
+            passes_outside: passes.len() - change.len(),
+            stands: change.end == passes.len(),
+            contrast,
+        })
+    }
+
+    /// Whether a change of this size is clear enough, its surroundings aside.
+    pub fn is_clear(&self, cluster: &Cluster) -> bool {
+        let cells = cluster.cells.len();
+        let is_large = cells >= CELLS_MIN;
+        let is_small_but_sure = cells >= SMALL_CELLS_MIN
+            && self.contrast >= SMALL_CONTRAST_MIN
+            && self.support >= SMALL_SUPPORT_MIN;
+        self.contrast >= CONTRAST_MIN
+            && self.support >= SUPPORT_MIN
+            && (is_large || is_small_but_sure)
+    }
+
+    /// Whether so many passes say so that no error of the map explains it.
+    pub fn is_sure(&self) -> bool {
+        self.support >= SUPPORT_SURE
+    }
+
+    /// The observations that saw the old state (`false`) or the new one (`true`).
+    pub fn side(&self, new: bool) -> impl Iterator<Item = usize> + '_ {
+        let of_side = self.views.iter().filter(move |view| view.in_change == new);
+        of_side.map(|view| view.observation)
+    }
+}

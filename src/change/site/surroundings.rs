@@ -1,0 +1,212 @@
+//! Whether the surroundings of a change are the same to those who saw the old state and to those
+//! who saw the new one.
+
+use super::answers::Answers;
+use super::cells::SiteCells;
+use super::pooled::Pooled;
+use crate::geometry::Vector2;
+use crate::observation::Outcome;
+
+/// How far from the cluster its surroundings begin, and how far they go at first, metres; farther
+/// if too few cells lie there.
+const FROM_M: f64 = 0.15;
+const NEAR_M: f64 = 1.5;
+/// Fewest cells that tell.
+const ASKED_MIN: usize = 8;
+/// Share of one side's solid cells that must be solid to the other.
+const AGREEING_SHARE_MIN: f64 = 0.6;
+/// A cell is solid to a side that hits it at least twice …
+const SOLID_HITS_MIN: u32 = 2;
+/// … and more often than this, …
+const SOLID_SHARE: f64 = 0.7;
+/// … and agrees if the other side hits it more often than this.
+const AGREES_SHARE: f64 = 0.5;
+/// Fewest cells across a direction that fix it.
+const FIXING_MIN: usize = 3;
+/// Share of them that must agree.
+const FIXED_SHARE_MIN: f64 = 0.7;
+/// A surface fixes the directions that its normal is near to (cosine).
+const ACROSS_COSINE: f64 = 0.5;
+
+/// How often the other side confirms what one side calls solid.
+#[derive(Debug, Clone, Copy, Default)]
+struct Confirmed {
+    asked: usize,
+    agreeing: usize,
+}
+
+impl Confirmed {
+    fn share(&self, asked_min: usize) -> Option<f64> {
+        (self.asked >= asked_min).then(|| self.agreeing as f64 / self.asked as f64)
+    }
+}
+
+/// A cell that one side calls solid and the other one saw.
+struct Witness {
+    normal: Option<Vector2<f64>>,
+    to_cluster_m: f64,
+    /// Solid to the old side, or to the new one: whether the other side agrees.
+    agrees: [Option<bool>; 2],
+}
+
+/// How well surroundings fix a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fixing {
+    /// In every direction.
+    Fixed,
+    /// Least along this direction.
+    Loose(Vector2<f64>),
+    /// There is too little to say.
+    Unknown,
+}
+
+/// The cells round a cluster that both sides saw.
+pub struct Surroundings {
+    witnesses: Vec<Witness>,
+}
+
+impl Surroundings {
+    /// Of cells that changed.
+    pub fn of(
+        cells: &SiteCells,
+        answers: &Answers,
+        changed: &[Vector2<f64>],
+        pooled: &Pooled,
+    ) -> Self {
+        let mut side_of = vec![None; answers.standpoints.len()];
+        for view in &pooled.views {
+            side_of[view.observation] = Some(usize::from(view.in_change));
+        }
+        let witnesses = (0..cells.len()).filter_map(|cell| {
+            let to_cluster_m = distance_m(changed, &cells[cell].centre);
+            if to_cluster_m <= FROM_M {
+                return None;
+            }
+            let mut seen = [(0_u32, 0_u32); 2];
+            for answer in answers.about(cell) {
+                let Some(side) = side_of[answer.observation as usize] else {
+                    continue;
+                };
+                match answer.outcome {
+                    Outcome::Hit => seen[side].0 += 1,
+                    Outcome::Miss => seen[side].1 += 1,
+                    Outcome::NoReturn | Outcome::Unknown => {}
+                }
+            }
+            let agrees = agreement(&seen)?;
+            Some(Witness {
+                normal: cells[cell].normal,
+                to_cluster_m,
+                agrees,
+            })
+        });
+        Self {
+            witnesses: witnesses.collect(),
+        }
+    }
+
+    fn confirmed(&self, side: usize, within_m: f64) -> Confirmed {
+        let near = self.witnesses.iter().filter(|w| w.to_cluster_m <= within_m);
+        confirmed(near.filter_map(|w| w.agrees[side]))
+    }
+
+    /// Whether both sides know the place; where there is nothing to know it by, two passes on both
+    /// sides.
+    pub fn agree(&self, pooled: &Pooled) -> bool {
+        let near = [0, 1].map(|side| self.confirmed(side, NEAR_M));
+        let of_sides = if near.iter().any(|side| side.asked < ASKED_MIN) {
+            [0, 1].map(|side| self.confirmed(side, f64::INFINITY))
+        } else {
+            near
+        };
+        let shares: Vec<f64> = of_sides
+            .iter()
+            .filter_map(|side| side.share(ASKED_MIN))
+            .collect();
+        if shares.is_empty() {
+            return pooled.passes_in_change >= 2 && pooled.passes_outside >= 2;
+        }
+        shares.iter().all(|share| *share >= AGREEING_SHARE_MIN)
+    }
+
+    /// How well the surroundings fix where the observations of both sides lie.
+    pub fn fixing(&self) -> Fixing {
+        let normals: Vec<Vector2<f64>> = self.witnesses.iter().filter_map(|w| w.normal).collect();
+        let without_face = self.witnesses.len() - normals.len();
+        if normals.len() < FIXING_MIN {
+            return if without_face >= FIXING_MIN {
+                Fixing::Fixed
+            } else {
+                Fixing::Unknown
+            };
+        }
+        let loose = least_fixed(&normals);
+        let is_across = |normal: &Vector2<f64>| normal.dot(&loose).abs() > ACROSS_COSINE;
+        let across = |w: &Witness| w.normal.as_ref().is_some_and(is_across);
+        let of_sides = |counts: &dyn Fn(&Witness) -> bool| {
+            [0, 1].map(|side| {
+                let fixing = self.witnesses.iter().filter(|w| counts(w));
+                confirmed(fixing.filter_map(|w| w.agrees[side]))
+            })
+        };
+        let mut fixed = of_sides(&across);
+        if fixed.iter().all(|side| side.asked < FIXING_MIN) {
+            // Where no face lies across, things without a face tell.
+            fixed = of_sides(&|w| across(w) || w.normal.is_none());
+        }
+        let shares = fixed.iter().filter_map(|side| side.share(FIXING_MIN));
+        let shares: Vec<f64> = shares.collect();
+        if !shares.is_empty() && shares.iter().all(|share| *share >= FIXED_SHARE_MIN) {
+            Fixing::Fixed
+        } else {
+            Fixing::Loose(loose)
+        }
+    }
+
+    /// Whether enough of the surroundings was seen by both sides.
+    pub fn are_known(&self) -> bool {
+        [0, 1]
+            .iter()
+            .any(|&side| self.confirmed(side, f64::INFINITY).asked >= ASKED_MIN)
+    }
+}
+
+fn confirmed(agreeing: impl Iterator<Item = bool>) -> Confirmed {
+    agreeing.fold(Confirmed::default(), |sum, agrees| Confirmed {
+        asked: sum.asked + 1,
+        agreeing: sum.agreeing + usize::from(agrees),
+    })
+}
+
+/// Of hits and misses of the old and the new side: whether the other side agrees with what each
+/// calls solid; `None` if neither does, or one has not seen it.
+fn agreement(seen: &[(u32, u32); 2]) -> Option<[Option<bool>; 2]> {
+    let share = |&(hits, misses): &(u32, u32)| {
+        let all = hits + misses;
+        (all > 0).then(|| f64::from(hits) / f64::from(all))
+    };
+    let shares = [share(&seen[0])?, share(&seen[1])?];
+    let agrees = [0, 1].map(|side| {
+        let is_solid = seen[side].0 >= SOLID_HITS_MIN && shares[side] > SOLID_SHARE;
+        is_solid.then(|| shares[1 - side] > AGREES_SHARE)
+    });
+    agrees.iter().any(Option::is_some).then_some(agrees)
+}
+
+fn distance_m(points: &[Vector2<f64>], place: &Vector2<f64>) -> f64 {
+    let squares = points.iter().map(|point| (point - place).norm_squared());
+    squares.fold(f64::INFINITY, f64::min).sqrt()
+}
+
+/// The direction that surfaces with these normals fix least.
+fn least_fixed(normals: &[Vector2<f64>]) -> Vector2<f64> {
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for normal in normals {
+        xx += normal.x * normal.x;
+        xy += normal.x * normal.y;
+        yy += normal.y * normal.y;
+    }
+    let most_rad = 0.5 * (2.0 * xy).atan2(xx - yy);
+    let (sin, cos) = most_rad.sin_cos();
+    Vector2::new(-sin, cos)
+}

@@ -1,0 +1,10 @@
+//! The one sensor model: what a scan, taken from a known pose, says about a place.
+//!
+//! It knows beams, ranges and noise; it knows nothing of trips, passes or changes. Begin with
+//! [`Observation::test`].
+
+mod cell;
+mod ray_test;
+
+pub use cell::{Cell, CellBuilder};
+pub use ray_test::{Observation, Outcome, REACH_M};

@@ -1,0 +1,283 @@
+//! One scan at its pose, asked about a cell.
+
+use std::f64::consts::TAU;
+
+use super::cell::Cell;
+use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
+use crate::scan::{LaserScan, Lidar, Reading};
+
+/// Farther than this from the lidar a cell is not asked about, metres: beams are too far apart and
+/// the error of a heading too large.
+pub const REACH_M: f64 = 8.0;
+/// No cell is asked about from nearer than this, metres.
+const NEAREST_M: f64 = 0.2;
+/// Nor beyond this share of the lidar's range: a surface there is often lost.
+const RANGE_SHARE: f64 = 0.95;
+
+/// A beam that ends this near to a cell's depth has hit it, metres: half a cell, …
+const HIT_TOLERANCE_M: f64 = 0.07;
+/// … with so many standard deviations of the range …
+const HIT_SIGMAS: f64 = 2.0;
+/// … and, for each metre of range, the error of the heading at a slant.
+const HIT_TOLERANCE_PER_RANGE: f64 = 0.006;
+/// A beam must end this far behind a cell to have missed it: between the two it says nothing.
+const MISS_TOLERANCE_M: f64 = 0.10;
+const MISS_SIGMAS: f64 = 3.0;
+const MISS_TOLERANCE_PER_RANGE: f64 = 0.012;
+
+/// Beams this far to each side of a cell's bearing answer for it, radians: the error of the
+/// heading, …
+const BEARING_TOLERANCE_RAD: f64 = 0.008;
+/// … and the width of a cell with the error of the position, metres.
+const BEARING_TOLERANCE_M: f64 = 0.025;
+
+/// A surface seen at a flatter angle than this (cosine to its normal) may be passed by unseen.
+const GRAZING_COSINE: f64 = 0.35;
+/// A beam that comes from behind a surface (cosine to the side it was seen from) …
+const BEHIND_COSINE: f64 = 0.2;
+/// … and ends sooner than this after it, metres, has met the same wall's other face.
+const BEHIND_M: f64 = 0.5;
+
+/// What an observation says about a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// A beam ended there: something stands there.
+    Hit,
+    /// The beams went through it and ended well behind: nothing stands there.
+    Miss,
+    /// The beams towards it gave no return: free space, if this lidar rarely loses a surface.
+    NoReturn,
+    /// Out of reach, outside the field of view, occluded, or in doubt.
+    Unknown,
+}
+
+/// A scan with the pose of its lidar.
+#[derive(Debug, Clone)]
+pub struct Observation {
+    scan: LaserScan,
+    eye: Vector2<f64>,
+    map_from_lidar: Transform2,
+    lidar_from_map: Transform2,
+    reach_m: f64,
+    /// Of the first beam, in [−π, π].
+    angle_min_rad: f64,
+    beams_per_rad: f64,
+    beams_a_turn: i64,
+    tolerances_m: (f64, f64),
+}
+
+impl Observation {
+    /// Of a scan taken at `map_from_base`.
+    pub fn new(scan: &LaserScan, map_from_base: &Pose2) -> Self {
+        let lidar = scan.lidar();
+        let map_from_lidar = map_from_base.compose(&lidar.mount);
+        Self {
+            eye: map_from_lidar.translation(),
+            map_from_lidar: map_from_lidar.to_transform(),
+            lidar_from_map: map_from_lidar.inverse().to_transform(),
+            reach_m: reach_m(lidar),
+            angle_min_rad: wrap_angle(lidar.angle_min_rad),
+            beams_per_rad: 1.0 / lidar.angle_increment_rad,
+            beams_a_turn: (TAU / lidar.angle_increment_rad).round() as i64,
+            tolerances_m: (
+                HIT_TOLERANCE_M + HIT_SIGMAS * lidar.range_sigma_m,
+                MISS_TOLERANCE_M + MISS_SIGMAS * lidar.range_sigma_m,
+            ),
+            scan: scan.clone(),
+        }
+    }
+
+    /// Where the lidar was, map frame, metres.
+    pub fn eye(&self) -> Vector2<f64> {
+        self.eye
+    }
+
+    /// Its scan.
+    pub fn scan(&self) -> &LaserScan {
+        &self.scan
+    }
+
+    /// How far from the lidar cells are asked about, metres.
+    pub fn reach_m(&self) -> f64 {
+        self.reach_m
+    }
+
+    /// Where its beams ended within reach, map frame, metres.
+    pub fn hits(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
+        let directions = self.scan.lidar().beam_directions(self.scan.beam_count());
+        directions.enumerate().filter_map(|(beam, direction)| {
+            let range_m = self.scan.range_m(beam)?;
+            (range_m < self.reach_m).then(|| self.map_from_lidar.apply(&(range_m * direction)))
+        })
+    }
+
+    /// Those of its hits that lie within a distance of a place. Cost: the beams towards it.
+    pub fn hits_near(
+        &self,
+        centre: &Vector2<f64>,
+        within_m: f64,
+    ) -> impl Iterator<Item = Vector2<f64>> + '_ {
+        let towards = centre - self.eye;
+        let range_m = towards.norm();
+        let count = self.scan.beam_count() as i64;
+        let beams = if range_m <= within_m {
+            0..=count - 1
+        } else {
+            let half_rad = (within_m / range_m).asin();
+            let bearing = self.bearing(&self.lidar_from_map.turn(&towards));
+            let half = half_rad * self.beams_per_rad;
+            floor(bearing - half)..=floor(bearing + half) + 1
+        };
+        let centre = *centre;
+        let beams = beams.take(self.scan.beam_count());
+        let hits = beams.filter_map(|beam| {
+            let index = self.index_of(beam)?;
+            let range_m = self.scan.range_m(index).filter(|r| *r < self.reach_m)?;
+            let (sin, cos) = self.scan.lidar().beam_angle_rad(index).sin_cos();
+            Some(
+                self.map_from_lidar
+                    .apply(&(range_m * Vector2::new(cos, sin))),
+            )
+        });
+        hits.filter(move |hit| (hit - centre).norm_squared() <= within_m * within_m)
+    }
+
+    /// What it says about a cell. Cost: the beams across the cell.
+    ///
+    /// One beam that ends there makes a hit, all must go by for a miss: beams pass beside thin
+    /// things, and a beam at a depth edge ends anywhere.
+    pub fn test(&self, cell: &Cell) -> Outcome {
+        let towards = cell.centre - self.eye;
+        let range_squared = towards.norm_squared();
+        if !(NEAREST_M * NEAREST_M..=self.reach_m * self.reach_m).contains(&range_squared) {
+            return Outcome::Unknown;
+        }
+        let range_m = range_squared.sqrt();
+        let beams = self.beams_towards(&self.lidar_from_map.turn(&towards), range_m, cell);
+        let hit_within_m =
+            self.tolerances_m.0 + cell.half_width_m + HIT_TOLERANCE_PER_RANGE * range_m;
+        let miss_beyond_m =
+            self.tolerances_m.1 + cell.half_width_m + MISS_TOLERANCE_PER_RANGE * range_m;
+        let depth = Depth {
+            hit_from_m: range_m - hit_within_m,
+            hit_to_m: range_m + hit_within_m,
+            miss_from_m: range_m + miss_beyond_m,
+        };
+        let (mut blocked, mut passed) = (false, false);
+        let (mut beams_tested, mut without_return, mut outside) = (0u32, 0u32, 0u32);
+        let mut nearest_m = f64::INFINITY;
+        for beam in beams.first..=beams.last {
+            beams_tested += 1;
+            let reading = self.index_of(beam).map(|index| self.scan.reading(index));
+            match reading {
+                Some(Reading::Range(measured_m)) => {
+                    if depth.is_hit(measured_m) {
+                        return Outcome::Hit;
+                    }
+                    nearest_m = nearest_m.min(measured_m);
+                    blocked |= measured_m < depth.miss_from_m;
+                    passed |= (beam as f64 - beams.bearing).abs() <= 1.0;
+                }
+                Some(Reading::NoReturn) => without_return += 1,
+                Some(Reading::Invalid) | None => outside += 1,
+            }
+        }
+        let nearest_behind_m = nearest_m - range_m;
+        if blocked {
+            return Outcome::Unknown;
+        }
+        if passed && 2 * (without_return + outside) <= beams_tested {
+            let in_doubt = self.may_pass_by(cell, &towards, range_m, nearest_behind_m);
+            return if in_doubt {
+                Outcome::Unknown
+            } else {
+                Outcome::Miss
+            };
+        }
+        if outside == 0 && without_return == beams_tested {
+            return Outcome::NoReturn;
+        }
+        Outcome::Unknown
+    }
+
+    /// Whether a surface may stand there although beams went by.
+    fn may_pass_by(
+        &self,
+        cell: &Cell,
+        towards: &Vector2<f64>,
+        range_m: f64,
+        nearest_behind_m: f64,
+    ) -> bool {
+        let grazes = |normal: &Vector2<f64>| normal.dot(towards).abs() < GRAZING_COSINE * range_m;
+        let from_behind = cell.seen_from.dot(towards) > BEHIND_COSINE * range_m;
+        cell.normal.as_ref().is_some_and(grazes) || (from_behind && nearest_behind_m < BEHIND_M)
+    }
+
+    fn beams_towards(&self, in_lidar: &Vector2<f64>, range_m: f64, cell: &Cell) -> Beams {
+        let bearing = self.bearing(in_lidar);
+        let across_m = BEARING_TOLERANCE_M + 0.5 * cell.half_width_m;
+        let tolerance_rad = BEARING_TOLERANCE_RAD + across_m / range_m;
+        let beams_max = self.scan.beam_count() as f64;
+        let beside = (tolerance_rad * self.beams_per_rad).max(1.0).min(beams_max);
+        Beams {
+            bearing,
+            first: floor(bearing - beside) + 1,
+            last: floor(bearing + beside),
+        }
+    }
+
+    /// Where a direction lies, in beams from the first.
+    fn bearing(&self, in_lidar: &Vector2<f64>) -> f64 {
+        let from_first_rad = direction_rad(in_lidar) - self.angle_min_rad;
+        let turns = if from_first_rad < 0.0 { TAU } else { 0.0 };
+        (from_first_rad + turns) * self.beams_per_rad
+    }
+
+    /// A beam's place in the scan, across the seam of a full turn too.
+    fn index_of(&self, beam: i64) -> Option<usize> {
+        let count = self.scan.beam_count() as i64;
+        if (0..count).contains(&beam) {
+            return Some(beam as usize);
+        }
+        let wrapped = if beam < 0 {
+            beam + self.beams_a_turn
+        } else {
+            beam - self.beams_a_turn
+        };
+        (0..count).contains(&wrapped).then_some(wrapped as usize)
+    }
+}
+
+/// Ranges by which a beam answers for a cell, metres.
+struct Depth {
+    hit_from_m: f64,
+    hit_to_m: f64,
+    miss_from_m: f64,
+}
+
+impl Depth {
+    fn is_hit(&self, measured_m: f64) -> bool {
+        (self.hit_from_m..=self.hit_to_m).contains(&measured_m)
+    }
+}
+
+/// Beams that answer for a cell.
+struct Beams {
+    /// Where the cell is, in beams from the first.
+    bearing: f64,
+    first: i64,
+    last: i64,
+}
+
+/// Without a call into a library, as `f64::floor` is on older machines.
+fn floor(value: f64) -> i64 {
+    let whole = value as i64;
+    whole - i64::from(whole as f64 > value)
+}
+
+fn reach_m(lidar: &Lidar) -> f64 {
+    REACH_M.min(RANGE_SHARE * lidar.range_max_m)
+}
+
+#[cfg(test)]
+mod tests;
