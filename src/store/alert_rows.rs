@@ -71,7 +71,9 @@ fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
 }
 
 fn check(alert: &AlertRecord) -> Result<(), StoreError> {
-    let corners = alert.evidence.region.iter();
+    let counterpart = alert.evidence.counterpart.iter();
+    let counterpart = counterpart.flat_map(|counterpart| &counterpart.region);
+    let corners = alert.evidence.region.iter().chain(counterpart);
     if !corners
         .flat_map(|corner| corner.iter())
         .all(|v| v.is_finite())
@@ -93,6 +95,7 @@ async fn upsert(
 ) -> Result<Option<i64>, StoreError> {
     let evidence = &alert.evidence;
     let residual = alert.residual.as_ref();
+    let counterpart = evidence.counterpart.as_ref();
     let key = sqlx::query_scalar(UPSERT)
         .bind(route_key)
         .bind(alert.id.to_string())
@@ -124,6 +127,9 @@ async fn upsert(
         .bind(json_text(&alert.related)?)
         .bind(micros(alert.raised_at))
         .bind(micros(alert.updated_at))
+        .bind(evidence.tier.text())
+        .bind(counterpart.map(|counterpart| counterpart.kind.text()))
+        .bind(counterpart.map(|counterpart| polygon_bytes(&counterpart.region)))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -134,9 +140,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      x, y, sigma_m, region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns, \
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
-     updated_at_us) \
+     updated_at_us, tier, counterpart_kind, counterpart_region, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
-     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30 \
+     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
+     iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -149,7 +156,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      residual_threshold = excluded.residual_threshold, \
      residual_ratio = excluded.residual_ratio, residual_p_value = excluded.residual_p_value, \
      residual_seed_rule = excluded.residual_seed_rule, map_version = excluded.map_version, \
-     related = excluded.related, updated_at_us = excluded.updated_at_us \
+     related = excluded.related, updated_at_us = excluded.updated_at_us, tier = excluded.tier, \
+     counterpart_kind = excluded.counterpart_kind, \
+     counterpart_region = excluded.counterpart_region, \
+     confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \
      RETURNING alert_key";

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use mapshift::api::Limits;
-use mapshift::change::{AlertStatus, ChangeKind, Finding, Tier};
+use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -256,6 +256,11 @@ fn disappeared(route: &RouteId) -> AlertRecord {
         id: DISAPPEARED.parse().unwrap(),
         status: AlertStatus::Resolved,
         evidence: Finding {
+            tier: Tier::Tentative,
+            counterpart: Some(Counterpart {
+                kind: ChangeKind::Appeared,
+                region: rectangle(BOX),
+            }),
             kind: ChangeKind::Disappeared,
             location: Vector2::new(-2.0, 1.0),
             region: rectangle([[-2.2, 0.8], [-1.8, 1.2]]),
