@@ -22,12 +22,21 @@ pub(super) async fn write_alerts(
     }
     for alert in alerts {
         check(alert)?;
-        let alert_key = upsert(transaction, route_key, alert).await?;
-        let alert_key = alert_key
+        let (alert_key, confirmed_revision) = upsert(transaction, route_key, alert)
+            .await?
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
         add_history(transaction, alert_key, &alert.history).await?;
         link_batches(transaction, route_key, alert_key, alert).await?;
-        tell(transaction, route_key, alert_key, alert).await?;
+        let at_us = micros(alert.updated_at);
+        let happened = Happened {
+            route_key,
+            alert_key,
+            sequence: add_event(transaction, alert_key, alert.revision, at_us).await?,
+            revision: alert.revision,
+            confirmed_revision,
+            at_us,
+        };
+        queue(transaction, &happened).await?;
     }
     sqlx::query(
         "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
@@ -39,31 +48,23 @@ pub(super) async fn write_alerts(
     Ok(())
 }
 
-/// Writes what happened to an alert where streams read it, and queues it for webhooks.
-async fn tell(
+/// Writes what happened to an alert where streams read it.
+async fn add_event(
     transaction: &mut SqliteConnection,
-    route_key: i64,
     alert_key: i64,
-    alert: &AlertRecord,
-) -> Result<(), StoreError> {
-    let at_us = micros(alert.updated_at);
+    revision: i64,
+    at_us: i64,
+) -> Result<i64, StoreError> {
     let sequence = sqlx::query_scalar(
         "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
          RETURNING sequence",
     )
     .bind(alert_key)
-    .bind(alert.revision)
+    .bind(revision)
     .bind(at_us)
-    .fetch_one(&mut *transaction)
+    .fetch_one(transaction)
     .await?;
-    let happened = Happened {
-        route_key,
-        alert_key,
-        sequence,
-        revision: alert.revision,
-        at_us,
-    };
-    queue(transaction, &happened).await
+    Ok(sequence)
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
@@ -87,16 +88,17 @@ fn check(alert: &AlertRecord) -> Result<(), StoreError> {
 }
 
 /// Inserts a first revision, or puts a later one in the place of the one before; `None` if that is
-/// not what is stored.
+/// not what is stored. Returns its key and the revision with which it was first confirmed, if it
+/// ever was.
 async fn upsert(
     transaction: &mut SqliteConnection,
     route_key: i64,
     alert: &AlertRecord,
-) -> Result<Option<i64>, StoreError> {
+) -> Result<Option<(i64, Option<i64>)>, StoreError> {
     let evidence = &alert.evidence;
     let residual = alert.residual.as_ref();
     let counterpart = evidence.counterpart.as_ref();
-    let key = sqlx::query_scalar(UPSERT)
+    let key = sqlx::query_as(UPSERT)
         .bind(route_key)
         .bind(alert.id.to_string())
         .bind(alert.revision)
@@ -162,7 +164,7 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \
-     RETURNING alert_key";
+     RETURNING alert_key, confirmed_revision";
 
 fn length(count: usize) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)

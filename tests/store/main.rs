@@ -11,5 +11,6 @@ mod journal;
 mod life;
 mod settled;
 mod support;
+mod tiers;
 mod trips;
 mod webhooks;
