@@ -37,6 +37,6 @@ pub use look::{Look, Sight};
 pub use mismatch::{TiedPose, mismatches};
 pub use region::region_round;
 pub use residual_runs::{JudgedClosure, residual_runs};
-pub use running_calibration::p_values_in_order;
+pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use tier::Tier;
 pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

@@ -22,7 +22,7 @@ pub(super) struct Workspace {
     pub stage: Stage,
     /// What the map's weighting follows.
     pub detector: Detector,
-    /// Share of unchanged closures that the residual test may tell.
+    /// False alerts per lap that are accepted; a lap is as much driven way as the reference is long.
     pub false_alarm_rate: f64,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.

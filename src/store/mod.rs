@@ -109,7 +109,14 @@ impl Store {
         let lock = Arc::new(lock);
         let database = Database::in_directory(&options.data_dir);
         let mut connection = database.open_writer().await?;
-        database.migrate(&mut connection).await?;
+        let migrated = database.migrate(&mut connection).await?;
+        if migrated.rates_set > 0 {
+            tracing::warn!(
+                routes = migrated.rates_set,
+                false_alarm_rate = RouteSettings::default().false_alarm_rate,
+                "false_alarm_rate means false alerts per lap now: every route was set to the default"
+            );
+        }
         jobs::release_orphans(&mut connection).await?;
         let readers = database.open_readers().await?;
 

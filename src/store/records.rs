@@ -15,7 +15,8 @@ use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 pub struct RouteSettings {
     /// The rule.
     pub detector: Detector,
-    /// Share of unchanged closures that the residual test may call contradictory.
+    /// False alerts per lap that are accepted, in (0, 1]. A lap is as much driven way as the
+    /// route's reference is long.
     pub false_alarm_rate: f64,
     /// How long a batch waits for its predecessor before it is used on its own, seconds.
     pub hold_s: u32,
@@ -25,7 +26,7 @@ impl Default for RouteSettings {
     fn default() -> Self {
         Self {
             detector: Detector::Fused,
-            false_alarm_rate: 1e-4,
+            false_alarm_rate: 0.01,
             hold_s: 600,
         }
     }

@@ -330,8 +330,8 @@ fn routes() -> Vec<Case> {
             "/settings/detector",
         ),
         case(
-            "false-alarm rate of 1",
-            put(json!({"settings": {"false_alarm_rate": 1}})),
+            "more than one false alert per lap",
+            put(json!({"settings": {"false_alarm_rate": 1.01}})),
             422,
             "out-of-range",
             "/settings/false_alarm_rate",

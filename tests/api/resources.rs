@@ -112,7 +112,11 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
         .send(put(json!({"display_name": "Line 4", "geo_anchor": anchor})))
         .await;
     assert_eq!(created.status, 201);
-    let changed = service.send(put(json!({"settings": {"hold_s": 60}}))).await;
+    let changed = service
+        .send(put(
+            json!({"settings": {"hold_s": 60, "false_alarm_rate": 1}}),
+        ))
+        .await;
     assert_eq!(changed.status, 200);
     let changed = service
         .send(put(json!({"settings": {"detector": "seed"}})))
@@ -122,7 +126,7 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
     assert_eq!(route["geo_anchor"], anchor);
     assert_eq!(
         route["settings"],
-        json!({"detector": "seed", "false_alarm_rate": 1e-4, "hold_s": 60})
+        json!({"detector": "seed", "false_alarm_rate": 1.0, "hold_s": 60})
     );
 
     let stale = created.header("etag").unwrap();
