@@ -62,7 +62,7 @@ pub(super) fn conclude(
     outcomes: Vec<BatchOutcome>,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let mut result = of_added(&mut workspace, job, origins, added)?;
-    if !(added.nodes.is_empty() && added.edges.is_empty()) {
+    if !added.is_nothing() {
         let first_edge = added.edges.keys().next().copied();
         let first_edge = first_edge.unwrap_or_else(|| workspace.map.next_edge_id());
         let findings = findings(&workspace, first_edge);
@@ -171,6 +171,7 @@ fn added_by(drives: &[Drive], extension: &Extension, map: &RouteMap) -> Added {
     let mut added = Added {
         nodes: nodes.collect(),
         edges: edges.collect(),
+        intermediate: extension.intermediate.clone(),
     };
     for closure in &extension.closures {
         if let Some(edge) = added.edges.get_mut(&closure.edge) {

@@ -21,6 +21,7 @@ mod gaps;
 mod graph;
 mod graph_rows;
 mod inbox;
+mod intermediate_scans;
 mod jobs;
 mod journal;
 mod lock;
@@ -522,6 +523,19 @@ impl Store {
         trip: &TripId,
     ) -> Result<Vec<NodeRecord>, StoreError> {
         named(graph::trip_nodes(&self.shared.readers, route, trip).await)
+    }
+
+    /// Where a trip was at each of its scans, keyframes and those between them, active or not, in
+    /// the order of time.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn trajectory(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+    ) -> Result<Vec<TrajectoryPose>, StoreError> {
+        named(intermediate_scans::trajectory(&self.shared.readers, route, trip).await)
     }
 
     /// Every edge, by id.

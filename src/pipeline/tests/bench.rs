@@ -1,5 +1,6 @@
 //! A route through a small workshop in which a box is put down.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
@@ -19,6 +20,7 @@ use crate::formats::{Look, MapPicture};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::mapping::IntermediateScan;
 use crate::scan::decode_scan;
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
@@ -42,6 +44,8 @@ pub struct MapState {
     pub edges: Vec<EdgeRecord>,
     pub g2o: String,
     pub pgm: Vec<u8>,
+    /// Of the nodes in the map.
+    pub intermediate: BTreeMap<NodeId, Vec<IntermediateScan>>,
 }
 
 impl Bench {
@@ -159,8 +163,12 @@ impl Bench {
         let store = &self.engine.store;
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         let g2o = write_g2o(workspace.map.graph());
+        let keyframes = workspace.map.keyframes().iter();
+        let intermediate = keyframes.map(|keyframe| (keyframe.node, keyframe.intermediate.clone()));
+        let intermediate = intermediate.collect();
         self.engine.workspaces.put_back(route(), workspace);
         MapState {
+            intermediate,
             nodes: store.nodes(&route()).await.unwrap(),
             edges: store.edges(&route()).await.unwrap(),
             g2o,

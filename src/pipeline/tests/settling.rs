@@ -104,6 +104,8 @@ async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
     let (kept_state, restarted_state) = (kept.state().await, restarted.state().await);
     assert!(kept_state.nodes.iter().any(|node| !node.active));
     assert!(kept_state == restarted_state);
+    let between = kept_state.intermediate.values().flatten();
+    assert!(between.filter(|between| between.scan.is_some()).count() > 20);
     let evidence = |alerts: Vec<crate::store::AlertRecord>| -> Vec<_> {
         let told = alerts.into_iter();
         told.map(|a| (a.status, a.evidence, a.residual)).collect()
@@ -153,9 +155,25 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let deltas = edges[edges_before..].iter().filter_map(|edge| edge.delta_f);
     assert!(deltas.clone().all(|delta_f| delta_f > -1e-6));
 
+    // Every scan is known with its pose, those between keyframes of either batch among them.
+    let trajectory = store.trajectory(&route(), &trip).await.unwrap();
+    assert_eq!(trajectory.len() as i64, whole);
+    assert!(trajectory.is_sorted_by(|a, b| a.stamp < b.stamp));
+    let keyframes = trajectory.iter().filter(|pose| pose.is_keyframe);
+    let keyframes: Vec<_> = keyframes.map(|pose| (pose.node_id, pose.pose)).collect();
+    let nodes: Vec<_> = after.iter().map(|node| (node.id, node.pose)).collect();
+    assert_eq!(keyframes, nodes);
+    let steps_m = trajectory.windows(2).map(|pair| {
+        let [a, b] = [pair[0].pose, pair[1].pose].map(|pose| pose.translation());
+        (b - a).norm()
+    });
+    assert!(steps_m.fold(0.0, f64::max) < 0.8);
+
     for hour in 10..=13 {
         lap(&bench, hour).await;
     }
+    let left = store.trajectory(&route(), &trip).await.unwrap();
+    assert_eq!(left.len(), trajectory.len(), "also of what has left");
     let settled = store.trip_nodes(&route(), &trip).await.unwrap();
     assert!(settled.iter().all(|node| !node.active || node.reference));
 }
