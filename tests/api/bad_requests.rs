@@ -113,6 +113,20 @@ fn paths_and_parameters() -> Vec<Case> {
             "",
         ),
         case(
+            "poses that are not there",
+            get("/v1/routes/line-4/trajectories/none?poses=some"),
+            400,
+            "invalid-parameter",
+            "",
+        ),
+        case(
+            "poses in TUM text that are not there",
+            get("/v1/routes/line-4/trajectories/none/tum?poses="),
+            400,
+            "invalid-parameter",
+            "",
+        ),
+        case(
             "unknown sub-graph",
             get("/v1/routes/line-4/residuals?subgraph_id=9"),
             404,

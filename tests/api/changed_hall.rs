@@ -63,6 +63,7 @@ pub async fn directory() -> TempDir {
         base_revision: store.route(&hall).await.unwrap().unwrap().revision,
         outcomes: vec![merged()],
         nodes: (1..=3).map(node).collect(),
+        intermediate: Vec::new(),
         edges: vec![
             edge(1, 1, 2, EdgeKind::Odometry),
             edge(2, 2, 3, EdgeKind::Odometry),
@@ -143,6 +144,7 @@ fn node(id: i64) -> NodeWithScan {
             client_id: None,
         },
         scan: Some(encode_scan(&look_around(&pose(id), id == 3)).unwrap()),
+        intermediate: Vec::new(),
     }
 }
 

@@ -60,6 +60,10 @@ async fn a_route_and_its_map_have_their_documented_form() {
             "/v1/routes/hall/residuals?measurement=all_points",
         ),
         ("trajectory", "/v1/routes/hall/trajectories/trip-1"),
+        (
+            "trajectory_of_all_scans",
+            "/v1/routes/hall/trajectories/trip-1?poses=all",
+        ),
         ("versions", "/v1/routes/hall/versions"),
         ("problem", "/v1/routes/nowhere"),
     ] {
@@ -69,6 +73,10 @@ async fn a_route_and_its_map_have_their_documented_form() {
     for (name, path) in [
         ("graph_g2o", "/v1/routes/hall/graph.g2o"),
         ("trajectory_tum", "/v1/routes/hall/trajectories/trip-1/tum"),
+        (
+            "trajectory_tum_of_all_scans",
+            "/v1/routes/hall/trajectories/trip-1/tum?poses=all",
+        ),
         ("map_yaml", "/v1/routes/hall/map.yaml"),
     ] {
         let answer = service.get(path).await;
