@@ -250,10 +250,24 @@ pub fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
 /// An hour's drive from its scan `from` on as one upload of a trip; but for the first one its id
 /// is the trip's with that scan.
 pub fn upload_part(trip: &str, hour: i64, laps: usize, from: usize) -> NewBatch {
+    upload_spaced(trip, hour, laps, from, vehicle().scan_spacing_m)
+}
+
+/// As [`upload_part`], with a scan every so many metres.
+pub fn upload_spaced(
+    trip: &str,
+    hour: i64,
+    laps: usize,
+    from: usize,
+    scan_spacing_m: f64,
+) -> NewBatch {
     let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
     let corners = corners.map(|(x, y)| Vector2::new(x, y));
     let path = Route::new(&corners, 1.0).unwrap();
-    let vehicle = vehicle();
+    let vehicle = Vehicle {
+        scan_spacing_m,
+        ..vehicle()
+    };
     let scans = drive(
         &world(hour > 0),
         &path,

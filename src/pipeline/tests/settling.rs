@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::bench::{Bench, route, upload, upload_part};
+use super::bench::{Bench, route, upload, upload_part, upload_spaced};
 use crate::change::{AlertAction, AlertStatus};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, TripId};
-use crate::store::{BatchStatus, NodeRecord};
+use crate::store::{BatchContent, BatchStatus, NewBatch, NodeRecord};
 
 /// So many stretches stay.
 const STRETCHES: usize = 3;
@@ -104,14 +104,58 @@ async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
     let (kept_state, restarted_state) = (kept.state().await, restarted.state().await);
     assert!(kept_state.nodes.iter().any(|node| !node.active));
     assert!(kept_state == restarted_state);
-    let between = kept_state.intermediate.values().flatten();
-    assert!(between.filter(|between| between.scan.is_some()).count() > 20);
     let evidence = |alerts: Vec<crate::store::AlertRecord>| -> Vec<_> {
         let told = alerts.into_iter();
         told.map(|a| (a.status, a.evidence, a.residual)).collect()
     };
     let (kept, restarted) = (kept.alerts().await, restarted.alerts().await);
     assert_eq!(evidence(kept), evidence(restarted));
+}
+
+/// A lap with a scan every 0.2 m, most of which make no keyframe, in two parts.
+fn dense_lap(hour: i64) -> (NewBatch, NewBatch) {
+    let trip = format!("lap-{hour}");
+    let mut first = upload_spaced(&trip, hour, 1, 0, 0.2);
+    let half = usize::try_from(first.content.scans() / 2 + hour).unwrap();
+    let mut body: serde_json::Value = serde_json::from_slice(&first.body).unwrap();
+    body["scans"].as_array_mut().unwrap().truncate(half);
+    first.body = serde_json::to_vec(&body).unwrap();
+    first.content = BatchContent::Scans {
+        sequence: 0,
+        scans: half as i64,
+    };
+    let second = upload_spaced(&trip, hour, 1, half, 0.2);
+    (first, second)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn scans_between_keyframes_are_the_same_after_restarts() {
+    let kept = Bench::new().await;
+    let mut restarted = Bench::new().await;
+    let mut continued = 0;
+    for hour in 0..=5 {
+        let (first, second) = dense_lap(hour);
+        let (trip, half) = (first.trip_id.clone(), first.content.scans() as usize);
+        for batch in [first, second] {
+            restarted = restarted.restarted().await;
+            for bench in [&kept, &restarted] {
+                let merged = bench.merge(batch.clone(), STRETCHES).await;
+                assert_eq!(merged.status, BatchStatus::Merged);
+            }
+        }
+        let store = &kept.engine.store;
+        let trajectory = store.trajectory(&route(), &trip).await.unwrap();
+        // The second part may begin behind a keyframe of the first.
+        continued += i32::from(!trajectory[half].is_keyframe);
+    }
+    let restarted = restarted.restarted().await;
+    let (kept, restarted) = (kept.state().await, restarted.state().await);
+    assert!(kept == restarted);
+    let between = kept.intermediate.values().flatten();
+    let between = between.filter(|between| between.scan.is_some()).count();
+    assert!(between > 100, "{between}");
+    assert!(continued > 0);
+    assert!(kept.nodes.iter().any(|node| !node.active));
 }
 
 #[tokio::test(flavor = "multi_thread")]
