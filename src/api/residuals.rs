@@ -11,10 +11,10 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
-use crate::change::{VehicleResidual, p_values_in_order};
+use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
-use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord, RouteSettings};
+use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
 
 /// A residual series.
 #[derive(Debug, Serialize, ToSchema)]
@@ -70,7 +70,7 @@ struct ResidualEntryBody {
     /// few.
     #[schema(required)]
     calibrated_p_value: Option<f64>,
-    /// Whether that is below the route's `false_alarm_rate`.
+    /// Whether that is below 0.0001: so small a share of unchanged closures is flagged.
     alarm: bool,
     /// What the paper's rule says.
     verdict: VerdictName,
@@ -134,13 +134,13 @@ pub(super) async fn get_residuals(
     let nodes = state.store.nodes(&route_id).await?;
     let accepted = state.store.accepted_changes(&route_id).await?;
     let (subgraph_id, measurement) = (query.subgraph_id, query.measurement.unwrap_or_default());
-    let settings = route.settings;
+    let detector = route.settings.detector;
     let work = move || {
         let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
         let edges = || edges.iter().filter(within);
-        let settled = robust_series(edges(), settings.detector, &accepted).converged_at;
-        let series = series(edges(), measurement, settings.detector, &accepted);
-        let tests = Tests::of(edges(), settled, &vehicles_of(&nodes), &settings, &accepted);
+        let settled = robust_series(edges(), detector, &accepted).converged_at;
+        let series = series(edges(), measurement, detector, &accepted);
+        let tests = Tests::of(edges(), settled, &vehicles_of(&nodes), &accepted);
         (subgraph_id.is_none() || !series.entries.is_empty())
             .then(|| body(subgraph_id, measurement, &series, &tests))
     };
@@ -158,7 +158,6 @@ pub(super) fn vehicles_of(nodes: &[NodeRecord]) -> BTreeMap<NodeId, &VehicleId> 
 #[derive(Debug)]
 struct Tests {
     p_values: BTreeMap<EdgeId, f64>,
-    false_alarm_rate: f64,
 }
 
 impl Tests {
@@ -168,7 +167,6 @@ impl Tests {
         edges: impl Iterator<Item = &'a EdgeRecord>,
         settled: Option<usize>,
         vehicles: &BTreeMap<NodeId, &VehicleId>,
-        settings: &RouteSettings,
         accepted: &[AcceptedChange],
     ) -> Self {
         let closures = baseline(edges, accepted).filter_map(|edge| {
@@ -182,12 +180,11 @@ impl Tests {
             Some((edge.id, residual))
         });
         let (ids, residuals): (Vec<EdgeId>, Vec<_>) = closures.unzip();
-        let rate = settings.false_alarm_rate;
-        let p_values = p_values_in_order(&residuals, settled.unwrap_or(residuals.len()), rate);
+        let baseline = settled.unwrap_or(residuals.len());
+        let p_values = p_values_in_order(&residuals, baseline, RESIDUAL_FALSE_ALARM_RATE);
         let known = ids.into_iter().zip(p_values);
         Self {
             p_values: known.filter_map(|(id, p)| Some((id, p?))).collect(),
-            false_alarm_rate: rate,
         }
     }
 }
@@ -217,7 +214,7 @@ pub(super) fn series_around(
     edges: &[EdgeRecord],
     vehicles: &BTreeMap<NodeId, &VehicleId>,
     edge: EdgeId,
-    settings: &RouteSettings,
+    detector: Detector,
     accepted: &[AcceptedChange],
     reach: usize,
 ) -> Option<SeriesAround> {
@@ -225,7 +222,7 @@ pub(super) fn series_around(
     let subgraph_id = edges.get(found)?.subgraph_id;
     let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
     let edges = || edges.iter().filter(within);
-    let mut series = robust_series(edges(), settings.detector, accepted);
+    let mut series = robust_series(edges(), detector, accepted);
     let settled = series.converged_at;
     let entries = &mut series.entries;
     let place = entries.iter().position(|entry| entry.edge_id == edge)?;
@@ -234,7 +231,7 @@ pub(super) fn series_around(
     Some(SeriesAround {
         subgraph_id,
         series,
-        tests: Tests::of(edges(), settled, vehicles, settings, accepted),
+        tests: Tests::of(edges(), settled, vehicles, accepted),
     })
 }
 
@@ -299,7 +296,7 @@ impl ResidualEntryBody {
         let calibrated_p_value = tests.p_values.get(&entry.edge_id).copied();
         Self {
             calibrated_p_value,
-            alarm: calibrated_p_value.is_some_and(|p| p < tests.false_alarm_rate),
+            alarm: calibrated_p_value.is_some_and(|p| p < RESIDUAL_FALSE_ALARM_RATE),
             n: entry.n as u64,
             edge_id: entry.edge_id.0,
             total: entry.total,

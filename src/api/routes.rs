@@ -19,7 +19,7 @@ use crate::ids::RouteId;
 use crate::store::{Detector, GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate, Stage};
 
 const DISPLAY_NAME_CHARS_MAX: usize = 200;
-const FALSE_ALARM_RATE_MAX: f64 = 0.5;
+const FALSE_ALARM_RATE_MAX: f64 = 1.0;
 const HOLD_S_MAX: u32 = 7 * 24 * 3_600;
 
 /// A route.
@@ -95,7 +95,9 @@ enum DetectorName {
 struct RouteSettingsBody {
     /// The rule that decides that something changed.
     detector: DetectorName,
-    /// Share of unchanged closures that the residual test may call contradictory.
+    /// False alerts per lap that are accepted. A lap is as much driven way as the route's reference
+    /// is long.
+    #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
     false_alarm_rate: f64,
     /// How long a batch waits for its predecessor, seconds.
     hold_s: u32,
@@ -136,8 +138,9 @@ pub(super) struct RoutePut {
 struct RouteSettingsPut {
     /// The rule that decides that something changed.
     detector: Option<DetectorName>,
-    /// Share of unchanged closures that the residual test may call contradictory.
-    #[schema(exclusive_minimum = 0.0, maximum = 0.5, example = 1e-4)]
+    /// False alerts per lap that are accepted; 0.01 for a new route. A lap is as much driven way as
+    /// the route's reference is long.
+    #[schema(exclusive_minimum = 0.0, maximum = 1.0, example = 0.01)]
     false_alarm_rate: Option<f64>,
     /// How long a batch waits for its predecessor, seconds.
     #[schema(minimum = 0, maximum = 604800)]
@@ -225,7 +228,10 @@ impl RoutePut {
             Some(put) => {
                 let rate = put.false_alarm_rate.unwrap_or(current.false_alarm_rate);
                 if !(rate > 0.0 && rate <= FALSE_ALARM_RATE_MAX) {
-                    return refuse("/settings/false_alarm_rate", "a rate is in (0, 0.5]");
+                    return refuse(
+                        "/settings/false_alarm_rate",
+                        "a number of false alerts per lap is in (0, 1]",
+                    );
                 }
                 let hold_s = put.hold_s.unwrap_or(current.hold_s);
                 if hold_s > HOLD_S_MAX {

@@ -5,15 +5,15 @@ use std::fmt::Write;
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
-use serde::Serialize;
-use utoipa::ToSchema;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, NoQuery};
+use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use super::types::{PoseBody, timestamp};
 use crate::ids::{RouteId, TripId};
-use crate::store::NodeRecord;
+use crate::store::{NodeRecord, TrajectoryPose};
 
 /// A trip's way through the map.
 #[derive(Debug, Serialize, ToSchema)]
@@ -21,7 +21,7 @@ use crate::store::NodeRecord;
 pub(super) struct TrajectoryBody {
     /// Which drive.
     trip_id: String,
-    /// Every keyframe in the order of time, also those that left the active graph.
+    /// In the order of time, also those that left the active graph.
     poses: Vec<TrajectoryPoseBody>,
 }
 
@@ -29,8 +29,10 @@ pub(super) struct TrajectoryBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = TrajectoryPose)]
 struct TrajectoryPoseBody {
-    /// The keyframe.
+    /// The keyframe that the scan is, or moves with.
     node_id: i64,
+    /// Whether the scan is the keyframe's own; false for one between keyframes.
+    keyframe: bool,
     /// When.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
@@ -38,27 +40,51 @@ struct TrajectoryPoseBody {
     pose: PoseBody,
 }
 
+/// Which poses of a trip to send.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum PosesName {
+    /// Every keyframe.
+    #[default]
+    Keyframes,
+    /// Every uploaded scan: keyframes and the scans between them.
+    All,
+}
+
+/// Which poses of a trip to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct TrajectoryQuery {
+    /// `keyframes`, or `all` for every uploaded scan; `keyframes` if left out.
+    #[param(nullable = false, inline)]
+    poses: Option<PosesName>,
+}
+
 /// Read a trip's trajectory.
 ///
-/// The optimised pose of every keyframe of the trip.
+/// The optimised pose of every keyframe of the trip, or of every uploaded scan: a scan between
+/// keyframes moves rigidly with the keyframe before it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}", tag = "graph",
     params(
         ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
         ("trip" = String, Path, description = "Name of the trip", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        TrajectoryQuery,
     ),
     responses((status = 200, description = "The trajectory", body = TrajectoryBody))
 )]
 pub(super) async fn get_trajectory(
     State(state): State<ApiState>,
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
-    _: NoQuery,
+    ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<Json<TrajectoryBody>, Problem> {
-    let nodes = keyframes(&state, &route_id, &trip_id).await?;
-    let poses = nodes.into_iter().map(|node| TrajectoryPoseBody {
-        node_id: node.id.0,
-        stamp: timestamp(node.stamp),
-        pose: node.pose.into(),
+    let poses = poses(&state, &route_id, &trip_id, &query).await?;
+    let poses = poses.into_iter().map(|pose| TrajectoryPoseBody {
+        node_id: pose.node_id.0,
+        keyframe: pose.is_keyframe,
+        stamp: timestamp(pose.stamp),
+        pose: pose.pose.into(),
     });
     Ok(Json(TrajectoryBody {
         trip_id: trip_id.to_string(),
@@ -68,51 +94,69 @@ pub(super) async fn get_trajectory(
 
 /// Read a trip's trajectory as TUM text.
 ///
-/// Lines of `timestamp x y z qx qy qz qw`, Unix seconds, for evo and similar tools.
+/// Lines of `timestamp x y z qx qy qz qw`, Unix seconds, for evo and similar tools: one for every
+/// keyframe, or for every uploaded scan.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}/tum", tag = "graph",
     params(
         ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
         ("trip" = String, Path, description = "Name of the trip", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        TrajectoryQuery,
     ),
     responses((status = 200, description = "TUM lines", body = String, content_type = "text/plain"))
 )]
 pub(super) async fn get_trajectory_tum(
     State(state): State<ApiState>,
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
-    _: NoQuery,
+    ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<String, Problem> {
-    let nodes = keyframes(&state, &route_id, &trip_id).await?;
-    Ok(tum(&nodes))
+    let poses = poses(&state, &route_id, &trip_id, &query).await?;
+    Ok(tum(&poses))
 }
 
-async fn keyframes(
+/// The poses that are asked for, in the order of time.
+async fn poses(
     state: &ApiState,
     route_id: &RouteId,
     trip_id: &TripId,
-) -> Result<Vec<NodeRecord>, Problem> {
+    query: &TrajectoryQuery,
+) -> Result<Vec<TrajectoryPose>, Problem> {
     state.known_route(route_id).await?;
-    let mut nodes = state.store.trip_nodes(route_id, trip_id).await?;
-    if nodes.is_empty() {
+    let poses = match query.poses.unwrap_or_default() {
+        PosesName::All => state.store.trajectory(route_id, trip_id).await?,
+        PosesName::Keyframes => {
+            let nodes = state.store.trip_nodes(route_id, trip_id).await?;
+            nodes.iter().map(of_keyframe).collect()
+        }
+    };
+    if poses.is_empty() {
         return Err(Problem::not_found("trip with keyframes in the map"));
     }
-    nodes.sort_by_key(|node| (node.stamp, node.id));
-    Ok(nodes)
+    Ok(poses)
 }
 
-fn tum(nodes: &[NodeRecord]) -> String {
+fn of_keyframe(node: &NodeRecord) -> TrajectoryPose {
+    TrajectoryPose {
+        node_id: node.id,
+        is_keyframe: true,
+        stamp: node.stamp,
+        pose: node.pose,
+    }
+}
+
+fn tum(poses: &[TrajectoryPose]) -> String {
     let mut text = String::new();
-    for node in nodes {
+    for TrajectoryPose { stamp, pose, .. } in poses {
         let (seconds, nanoseconds) = (
-            node.stamp.0.div_euclid(1_000_000_000),
-            node.stamp.0.rem_euclid(1_000_000_000),
+            stamp.0.div_euclid(1_000_000_000),
+            stamp.0.rem_euclid(1_000_000_000),
         );
-        let (qz, qw) = (0.5 * node.pose.theta).sin_cos();
+        let (qz, qw) = (0.5 * pose.theta).sin_cos();
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
             "{seconds}.{nanoseconds:09} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}",
-            node.pose.x, node.pose.y
+            pose.x, pose.y
         );
     }
     text
@@ -122,26 +166,17 @@ fn tum(nodes: &[NodeRecord]) -> String {
 mod tests {
     use super::*;
     use crate::geometry::Pose2;
-    use crate::ids::{BatchId, NodeId, StampNs, VehicleId};
+    use crate::ids::{NodeId, StampNs};
 
     #[test]
     fn tum_lines_have_eight_numbers_and_a_unit_quaternion() {
-        let node = NodeRecord {
-            id: NodeId(1),
-            batch_id: BatchId::new("b").unwrap(),
-            vehicle_id: VehicleId::new("v").unwrap(),
-            trip_id: TripId::new("t").unwrap(),
+        let pose = TrajectoryPose {
+            node_id: NodeId(1),
+            is_keyframe: true,
             stamp: StampNs(1_795_154_400_050_000_000),
             pose: Pose2::new(1.5, -2.0, -1.0),
-            odom_from_base: Pose2::IDENTITY,
-            drift_m: 0.0,
-            reference: true,
-            active: false,
-            subgraph_id: None,
-            trip_order: 0,
-            client_id: None,
         };
-        let text = tum(&[node]);
+        let text = tum(&[pose]);
         assert_eq!(
             text,
             "1795154400.050000000 1.500000 -2.000000 0 0 0 -0.479425539 0.877582562\n"

@@ -276,16 +276,22 @@ fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
 
 /// Whether a finding says more than that poses were improved by a hair.
 fn is_news(before: &Finding, now: &Finding) -> bool {
-    let told = |f: &Finding| (f.views, f.laps, f.since, f.last_seen, f.until);
+    let counted = |f: &Finding| (f.tier, f.views, f.laps, f.since, f.last_seen, f.until);
     let moved = |a: &Vector2<f64>, b: &Vector2<f64>| (a - b).norm() >= MOVED_MIN_M;
-    let corners = || before.region.iter().zip(&now.region);
-    told(before) != told(now)
+    let reshaped = |a: &[Vector2<f64>], b: &[Vector2<f64>]| {
+        a.len() != b.len() || a.iter().zip(b).any(|(a, b)| moved(a, b))
+    };
+    let other_counterpart = match (&before.counterpart, &now.counterpart) {
+        (Some(a), Some(b)) => a.kind != b.kind || reshaped(&a.region, &b.region),
+        (a, b) => a.is_some() != b.is_some(),
+    };
+    counted(before) != counted(now)
+        || other_counterpart
         || before.edges != now.edges
         || before.nodes != now.nodes
         || before.trips != now.trips
-        || before.region.len() != now.region.len()
         || moved(&before.location, &now.location)
-        || corners().any(|(a, b)| moved(a, b))
+        || reshaped(&before.region, &now.region)
         || (before.sigma_m - now.sigma_m).abs() >= MOVED_MIN_M
         || (before.confidence - now.confidence).abs() >= CONFIDENCE_STEP_MIN
 }

@@ -36,7 +36,7 @@ pub use kind::ChangeKind;
 pub use mismatch::{TiedPose, mismatches};
 pub use region::region_round;
 pub use residual_runs::{JudgedClosure, residual_runs};
-pub use running_calibration::p_values_in_order;
+pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use screen::{CandidateSite, ObservationKey, Screen, Screened};
 pub use site::{Observed, Site, state_changes};
 pub use tier::Tier;

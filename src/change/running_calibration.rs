@@ -3,6 +3,9 @@
 
 use super::calibration::{Known, VehicleResidual};
 
+/// The share of unchanged closures that the test of residuals may flag.
+pub const RESIDUAL_FALSE_ALARM_RATE: f64 = 1e-4;
+
 /// For each residual, in the order of insertion, the probability of one as large without a change.
 ///
 /// The first `baseline` residuals are taken for those of an unchanged world. Each later one is

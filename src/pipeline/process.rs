@@ -62,8 +62,10 @@ pub(super) fn conclude(
     outcomes: Vec<BatchOutcome>,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let mut result = of_added(&mut workspace, job, origins, added)?;
-    let findings = findings(&mut workspace);
-    result.alerts = fold_into(&mut workspace, job, &findings);
+    if !added.is_nothing() {
+        let findings = findings(&mut workspace);
+        result.alerts = fold_into(&mut workspace, job, &findings);
+    }
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;
     result.outcomes = outcomes;
@@ -167,6 +169,7 @@ fn added_by(drives: &[Drive], extension: &Extension, map: &RouteMap) -> Added {
     let mut added = Added {
         nodes: nodes.collect(),
         edges: edges.collect(),
+        intermediate: extension.intermediate.clone(),
     };
     for closure in &extension.closures {
         if let Some(edge) = added.edges.get_mut(&closure.edge) {

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, residual_series};
-use crate::change::{Finding, JudgedClosure, VehicleResidual, p_values_in_order, residual_runs};
+use crate::change::{
+    Finding, JudgedClosure, RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order,
+    residual_runs,
+};
 use crate::ids::{EdgeId, VehicleId};
 
 /// A closure that adds less to F hung on nothing else when it came: nothing could contradict it.
@@ -12,8 +15,9 @@ const GROWTH_MIN: f64 = 1e-12;
 
 /// The places that closures without scans contradict.
 ///
-/// Each sub-graph's are tested one after the other at the route's rate of false alarms, from where
-/// their mean has settled; those before are the baseline.
+/// Each sub-graph's are tested one after the other at [`RESIDUAL_FALSE_ALARM_RATE`], from where
+/// their mean has settled; those before are the baseline. The route's own rate is one of alerts per
+/// lap, and does not bear on single closures.
 pub(super) fn by_residuals(workspace: &Workspace) -> Vec<Finding> {
     if workspace.given.is_empty() {
         return Vec::new();
@@ -55,11 +59,10 @@ fn judge(
         residual: sample.delta_f,
     });
     let residuals: Vec<_> = residuals.collect();
-    let rate = workspace.false_alarm_rate;
-    let p_values = p_values_in_order(&residuals, baseline, rate);
+    let p_values = p_values_in_order(&residuals, baseline, RESIDUAL_FALSE_ALARM_RATE);
     let tested = samples.iter().zip(p_values).skip(baseline);
     tested
-        .filter_map(|(sample, p_value)| judged(workspace, sample.edge_id, p_value?, rate))
+        .filter_map(|(sample, p_value)| judged(workspace, sample.edge_id, p_value?))
         .collect()
 }
 
@@ -69,7 +72,7 @@ fn driver_of(workspace: &Workspace, edge: EdgeId) -> Option<&VehicleId> {
     workspace.vehicles.get(&newer.trip)
 }
 
-fn judged(workspace: &Workspace, id: EdgeId, p_value: f64, rate: f64) -> Option<JudgedClosure> {
+fn judged(workspace: &Workspace, id: EdgeId, p_value: f64) -> Option<JudgedClosure> {
     let graph = workspace.map.graph();
     let edge = graph.edge(id)?;
     let nodes = [edge.from.min(edge.to), edge.from.max(edge.to)];
@@ -82,6 +85,6 @@ fn judged(workspace: &Workspace, id: EdgeId, p_value: f64, rate: f64) -> Option<
         stamp: keyframe.stamp,
         trip: (keyframe.trip.clone(), keyframe.trip_order),
         p_value,
-        told: p_value < rate,
+        told: p_value < RESIDUAL_FALSE_ALARM_RATE,
     })
 }

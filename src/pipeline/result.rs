@@ -13,8 +13,8 @@ use crate::ids::{BatchId, EdgeId, NodeId, TripId, VehicleId};
 use crate::mapping::{Closure, RouteMap};
 use crate::scan::encode_scan;
 use crate::store::{
-    ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, JobResult, NodeChange, NodeRecord,
-    NodeWithScan,
+    ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, IntermediateRecord, JobResult,
+    NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
 };
 
 /// A batch that takes part in a job.
@@ -29,6 +29,15 @@ pub(super) struct Origin {
 pub(super) struct Added {
     pub nodes: BTreeMap<NodeId, AddedNode>,
     pub edges: BTreeMap<EdgeId, AddedEdge>,
+    /// Scans between keyframes: the keyframe, and the place among its own.
+    pub intermediate: Vec<(NodeId, usize)>,
+}
+
+impl Added {
+    /// Whether the map is as it was.
+    pub fn is_nothing(&self) -> bool {
+        self.nodes.is_empty() && self.edges.is_empty() && self.intermediate.is_empty()
+    }
 }
 
 /// A new node.
@@ -87,6 +96,8 @@ pub(super) fn of_added(
         let edge = &graph.edges()[old_edges + k];
         anyhow::Ok(edge_record(graph, edge, &origins[new.origin], new, state))
     });
+    let new_scans = added.intermediate.iter();
+    let new_scans = new_scans.map(|added| intermediate_record(&workspace.map, *added));
     let result = JobResult {
         job_id: job.job_id,
         generation: job.generation,
@@ -94,6 +105,7 @@ pub(super) fn of_added(
         base_revision: workspace.revision,
         outcomes: Vec::new(),
         nodes: new_nodes.collect::<Result<_, _>>()?,
+        intermediate: new_scans.collect::<Result<_, _>>()?,
         edges: new_edges.collect::<Result<_, _>>()?,
         changed_nodes: changed_nodes(&workspace.saved_nodes, &nodes_now),
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
@@ -152,7 +164,30 @@ fn node_record(
         client_id: new.client_id.clone(),
     };
     let scan = keyframe.scan.as_ref().map(encode_scan).transpose()?;
-    Ok(NodeWithScan { node, scan })
+    Ok(NodeWithScan {
+        node,
+        scan,
+        intermediate: Vec::new(),
+    })
+}
+
+fn intermediate_record(
+    map: &RouteMap,
+    (node_id, place): (NodeId, usize),
+) -> anyhow::Result<NewIntermediate> {
+    let keyframe = map.keyframe(node_id);
+    let scan = keyframe.and_then(|keyframe| keyframe.intermediate.get(place));
+    let scan = scan.with_context(|| format!("scan {place} behind node {node_id} is not there"))?;
+    Ok(NewIntermediate {
+        node_id,
+        place: u32::try_from(place)?,
+        scan: IntermediateRecord {
+            stamp: scan.stamp,
+            keyframe_from_base: scan.keyframe_from_base,
+            odom_from_base: scan.odom_from_base,
+            scan: scan.scan.as_ref().map(encode_scan).transpose()?,
+        },
+    })
 }
 
 fn edge_record(

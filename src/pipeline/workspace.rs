@@ -8,11 +8,11 @@ use anyhow::{Context, anyhow};
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
-use crate::mapping::{Keyframe, RouteMap, Weighting};
+use crate::mapping::{IntermediateScan, Keyframe, RouteMap, Weighting};
 use crate::scan::decode_scan;
 use crate::store::{
-    AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, NodeChange, NodeWithScan,
-    RouteGraph, SettledClosure, Stage, Store,
+    AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, IntermediateRecord, NodeChange,
+    NodeWithScan, RouteGraph, SettledClosure, Stage, Store,
 };
 
 /// A route's map with what the store has of it.
@@ -22,7 +22,7 @@ pub(super) struct Workspace {
     pub stage: Stage,
     /// What the map's weighting follows.
     pub detector: Detector,
-    /// Share of unchanged closures that the residual test may tell.
+    /// False alerts per lap that are accepted; a lap is as much driven way as the reference is long.
     pub false_alarm_rate: f64,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
@@ -187,7 +187,21 @@ fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
     keyframe.trip_order = node.trip_order;
+    let intermediate = record.intermediate.iter();
+    let intermediate = intermediate.map(|scan| intermediate_of(node.id, scan));
+    keyframe.intermediate = intermediate.collect::<Result<_, _>>()?;
     Ok(keyframe)
+}
+
+fn intermediate_of(node: NodeId, record: &IntermediateRecord) -> anyhow::Result<IntermediateScan> {
+    let scan = record.scan.as_deref().map(decode_scan).transpose();
+    let scan = scan.with_context(|| format!("a scan behind node {node} cannot be read"))?;
+    Ok(IntermediateScan {
+        stamp: record.stamp,
+        keyframe_from_base: record.keyframe_from_base,
+        odom_from_base: record.odom_from_base,
+        scan,
+    })
 }
 
 fn driver_of(record: &NodeWithScan) -> (TripId, VehicleId) {

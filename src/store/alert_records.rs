@@ -2,7 +2,9 @@
 
 use jiff::Timestamp;
 
-pub use crate::change::{AcceptedChange, AlertAction, AlertStatus, ChangeKind, Finding};
+pub use crate::change::{
+    AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
+};
 pub use crate::formats::MapPicture;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
 
@@ -81,6 +83,8 @@ pub struct AlertFilter {
     pub status: Option<AlertStatus>,
     /// Of this kind.
     pub kind: Option<ChangeKind>,
+    /// Of this tier.
+    pub tier: Option<Tier>,
     /// Changed at this time or later.
     pub since: Option<Timestamp>,
     /// Located in this rectangle of the map frame: lowest x, lowest y, highest x, highest y,

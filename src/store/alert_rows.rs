@@ -22,12 +22,21 @@ pub(super) async fn write_alerts(
     }
     for alert in alerts {
         check(alert)?;
-        let alert_key = upsert(transaction, route_key, alert).await?;
-        let alert_key = alert_key
+        let (alert_key, confirmed_revision) = upsert(transaction, route_key, alert)
+            .await?
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
         add_history(transaction, alert_key, &alert.history).await?;
         link_batches(transaction, route_key, alert_key, alert).await?;
-        tell(transaction, route_key, alert_key, alert).await?;
+        let at_us = micros(alert.updated_at);
+        let happened = Happened {
+            route_key,
+            alert_key,
+            sequence: add_event(transaction, alert_key, alert.revision, at_us).await?,
+            revision: alert.revision,
+            confirmed_revision,
+            at_us,
+        };
+        queue(transaction, &happened).await?;
     }
     sqlx::query(
         "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
@@ -39,31 +48,23 @@ pub(super) async fn write_alerts(
     Ok(())
 }
 
-/// Writes what happened to an alert where streams read it, and queues it for webhooks.
-async fn tell(
+/// Writes what happened to an alert where streams read it.
+async fn add_event(
     transaction: &mut SqliteConnection,
-    route_key: i64,
     alert_key: i64,
-    alert: &AlertRecord,
-) -> Result<(), StoreError> {
-    let at_us = micros(alert.updated_at);
+    revision: i64,
+    at_us: i64,
+) -> Result<i64, StoreError> {
     let sequence = sqlx::query_scalar(
         "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
          RETURNING sequence",
     )
     .bind(alert_key)
-    .bind(alert.revision)
+    .bind(revision)
     .bind(at_us)
-    .fetch_one(&mut *transaction)
+    .fetch_one(transaction)
     .await?;
-    let happened = Happened {
-        route_key,
-        alert_key,
-        sequence,
-        revision: alert.revision,
-        at_us,
-    };
-    queue(transaction, &happened).await
+    Ok(sequence)
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
@@ -71,7 +72,9 @@ fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
 }
 
 fn check(alert: &AlertRecord) -> Result<(), StoreError> {
-    let corners = alert.evidence.region.iter();
+    let counterpart = alert.evidence.counterpart.iter();
+    let counterpart = counterpart.flat_map(|counterpart| &counterpart.region);
+    let corners = alert.evidence.region.iter().chain(counterpart);
     if !corners
         .flat_map(|corner| corner.iter())
         .all(|v| v.is_finite())
@@ -85,15 +88,17 @@ fn check(alert: &AlertRecord) -> Result<(), StoreError> {
 }
 
 /// Inserts a first revision, or puts a later one in the place of the one before; `None` if that is
-/// not what is stored.
+/// not what is stored. Returns its key and the revision with which it was first confirmed, if it
+/// ever was.
 async fn upsert(
     transaction: &mut SqliteConnection,
     route_key: i64,
     alert: &AlertRecord,
-) -> Result<Option<i64>, StoreError> {
+) -> Result<Option<(i64, Option<i64>)>, StoreError> {
     let evidence = &alert.evidence;
     let residual = alert.residual.as_ref();
-    let key = sqlx::query_scalar(UPSERT)
+    let counterpart = evidence.counterpart.as_ref();
+    let key = sqlx::query_as(UPSERT)
         .bind(route_key)
         .bind(alert.id.to_string())
         .bind(alert.revision)
@@ -124,6 +129,9 @@ async fn upsert(
         .bind(json_text(&alert.related)?)
         .bind(micros(alert.raised_at))
         .bind(micros(alert.updated_at))
+        .bind(evidence.tier.text())
+        .bind(counterpart.map(|counterpart| counterpart.kind.text()))
+        .bind(counterpart.map(|counterpart| polygon_bytes(&counterpart.region)))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -134,9 +142,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      x, y, sigma_m, region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns, \
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
-     updated_at_us) \
+     updated_at_us, tier, counterpart_kind, counterpart_region, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
-     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30 \
+     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
+     iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -149,10 +158,13 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      residual_threshold = excluded.residual_threshold, \
      residual_ratio = excluded.residual_ratio, residual_p_value = excluded.residual_p_value, \
      residual_seed_rule = excluded.residual_seed_rule, map_version = excluded.map_version, \
-     related = excluded.related, updated_at_us = excluded.updated_at_us \
+     related = excluded.related, updated_at_us = excluded.updated_at_us, tier = excluded.tier, \
+     counterpart_kind = excluded.counterpart_kind, \
+     counterpart_region = excluded.counterpart_region, \
+     confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \
-     RETURNING alert_key";
+     RETURNING alert_key, confirmed_revision";
 
 fn length(count: usize) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)

@@ -11,7 +11,7 @@ use super::alert_records::{
 };
 use super::columns::{Text, alert_id, corrupt, json, micros, name, polygon, text, time};
 use super::error::StoreError;
-use crate::change::{Finding, Tier};
+use crate::change::{Counterpart, Finding};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
 
@@ -61,6 +61,9 @@ pub(super) async fn alert_page(
     }
     if let Some(kind) = filter.kind {
         query.push(" AND kind = ").push_bind(kind.text());
+    }
+    if let Some(tier) = filter.tier {
+        query.push(" AND tier = ").push_bind(tier.text());
     }
     if let Some(since) = filter.since {
         query
@@ -195,8 +198,8 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
     };
     let until: Option<i64> = row.try_get("until_ns")?;
     Ok(Finding {
-        tier: Tier::Confirmed,
-        counterpart: None,
+        tier: text(row, "tier")?,
+        counterpart: counterpart_of(row)?,
         kind: text(row, "kind")?,
         location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
         sigma_m: row.try_get("sigma_m")?,
@@ -211,6 +214,17 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
         last_seen: StampNs(row.try_get("last_seen_ns")?),
         until: until.map(StampNs),
     })
+}
+
+fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
+    let kind: Option<&str> = row.try_get("counterpart_kind")?;
+    if kind.is_none() {
+        return Ok(None);
+    }
+    Ok(Some(Counterpart {
+        kind: text(row, "counterpart_kind")?,
+        region: polygon(row, "counterpart_region")?,
+    }))
 }
 
 fn residual_of(row: &SqliteRow) -> Result<Option<AlertResidual>, StoreError> {

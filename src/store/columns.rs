@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteRow;
 
 use super::error::{Corruption, StoreError};
 use super::records::{BatchKind, BatchStatus, Detector, Stage};
-use crate::change::{AlertAction, AlertStatus, ChangeKind};
+use crate::change::{AlertAction, AlertStatus, ChangeKind, Tier};
 use crate::geometry::{Information, Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId};
@@ -86,6 +86,15 @@ text_column!(AlertAction {
     Reopen = "reopen",
     Undo = "undo",
 });
+
+impl Text for Tier {
+    fn text(self) -> &'static str {
+        self.name()
+    }
+    fn parse(text: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|tier| tier.name() == text)
+    }
+}
 
 /// A client-chosen name that is stored as text.
 pub(super) trait Name: Sized {
@@ -233,6 +242,9 @@ mod tests {
         }
         assert_eq!(EdgeKind::parse("loop_closure"), Some(EdgeKind::LoopClosure));
         assert_eq!(EdgeStatus::parse("Active"), None);
+        for tier in Tier::ALL {
+            assert_eq!(Tier::parse(tier.text()), Some(tier));
+        }
     }
 
     #[test]

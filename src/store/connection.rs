@@ -24,6 +24,16 @@ const WAL_BYTES_MAX_TEXT: &str = "67108864";
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
+/// The migration that gave every route's `false_alarm_rate` another meaning and the default.
+const RATES_PER_LAP: i64 = 9;
+
+/// What bringing the schema up to date did that its keepers should know of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Migrated {
+    /// Routes whose `false_alarm_rate` was set to the default, as false alerts per lap.
+    pub(super) rates_set: i64,
+}
+
 /// The database file of a data directory.
 #[derive(Debug, Clone)]
 pub(super) struct Database {
@@ -72,8 +82,19 @@ impl Database {
     }
 
     /// Brings the schema up to date.
-    pub(super) async fn migrate(&self, writer: &mut SqliteConnection) -> Result<(), StoreError> {
-        Ok(MIGRATIONS.run(writer).await?)
+    pub(super) async fn migrate(
+        &self,
+        writer: &mut SqliteConnection,
+    ) -> Result<Migrated, StoreError> {
+        let had_rates_per_lap = has_migration(writer, RATES_PER_LAP).await?;
+        MIGRATIONS.run(&mut *writer).await?;
+        if had_rates_per_lap {
+            return Ok(Migrated { rates_set: 0 });
+        }
+        let rates_set = sqlx::query_scalar("SELECT count(*) FROM routes")
+            .fetch_one(writer)
+            .await?;
+        Ok(Migrated { rates_set })
     }
 
     /// The pool of connections that read. The database is there already.
@@ -111,6 +132,28 @@ pub(super) async fn truncate_wal(writer: &mut SqliteConnection) -> Result<bool, 
         .fetch_one(writer)
         .await?;
     Ok(busy == 0)
+}
+
+/// Whether a migration has been applied; of a new database none has.
+async fn has_migration(
+    connection: &mut SqliteConnection,
+    version: i64,
+) -> Result<bool, StoreError> {
+    let is_new: bool = sqlx::query_scalar(
+        "SELECT NOT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = '_sqlx_migrations')",
+    )
+    .fetch_one(&mut *connection)
+    .await?;
+    if is_new {
+        return Ok(false);
+    }
+    let applied = sqlx::query_scalar(
+        "SELECT EXISTS (SELECT 1 FROM _sqlx_migrations WHERE version = ? AND success)",
+    )
+    .bind(version)
+    .fetch_one(connection)
+    .await?;
+    Ok(applied)
 }
 
 async fn check_version(connection: &mut SqliteConnection) -> Result<(), StoreError> {
@@ -165,6 +208,42 @@ mod tests {
         for bad in ["3.51.2", "3.9.9", "3.51", "", "3.x.9"] {
             assert!(!is_recent(bad), "{bad}");
         }
+    }
+
+    #[tokio::test]
+    async fn rates_of_another_meaning_are_set_once() {
+        let directory = tempfile::tempdir().unwrap();
+        let database = Database::in_directory(directory.path());
+        let mut writer = database.open_writer().await.unwrap();
+        let mut before = sqlx::migrate!("./migrations");
+        let older = before.migrations.iter();
+        let older: Vec<_> = older
+            .filter(|m| m.version < RATES_PER_LAP)
+            .cloned()
+            .collect();
+        before.migrations = older.into();
+        before.run(&mut writer).await.unwrap();
+        for (id, rate) in [("a", 1e-4), ("b", 0.5)] {
+            sqlx::query(
+                "INSERT INTO routes (id, detector, false_alarm_rate, hold_s, stage, map_version, \
+                 epoch, revision, next_node_id, next_edge_id, created_at_us, updated_at_us) \
+                 VALUES (?, 'fused', ?, 600, 'mapping', 1, 1, 0, 1, 1, 0, 0)",
+            )
+            .bind(id)
+            .bind(rate)
+            .execute(&mut writer)
+            .await
+            .unwrap();
+        }
+        let migrated = database.migrate(&mut writer).await.unwrap();
+        assert_eq!(migrated, Migrated { rates_set: 2 });
+        let rates: Vec<f64> = sqlx::query_scalar("SELECT false_alarm_rate FROM routes")
+            .fetch_all(&mut writer)
+            .await
+            .unwrap();
+        assert_eq!(rates, [0.01, 0.01]);
+        let again = database.migrate(&mut writer).await.unwrap();
+        assert_eq!(again, Migrated { rates_set: 0 });
     }
 
     #[tokio::test]

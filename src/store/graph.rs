@@ -8,6 +8,7 @@ use super::alerts;
 use super::body::checksum;
 use super::columns::{information, name, pose, text};
 use super::error::{Corruption, StoreError};
+use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
 use super::settled;
@@ -115,19 +116,24 @@ async fn load_snapshot(
     .bind(route.as_str())
     .fetch_all(&mut *snapshot)
     .await?;
+    let mut intermediate = active_intermediate(&mut snapshot, route).await?;
     let edges = settled::active_edges(&mut snapshot, route).await?;
     let settled_closures = settled::first_closures(&mut snapshot, route).await?;
     let alerts = alerts::route_alerts(&mut snapshot, route).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     snapshot.commit().await?;
-    let with_scan = |row: &SqliteRow| node_with_scan_of(row, route);
+    let with_scans = |row: &SqliteRow| {
+        let mut node = node_with_scan_of(row, route)?;
+        node.intermediate = intermediate.remove(&node.node.id).unwrap_or_default();
+        Ok::<_, StoreError>(node)
+    };
     Ok(Some(RouteGraph {
         revision: row.try_get("revision")?,
         stage: text(&row, "stage")?,
         settings: settings_of(&row)?,
         next_node_id: NodeId(row.try_get("next_node_id")?),
         next_edge_id: EdgeId(row.try_get("next_edge_id")?),
-        nodes: nodes.iter().map(with_scan).collect::<Result<_, _>>()?,
+        nodes: nodes.iter().map(with_scans).collect::<Result<_, _>>()?,
         edges,
         settled_closures,
         map_version: row.try_get("map_version")?,
@@ -303,10 +309,18 @@ fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, S
     let node = node_of(row)?;
     let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
     let scan = has_scan.then(|| scan_of(row, route, node.id)).transpose()?;
-    Ok(NodeWithScan { node, scan })
+    Ok(NodeWithScan {
+        node,
+        scan,
+        intermediate: Vec::new(),
+    })
 }
 
-fn scan_of(row: &SqliteRow, route: &RouteId, node_id: NodeId) -> Result<Vec<u8>, StoreError> {
+pub(super) fn scan_of(
+    row: &SqliteRow,
+    route: &RouteId,
+    node_id: NodeId,
+) -> Result<Vec<u8>, StoreError> {
     let scan: Vec<u8> = row.try_get("scan")?;
     let sha256: &[u8] = row.try_get("scan_sha256")?;
     if checksum(&scan) == *sha256 {

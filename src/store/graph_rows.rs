@@ -13,7 +13,7 @@ use crate::geometry::{Information, Pose2};
 use crate::ids::{BatchId, EdgeId};
 
 /// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
-const ROWS_MAX: usize = 256;
+pub(super) const ROWS_MAX: usize = 256;
 
 type Values<'a, 'b> = Separated<'a, Sqlite, &'b str>;
 
@@ -210,7 +210,7 @@ fn batch_key(members: &Members, id: &BatchId) -> Option<i64> {
     members.get(id).map(|member| member.batch_key)
 }
 
-fn push_pose(values: &mut Values<'_, '_>, pose: &Pose2) {
+pub(super) fn push_pose(values: &mut Values<'_, '_>, pose: &Pose2) {
     values
         .push_bind(pose.x)
         .push_bind(pose.y)

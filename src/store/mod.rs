@@ -21,6 +21,7 @@ mod gaps;
 mod graph;
 mod graph_rows;
 mod inbox;
+mod intermediate_scans;
 mod jobs;
 mod journal;
 mod lock;
@@ -109,7 +110,14 @@ impl Store {
         let lock = Arc::new(lock);
         let database = Database::in_directory(&options.data_dir);
         let mut connection = database.open_writer().await?;
-        database.migrate(&mut connection).await?;
+        let migrated = database.migrate(&mut connection).await?;
+        if migrated.rates_set > 0 {
+            tracing::warn!(
+                routes = migrated.rates_set,
+                false_alarm_rate = RouteSettings::default().false_alarm_rate,
+                "false_alarm_rate means false alerts per lap now: every route was set to the default"
+            );
+        }
         jobs::release_orphans(&mut connection).await?;
         let readers = database.open_readers().await?;
 
@@ -515,6 +523,19 @@ impl Store {
         trip: &TripId,
     ) -> Result<Vec<NodeRecord>, StoreError> {
         named(graph::trip_nodes(&self.shared.readers, route, trip).await)
+    }
+
+    /// Where a trip was at each of its scans, keyframes and those between them, active or not, in
+    /// the order of time.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn trajectory(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+    ) -> Result<Vec<TrajectoryPose>, StoreError> {
+        named(intermediate_scans::trajectory(&self.shared.readers, route, trip).await)
     }
 
     /// Every edge, by id.

@@ -15,7 +15,8 @@ use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 pub struct RouteSettings {
     /// The rule.
     pub detector: Detector,
-    /// Share of unchanged closures that the residual test may call contradictory.
+    /// False alerts per lap that are accepted, in (0, 1]. A lap is as much driven way as the
+    /// route's reference is long.
     pub false_alarm_rate: f64,
     /// How long a batch waits for its predecessor before it is used on its own, seconds.
     pub hold_s: u32,
@@ -25,7 +26,7 @@ impl Default for RouteSettings {
     fn default() -> Self {
         Self {
             detector: Detector::Fused,
-            false_alarm_rate: 1e-4,
+            false_alarm_rate: 0.01,
             hold_s: 600,
         }
     }
@@ -314,6 +315,47 @@ pub struct NodeWithScan {
     pub node: NodeRecord,
     /// The bytes of [`crate::scan::encode_scan`]; `None` if it came with a batch of edges.
     pub scan: Option<Vec<u8>>,
+    /// The trip's scans between it and its next keyframe, in the order of time, as a route's graph
+    /// is loaded; none where the nodes are read for their own scans, and none of a new node: a
+    /// result brings them in [`JobResult::intermediate`].
+    pub intermediate: Vec<IntermediateRecord>,
+}
+
+/// A scan that was taken after a keyframe and before the next one of its trip, as it is stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IntermediateRecord {
+    /// When it was taken.
+    pub stamp: StampNs,
+    /// Pose of the base in the frame of the keyframe's base.
+    pub keyframe_from_base: Pose2,
+    /// Pose of the base in the vehicle's own odometry frame.
+    pub odom_from_base: Pose2,
+    /// The bytes of [`crate::scan::encode_scan`]; `None` where it would repeat the scan before.
+    pub scan: Option<Vec<u8>>,
+}
+
+/// A new scan between keyframes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewIntermediate {
+    /// The keyframe that it follows: a new node or one that is there.
+    pub node_id: NodeId,
+    /// Its place among those of the keyframe: they go on where those that are there end.
+    pub place: u32,
+    /// The scan.
+    pub scan: IntermediateRecord,
+}
+
+/// Where a trip was when a scan was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrajectoryPose {
+    /// The keyframe that the scan is, or moves with.
+    pub node_id: NodeId,
+    /// Whether the scan is the keyframe's own, or one between keyframes.
+    pub is_keyframe: bool,
+    /// When the scan was taken.
+    pub stamp: StampNs,
+    /// `map_from_base`.
+    pub pose: Pose2,
 }
 
 /// What two matched scans say beside the estimate that is optimised.
@@ -395,6 +437,8 @@ pub struct JobResult {
     pub outcomes: Vec<BatchOutcome>,
     /// New nodes.
     pub nodes: Vec<NodeWithScan>,
+    /// New scans between keyframes, those of one keyframe in the order of time.
+    pub intermediate: Vec<NewIntermediate>,
     /// New edges.
     pub edges: Vec<EdgeRecord>,
     /// Nodes that moved or changed their block.
@@ -457,7 +501,7 @@ pub struct RouteGraph {
     pub next_node_id: NodeId,
     /// The lowest id that no edge ever had; new edges take ids from here on.
     pub next_edge_id: EdgeId,
-    /// Every active node by id, with scans.
+    /// Every active node by id, with its scan and those that follow it.
     pub nodes: Vec<NodeWithScan>,
     /// Every edge between two of them, by id.
     pub edges: Vec<EdgeRecord>,

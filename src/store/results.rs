@@ -8,6 +8,7 @@ use super::alert_rows::write_alerts;
 use super::columns::{Text, flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
+use super::intermediate_scans::insert_intermediate;
 use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, BatchStatus, JobResult};
 use super::request::Request;
@@ -44,6 +45,7 @@ impl Request for ApplyResult {
         let members = members(transaction, &place).await?;
         check(result, &place, &members, &marks)?;
         insert_nodes(transaction, place.route_key, &members, &result.nodes).await?;
+        insert_intermediate(transaction, place.route_key, &result.intermediate).await?;
         insert_edges(transaction, place.route_key, &members, &result.edges).await?;
         update_nodes(transaction, place.route_key, &result.changed_nodes).await?;
         update_edges(transaction, place.route_key, &result.changed_edges).await?;

@@ -59,7 +59,29 @@ pub(super) struct Happened {
     pub(super) sequence: i64,
     /// The alert's revision after it; 1 is the raising.
     pub(super) revision: i64,
+    /// The revision with which it was first confirmed; `None` while it never was.
+    pub(super) confirmed_revision: Option<i64>,
     pub(super) at_us: i64,
+}
+
+impl Happened {
+    /// What it is to a webhook that is sent tentative alerts as well.
+    fn event(&self) -> WebhookEvent {
+        match self.revision {
+            1 => WebhookEvent::AlertRaised,
+            _ => WebhookEvent::AlertUpdated,
+        }
+    }
+
+    /// What it is to a webhook for which an alert begins when it is confirmed: nothing before
+    /// that. An alert that was confirmed once goes on being sent, also if it is tentative again.
+    fn event_if_confirmed(&self) -> Option<WebhookEvent> {
+        let confirmed_revision = self.confirmed_revision?;
+        Some(match self.revision == confirmed_revision {
+            true => WebhookEvent::AlertRaised,
+            false => WebhookEvent::AlertUpdated,
+        })
+    }
 }
 
 /// Queues a delivery for every active webhook that wants to know.
@@ -67,23 +89,23 @@ pub(super) async fn queue(
     transaction: &mut SqliteConnection,
     happened: &Happened,
 ) -> Result<(), StoreError> {
-    let event = match happened.revision {
-        1 => WebhookEvent::AlertRaised,
-        _ => WebhookEvent::AlertUpdated,
-    };
     sqlx::query(
         "INSERT INTO webhook_deliveries (webhook_key, id, event, event_sequence, alert_key, \
          alert_revision, at_us, status, attempts, next_attempt_at_us) \
-         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), ?1, ?2, ?3, ?6, ?4, 'pending', \
-         0, ?4 FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5) \
-         AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = ?1) ORDER BY webhook_key",
+         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), happened, ?2, ?3, ?6, ?4, \
+         'pending', 0, ?4 \
+         FROM (SELECT webhook_key, events, iif(include_tentative, ?1, ?7) AS happened \
+             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5)) \
+         WHERE happened IS NOT NULL \
+         AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = happened) ORDER BY webhook_key",
     )
-    .bind(event.text())
+    .bind(happened.event().text())
     .bind(happened.sequence)
     .bind(happened.alert_key)
     .bind(happened.at_us)
     .bind(happened.route_key)
     .bind(happened.revision)
+    .bind(happened.event_if_confirmed().map(Text::text))
     .execute(transaction)
     .await?;
     Ok(())

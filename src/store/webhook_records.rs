@@ -59,6 +59,8 @@ pub struct NewWebhook {
     pub route_id: Option<RouteId>,
     /// For people.
     pub description: Option<String>,
+    /// Whether alerts are sent also while they are tentative.
+    pub include_tentative: bool,
     /// When.
     pub created_at: Timestamp,
 }
@@ -78,6 +80,8 @@ pub struct WebhookRecord {
     pub route_id: Option<RouteId>,
     /// For people.
     pub description: Option<String>,
+    /// Whether alerts are sent also while they are tentative.
+    pub include_tentative: bool,
     /// Whether events are sent.
     pub active: bool,
     /// When its receiver said 410 Gone, which disabled it; `None` once it is enabled again.
@@ -97,6 +101,8 @@ pub struct WebhookUpdate {
     pub events: Option<Vec<WebhookEvent>>,
     /// For people.
     pub description: Option<String>,
+    /// Whether alerts are sent also while they are tentative.
+    pub include_tentative: Option<bool>,
     /// Whether events are sent.
     pub active: Option<bool>,
 }

@@ -92,8 +92,9 @@ impl Request for Register {
         let route = webhook.route_id.as_ref().map(|route| route.as_str());
         let inserted = sqlx::query(
             "INSERT INTO webhooks (id, revision, url, secret, events, route_key, description, \
-             active, created_at_us, updated_at_us) \
-             SELECT ?1, 1, ?2, ?3, ?4, (SELECT route_key FROM routes WHERE id = ?5), ?6, 1, ?7, ?7 \
+             active, created_at_us, updated_at_us, include_tentative) \
+             SELECT ?1, 1, ?2, ?3, ?4, (SELECT route_key FROM routes WHERE id = ?5), ?6, 1, ?7, \
+             ?7, ?8 \
              WHERE ?5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = ?5)",
         )
         .bind(webhook.id.to_string())
@@ -103,6 +104,7 @@ impl Request for Register {
         .bind(route)
         .bind(webhook.description.as_deref())
         .bind(micros(webhook.created_at))
+        .bind(webhook.include_tentative)
         .execute(transaction)
         .await?;
         match inserted.rows_affected() {
@@ -130,6 +132,7 @@ impl Request for Update {
             "UPDATE webhooks SET revision = revision + 1, url = coalesce(?3, url), \
              events = coalesce(?4, events), description = coalesce(?5, description), \
              active = coalesce(?6, active), \
+             include_tentative = coalesce(?8, include_tentative), \
              gone_at_us = CASE WHEN ?6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = ?7 \
              WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
         )
@@ -140,6 +143,7 @@ impl Request for Update {
         .bind(update.description.as_deref())
         .bind(update.active)
         .bind(micros(self.now))
+        .bind(update.include_tentative)
         .execute(&mut *transaction)
         .await?;
         edited(transaction, self.id, changed.rows_affected()).await
@@ -189,7 +193,7 @@ macro_rules! select_webhooks {
     ($rest:literal) => {
         concat!(
             "SELECT webhooks.id, webhooks.revision, url, events, routes.id AS route_id, \
-             description, active, gone_at_us, webhooks.created_at_us, webhooks.updated_at_us \
+             description, include_tentative, active, gone_at_us, webhooks.created_at_us, webhooks.updated_at_us \
              FROM webhooks LEFT JOIN routes USING (route_key) ",
             $rest
         )
@@ -232,6 +236,7 @@ fn webhook_of(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
         events: parse_events(row)?,
         route_id,
         description: row.try_get("description")?,
+        include_tentative: row.try_get("include_tentative")?,
         active: row.try_get("active")?,
         gone_at: optional_time(row, "gone_at_us")?,
         created_at: time(row, "created_at_us")?,

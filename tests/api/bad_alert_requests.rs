@@ -29,6 +29,7 @@ fn lists() -> Vec<Case> {
     vec![
         query("unknown kind", "kind=moved", ""),
         query("unknown status", "status=closed", ""),
+        query("unknown tier", "tier=certain", ""),
         query("since that is no time", "since=yesterday", "since"),
         query("since without a zone", "since=2026-11-20T06:00:00", "since"),
         query("box of three numbers", "bbox=1,2,3", "bbox"),

@@ -113,6 +113,20 @@ fn paths_and_parameters() -> Vec<Case> {
             "",
         ),
         case(
+            "poses that are not there",
+            get("/v1/routes/line-4/trajectories/none?poses=some"),
+            400,
+            "invalid-parameter",
+            "",
+        ),
+        case(
+            "poses in TUM text that are not there",
+            get("/v1/routes/line-4/trajectories/none/tum?poses="),
+            400,
+            "invalid-parameter",
+            "",
+        ),
+        case(
             "unknown sub-graph",
             get("/v1/routes/line-4/residuals?subgraph_id=9"),
             404,
@@ -330,8 +344,8 @@ fn routes() -> Vec<Case> {
             "/settings/detector",
         ),
         case(
-            "false-alarm rate of 1",
-            put(json!({"settings": {"false_alarm_rate": 1}})),
+            "more than one false alert per lap",
+            put(json!({"settings": {"false_alarm_rate": 1.01}})),
             422,
             "out-of-range",
             "/settings/false_alarm_rate",

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use mapshift::api::Limits;
-use mapshift::change::{AlertStatus, ChangeKind, Finding, Tier};
+use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -63,6 +63,7 @@ pub async fn directory() -> TempDir {
         base_revision: store.route(&hall).await.unwrap().unwrap().revision,
         outcomes: vec![merged()],
         nodes: (1..=3).map(node).collect(),
+        intermediate: Vec::new(),
         edges: vec![
             edge(1, 1, 2, EdgeKind::Odometry),
             edge(2, 2, 3, EdgeKind::Odometry),
@@ -143,6 +144,7 @@ fn node(id: i64) -> NodeWithScan {
             client_id: None,
         },
         scan: Some(encode_scan(&look_around(&pose(id), id == 3)).unwrap()),
+        intermediate: Vec::new(),
     }
 }
 
@@ -256,6 +258,11 @@ fn disappeared(route: &RouteId) -> AlertRecord {
         id: DISAPPEARED.parse().unwrap(),
         status: AlertStatus::Resolved,
         evidence: Finding {
+            tier: Tier::Tentative,
+            counterpart: Some(Counterpart {
+                kind: ChangeKind::Appeared,
+                region: rectangle(BOX),
+            }),
             kind: ChangeKind::Disappeared,
             location: Vector2::new(-2.0, 1.0),
             region: rectangle([[-2.2, 0.8], [-1.8, 1.2]]),

@@ -60,6 +60,10 @@ async fn a_route_and_its_map_have_their_documented_form() {
             "/v1/routes/hall/residuals?measurement=all_points",
         ),
         ("trajectory", "/v1/routes/hall/trajectories/trip-1"),
+        (
+            "trajectory_of_all_scans",
+            "/v1/routes/hall/trajectories/trip-1?poses=all",
+        ),
         ("versions", "/v1/routes/hall/versions"),
         ("problem", "/v1/routes/nowhere"),
     ] {
@@ -69,6 +73,10 @@ async fn a_route_and_its_map_have_their_documented_form() {
     for (name, path) in [
         ("graph_g2o", "/v1/routes/hall/graph.g2o"),
         ("trajectory_tum", "/v1/routes/hall/trajectories/trip-1/tum"),
+        (
+            "trajectory_tum_of_all_scans",
+            "/v1/routes/hall/trajectories/trip-1/tum?poses=all",
+        ),
         ("map_yaml", "/v1/routes/hall/map.yaml"),
     ] {
         let answer = service.get(path).await;
@@ -112,7 +120,11 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
         .send(put(json!({"display_name": "Line 4", "geo_anchor": anchor})))
         .await;
     assert_eq!(created.status, 201);
-    let changed = service.send(put(json!({"settings": {"hold_s": 60}}))).await;
+    let changed = service
+        .send(put(
+            json!({"settings": {"hold_s": 60, "false_alarm_rate": 1}}),
+        ))
+        .await;
     assert_eq!(changed.status, 200);
     let changed = service
         .send(put(json!({"settings": {"detector": "seed"}})))
@@ -122,7 +134,7 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
     assert_eq!(route["geo_anchor"], anchor);
     assert_eq!(
         route["settings"],
-        json!({"detector": "seed", "false_alarm_rate": 1e-4, "hold_s": 60})
+        json!({"detector": "seed", "false_alarm_rate": 1.0, "hold_s": 60})
     );
 
     let stale = created.header("etag").unwrap();

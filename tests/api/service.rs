@@ -15,8 +15,9 @@ use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId
 use mapshift::pipeline::PipelineOptions;
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
-    Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord, JobResult,
-    NewBatch, NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+    Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord,
+    IntermediateRecord, JobResult, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
+    RouteUpdate, Stage, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -142,6 +143,7 @@ async fn seed(directory: &TempDir) {
             loop_closures: 1,
         }],
         nodes: (1..=3).map(node).collect(),
+        intermediate: vec![intermediate(2, 0), intermediate(2, 1), intermediate(3, 0)],
         edges: vec![
             edge(1, 1, 2, EdgeKind::Odometry),
             edge(2, 2, 3, EdgeKind::Odometry),
@@ -198,6 +200,23 @@ fn node(id: i64) -> NodeWithScan {
             client_id: None,
         },
         scan: Some(encode_scan(&scan).unwrap()),
+        intermediate: Vec::new(),
+    }
+}
+
+/// A scan between keyframes, without the ranges.
+fn intermediate(node: i64, place: u32) -> NewIntermediate {
+    let keyframe_from_base = Pose2::new(0.125 * f64::from(place + 1), 0.0, 0.0);
+    let stamp = 1_795_154_399_000_000_000 + node * 1_000_000_000;
+    NewIntermediate {
+        node_id: NodeId(node),
+        place,
+        scan: IntermediateRecord {
+            stamp: StampNs(stamp + 250_000_000 * i64::from(place + 1)),
+            keyframe_from_base,
+            odom_from_base: keyframe_from_base,
+            scan: None,
+        },
     }
 }
 

@@ -64,8 +64,8 @@ async fn a_webhook_is_registered_changed_and_deleted() {
     let expected = json!({
         "id": null, "url": "https://hooks.example.com/alerts?team=7",
         "events": ["alert.raised", "alert.updated"], "route_id": "hall",
-        "description": "tickets", "active": true, "gone_at": null, "secret": null,
-        "created_at": null, "updated_at": null
+        "description": "tickets", "include_tentative": false, "active": true, "gone_at": null,
+        "secret": null, "created_at": null, "updated_at": null
     });
     assert_eq!(told, expected);
 
@@ -91,6 +91,11 @@ async fn a_webhook_is_registered_changed_and_deleted() {
     assert_eq!(changed["events"], json!(["alert.raised"]));
     assert_eq!(changed["description"], "");
     assert_eq!(changed["route_id"], "hall");
+    assert_eq!(changed["include_tentative"], false);
+    let body = json!({"include_tentative": true});
+    let changed = change(&service, &webhook, "*", body).await.json();
+    assert_eq!(changed["include_tentative"], true);
+    assert_eq!(changed["description"], "");
 
     let stale = Request::new("DELETE", path(&webhook)).header("if-match", "\"2\"");
     assert_eq!(service.send(stale).await.status, 412);
@@ -109,6 +114,7 @@ async fn a_secret_is_told_once() {
         register(&service, body.clone()).await,
         register(&service, body).await,
     );
+    assert_eq!(one["include_tentative"], false);
     assert_ne!(one["secret"], other["secret"]);
     assert_ne!(one["id"], other["id"]);
     for path in [

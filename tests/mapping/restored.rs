@@ -2,10 +2,14 @@
 
 use mapshift::geometry::Pose2;
 use mapshift::ids::{EdgeId, NodeId};
-use mapshift::mapping::{Drive, Keyframe, RouteMap, Weighting};
-use mapshift::scan::{decode_scan, encode_scan};
+use mapshift::mapping::{Drive, IntermediateScan, Keyframe, RouteMap, Weighting};
+use mapshift::scan::{LaserScan, decode_scan, encode_scan};
 
 use crate::support::{Trip, assert_equal, other_vehicle, vehicle, workshop};
+
+fn through_bytes(scan: &LaserScan) -> LaserScan {
+    decode_scan(&encode_scan(scan).unwrap()).unwrap()
+}
 
 /// The map after a way through the bytes of a store.
 fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
@@ -14,11 +18,17 @@ fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
         .iter()
         .zip(map.graph().nodes())
         .map(|(keyframe, node)| {
-            let scan = decode_scan(&encode_scan(keyframe.scan.as_ref().unwrap()).unwrap()).unwrap();
+            let scan = through_bytes(keyframe.scan.as_ref().unwrap());
             let (trip, stamp) = (keyframe.trip.clone(), keyframe.stamp);
             let mut again = Keyframe::new(node.id, trip, stamp, keyframe.odom_from_base, scan);
             again.reference = keyframe.reference;
             again.drift_m = keyframe.drift_m;
+            let intermediate = keyframe.intermediate.iter();
+            let intermediate = intermediate.map(|between| IntermediateScan {
+                scan: between.scan.as_ref().map(through_bytes),
+                ..between.clone()
+            });
+            again.intermediate = intermediate.collect();
             (node.pose, again)
         })
         .collect();
@@ -35,13 +45,16 @@ fn a_map_restored_after_every_batch_is_the_same_to_the_bit() {
     for weighting in [Weighting::Robust, Weighting::AllPointsIdentity] {
         let mut kept = RouteMap::new(weighting);
         let mut restored = RouteMap::new(weighting);
+        let mut scans_between = 0;
         let mut extend_both = |drive: &Drive| {
             let added = kept.extend(drive).map_err(|reason| reason.to_string());
             restored = put_away(&restored, weighting);
             let added_again = restored.extend(drive).map_err(|reason| reason.to_string());
             assert_eq!(added, added_again);
             assert_equal(&kept, &restored);
-            added.is_ok()
+            let between = added.map(|added| added.intermediate.len());
+            scans_between += *between.as_ref().unwrap_or(&0);
+            between.is_ok()
         };
         for drive in first.batches(25, first.start()) {
             assert!(extend_both(&drive));
@@ -49,6 +62,7 @@ fn a_map_restored_after_every_batch_is_the_same_to_the_bit() {
         // The second trip finds its place by itself, once it has seen enough; the paper's
         // weighting makes a map that is too rough for that.
         if weighting == Weighting::AllPointsIdentity {
+            assert!(scans_between > 20, "{scans_between}");
             continue;
         }
         let mut waiting = Vec::new();
@@ -64,6 +78,7 @@ fn a_map_restored_after_every_batch_is_the_same_to_the_bit() {
             }
         }
         assert!(waiting.is_empty());
+        assert!(scans_between > 40, "{scans_between}");
     }
 }
 

@@ -234,5 +234,6 @@ pub fn assert_equal(a: &RouteMap, b: &RouteMap) {
         assert_eq!(remembered(a), remembered(b));
         assert_eq!(a.scan, b.scan);
         assert_eq!(a.points, b.points);
+        assert_eq!(a.intermediate, b.intermediate);
     }
 }

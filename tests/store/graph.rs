@@ -6,7 +6,7 @@ use mapshift::store::{
     Put, RouteSettings, RouteUpdate, Stage, StoreError,
 };
 
-use crate::support::{Fixture, at, batch_id, edge, route, upload, with_residuals};
+use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload, with_residuals};
 
 fn closure() -> ClosureRecord {
     ClosureRecord {
@@ -255,7 +255,8 @@ async fn routes_are_put_listed_and_deleted() {
 
     fixture.journal(upload("b", "t", 0)).await;
     let job = fixture.claim(0).await.unwrap();
-    let result = fixture.chain(&job, 30).await;
+    let mut result = fixture.chain(&job, 30).await;
+    result.intermediate = vec![intermediate(2, 0), intermediate(2, 1)];
     store.apply_result(result).await.unwrap();
     fixture.journal(upload("c", "t", 1)).await;
     let job = fixture.claim(0).await.unwrap();
@@ -272,6 +273,7 @@ async fn routes_are_put_listed_and_deleted() {
         "jobs",
         "nodes",
         "node_scans",
+        "intermediate_scans",
         "edges",
     ] {
         let query = sqlx::AssertSqlSafe(format!("SELECT count(*) FROM {table}"));

@@ -134,6 +134,7 @@ async fn every_statement_runs_on_a_fresh_database() {
     assert_eq!(store.node_scan(&route, NodeId(1)).await.unwrap(), None);
     assert_eq!(store.nodes_with_scans(&route).await.unwrap(), vec![]);
     assert_eq!(store.trip_nodes(&route, &trip).await.unwrap(), vec![]);
+    assert_eq!(store.trajectory(&route, &trip).await.unwrap(), vec![]);
     assert_eq!(store.edges(&route).await.unwrap(), vec![]);
     assert_eq!(store.edge_page(&route, None, 5).await.unwrap(), vec![]);
     assert_eq!(store.edge(&route, EdgeId(1)).await.unwrap(), None);

@@ -3,6 +3,7 @@
 // Helpers of tests may unwrap and panic as the tests themselves do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod between;
 mod consistency;
 mod edges;
 mod graph;
@@ -11,5 +12,6 @@ mod journal;
 mod life;
 mod settled;
 mod support;
+mod tiers;
 mod trips;
 mod webhooks;

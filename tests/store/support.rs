@@ -7,8 +7,9 @@ use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::store::{
-    BatchContent, BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord, JobResult,
-    Journaled, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, Stage, Store, StoreOptions,
+    BatchContent, BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord,
+    IntermediateRecord, JobResult, Journaled, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
+    RouteUpdate, Stage, Store, StoreOptions,
 };
 use sqlx::{Connection, SqliteConnection};
 use tempfile::TempDir;
@@ -75,6 +76,7 @@ impl Fixture {
             base_revision: self.revision(&job.route_id).await,
             outcomes: job.entries.iter().map(outcome).collect(),
             nodes: vec![],
+            intermediate: vec![],
             edges: vec![],
             changed_nodes: vec![],
             changed_edges: vec![],
@@ -163,6 +165,22 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
     NodeWithScan {
         node,
         scan: Some(id.to_le_bytes().to_vec()),
+        intermediate: vec![],
+    }
+}
+
+/// The scan at a place behind a node; every third one is not kept.
+pub fn intermediate(node: i64, place: u32) -> NewIntermediate {
+    let scan = IntermediateRecord {
+        stamp: StampNs(1_000 * node + 1 + i64::from(place)),
+        keyframe_from_base: Pose2::new(f64::from(place) / 7.0, -1e-300, 0.1 + 0.2),
+        odom_from_base: Pose2::new(1.0 / 3.0, node as f64, std::f64::consts::PI),
+        scan: (place % 3 != 2).then(|| vec![node as u8, place as u8]),
+    };
+    NewIntermediate {
+        node_id: NodeId(node),
+        place,
+        scan,
     }
 }
 

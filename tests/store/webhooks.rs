@@ -22,6 +22,7 @@ async fn register(store: &Store, number: u128) {
         events: vec![WebhookEvent::AlertRaised],
         route_id: None,
         description: None,
+        include_tentative: false,
         created_at: at(0),
     };
     let registered = store.register_webhook(webhook).await.unwrap();
@@ -263,6 +264,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
         events: vec![WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated],
         route_id: Some(mapshift::ids::RouteId::new(name).unwrap()),
         description: Some("of a route".into()),
+        include_tentative: true,
         created_at: at(0),
     };
     let unknown = store.register_webhook(of(1, "nowhere")).await.unwrap();
@@ -272,6 +274,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
     assert_eq!(known, Registered::Created);
     let webhook = store.webhook(id(2)).await.unwrap().unwrap();
     assert_eq!(webhook.route_id, Some(route()));
+    assert!(webhook.include_tentative);
     assert_eq!(
         webhook.events,
         [WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated]

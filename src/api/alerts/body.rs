@@ -4,9 +4,9 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::names::{AlertActionName, AlertKindName, AlertStatusName};
+use super::names::{AlertActionName, AlertKindName, AlertStatusName, AlertTierName};
 use crate::api::types::timestamp;
-use crate::change::AlertAction;
+use crate::change::{AlertAction, Counterpart};
 use crate::geometry::Vector2;
 use crate::pipeline::is_allowed;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
@@ -15,9 +15,9 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Alert, example = json!({
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
-    "kind": "appeared", "status": "open", "actions": ["acknowledge", "accept", "dismiss"],
+    "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
-    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]],
+    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null,
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
     "views": 9, "laps": 2,
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
@@ -37,6 +37,8 @@ pub(super) struct AlertBody {
     kind: AlertKindName,
     /// What became of it.
     status: AlertStatusName,
+    /// How far it is to be believed.
+    tier: AlertTierName,
     /// What can be done with it now.
     actions: Vec<AlertActionName>,
     /// Probability that it is true.
@@ -47,6 +49,10 @@ pub(super) struct AlertBody {
     /// A simple polygon round what changed, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
+    /// The other side of the same event, as of a door or of something that was moved; null if none
+    /// is known.
+    #[schema(required)]
+    counterpart: Option<CounterpartBody>,
     /// The loop closures whose scans disagree there.
     edge_ids: Vec<i64>,
     /// The nodes whose scans show the old or the new state.
@@ -98,6 +104,17 @@ pub(super) struct LocationBody {
     y: f64,
     /// Standard deviation of x and of y, metres.
     sigma: f64,
+}
+
+/// The other side of one event: what left one place and stands at another.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertCounterpart)]
+struct CounterpartBody {
+    /// What the other side shows.
+    kind: AlertKindName,
+    /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    region: Vec<[f64; 2]>,
 }
 
 /// A closure's place in the residual series of its sub-graph.
@@ -173,10 +190,12 @@ impl From<AlertRecord> for AlertBody {
             revision: alert.revision,
             kind: evidence.kind.into(),
             status: alert.status.into(),
+            tier: evidence.tier.into(),
             actions: actions.into_iter().map(AlertActionName::from).collect(),
             confidence: evidence.confidence,
             location,
             region: corners(&evidence.region),
+            counterpart: evidence.counterpart.map(CounterpartBody::from),
             edge_ids: evidence.edges.iter().map(|id| id.0).collect(),
             node_ids: evidence.nodes.iter().map(|id| id.0).collect(),
             vehicle_ids: alert.vehicles.iter().map(ToString::to_string).collect(),
@@ -193,6 +212,15 @@ impl From<AlertRecord> for AlertBody {
             map_version: alert.map_version,
             related: alert.related.iter().map(ToString::to_string).collect(),
             history: alert.history.into_iter().map(HistoryBody::from).collect(),
+        }
+    }
+}
+
+impl From<Counterpart> for CounterpartBody {
+    fn from(counterpart: Counterpart) -> Self {
+        Self {
+            kind: counterpart.kind.into(),
+            region: corners(&counterpart.region),
         }
     }
 }

@@ -77,7 +77,7 @@ pub(super) async fn gather(
     // The series as it stood against the map that the alert contradicts: an acceptance, the
     // alert's own too, takes closures out of it.
     accepted.retain(|change| change.map_version <= alert.map_version);
-    let settings = route.settings.clone();
+    let detector = route.settings.detector;
     let work = move || {
         let vehicles = vehicles_of(&all_nodes);
         let chosen = choose(&pairs, &scans, &alert.evidence.region);
@@ -86,7 +86,7 @@ pub(super) async fn gather(
         let edge_id = pair.and_then(|pair| pair.edge).or(tied_by);
         let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
         let series =
-            |edge| series_around(&edges, &vehicles, edge, &settings, &accepted, SERIES_REACH);
+            |edge| series_around(&edges, &vehicles, edge, detector, &accepted, SERIES_REACH);
         Evidence {
             series: told_by.and_then(series),
             edge_id,

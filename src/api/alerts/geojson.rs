@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::names::{AlertKindName, AlertStatusName};
+use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use super::page;
 use super::query::AlertQuery;
 use super::tangent_plane::TangentPlane;
@@ -17,6 +17,7 @@ use crate::api::ApiState;
 use crate::api::extract::ApiQuery;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::types::timestamp;
+use crate::geometry::Vector2;
 use crate::ids::RouteId;
 use crate::store::{AlertRecord, RouteRecord};
 
@@ -72,6 +73,11 @@ struct Properties {
     kind: AlertKindName,
     /// What became of it.
     status: AlertStatusName,
+    /// How far it is to be believed.
+    tier: AlertTierName,
+    /// The other side of the same event; null if none is known.
+    #[schema(required)]
+    counterpart: Option<CounterpartProperty>,
     /// Probability that it is true.
     confidence: f64,
     /// Standard deviation of the place, metres.
@@ -82,6 +88,16 @@ struct Properties {
     /// The last look that shows it.
     #[schema(value_type = String, format = DateTime)]
     last_seen: Timestamp,
+}
+
+/// The other side of one event: what left one place and stands at another.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertPropertiesCounterpart)]
+struct CounterpartProperty {
+    /// What the other side shows.
+    kind: AlertKindName,
+    /// Its region.
+    region: Polygon,
 }
 
 /// List alerts as GeoJSON.
@@ -142,22 +158,35 @@ fn required_plane(route: &RouteRecord) -> Result<TangentPlane, Problem> {
     plane_of(route).ok_or_else(refuse)
 }
 
+impl Polygon {
+    /// A region of the map frame on the Earth.
+    fn of(region: &[Vector2<f64>], plane: &TangentPlane) -> Self {
+        let corners = region.iter().chain(region.first());
+        let ring = corners.map(|corner| plane.longitude_latitude(corner).map(rounded));
+        Self {
+            kind: "Polygon",
+            coordinates: [ring.collect()],
+        }
+    }
+}
+
 impl Feature {
     fn new(alert: &AlertRecord, plane: &TangentPlane) -> Self {
         let evidence = &alert.evidence;
-        let corners = evidence.region.iter().chain(evidence.region.first());
-        let ring = corners.map(|corner| plane.longitude_latitude(corner).map(rounded));
+        let counterpart = evidence.counterpart.as_ref();
         Self {
             kind: "Feature",
             id: alert.id.to_string(),
-            geometry: Polygon {
-                kind: "Polygon",
-                coordinates: [ring.collect()],
-            },
+            geometry: Polygon::of(&evidence.region, plane),
             properties: Properties {
                 route_id: alert.route_id.to_string(),
                 kind: evidence.kind.into(),
                 status: alert.status.into(),
+                tier: evidence.tier.into(),
+                counterpart: counterpart.map(|counterpart| CounterpartProperty {
+                    kind: counterpart.kind.into(),
+                    region: Polygon::of(&counterpart.region, plane),
+                }),
                 confidence: evidence.confidence,
                 sigma: evidence.sigma_m,
                 first_seen: timestamp(alert.first_seen),

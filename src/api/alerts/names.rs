@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::change::{AlertAction, AlertStatus, BeamVerdict, ChangeKind};
+use crate::change::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, Tier};
 
 /// What changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -19,6 +19,17 @@ pub(super) enum AlertKindName {
     MapMismatch,
     /// One vehicle disagrees everywhere: no change of the world.
     VehicleSuspect,
+}
+
+/// How far an alert is to be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum AlertTierName {
+    /// One pass by one vehicle shows the new state so far. Webhooks are not called for it unless
+    /// they ask for that.
+    Tentative,
+    /// Two passes, or two vehicles, show the new state.
+    Confirmed,
 }
 
 /// What became of an alert.
@@ -94,6 +105,7 @@ same_names!(
     MapMismatch,
     VehicleSuspect
 );
+same_names!(Tier, AlertTierName, Tentative, Confirmed);
 same_names!(
     AlertStatus,
     AlertStatusName,

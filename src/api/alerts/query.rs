@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::names::{AlertKindName, AlertStatusName};
+use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use crate::api::graph::BoundingBox;
 use crate::api::problem::Problem;
 use crate::ids::RouteId;
@@ -24,6 +24,9 @@ pub(in crate::api) struct AlertQuery {
     /// Only of this kind.
     #[param(nullable = false, inline)]
     kind: Option<AlertKindName>,
+    /// Only of this tier.
+    #[param(nullable = false, inline)]
+    tier: Option<AlertTierName>,
     /// Only changed at this time or later, RFC 3339.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
@@ -59,6 +62,7 @@ impl AlertQuery {
             route_id: checked_route(self.route_id.as_deref())?,
             status: self.status.map(Into::into),
             kind: self.kind.map(Into::into),
+            tier: self.tier.map(Into::into),
             since: self.since.as_deref().map(checked_time).transpose()?,
             bbox: bbox.map(|bbox| bbox.bounds()),
             min_confidence: self.min_confidence,

@@ -42,7 +42,7 @@ pub(in crate::api) struct StreamQuery {
 
 /// Follow what happens to alerts.
 ///
-/// Server-sent events `alert.raised` and `alert.updated`. `data` is the alert as it is when the
+/// Server-sent events `alert.raised` and `alert.updated`, also of alerts that are tentative. `data` is the alert as it is when the
 /// event is sent, in the form of `GET /v1/alerts/{alert}`; `id` grows with every event. Without
 /// `Last-Event-ID` the stream begins with what happens next; with it, after that event, so that a
 /// client that was away misses nothing. Events of an alert that follow each other quickly may

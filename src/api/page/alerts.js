@@ -19,6 +19,8 @@ function element(name, className, text) {
   return made;
 }
 
+// What is said of alerts that one pass alone shows so far.
+const doubt = (alert) => (alert.tier === "tentative" ? " · tentative, seen in one pass" : "");
 const time = (stamp) => new Date(stamp).toLocaleString();
 const plural = (count, word) => count + " " + word + (count === 1 ? "" : "s");
 
@@ -29,6 +31,12 @@ function facts(alert) {
   const residual = alert.residual;
   if (residual && residual.ratio !== null) parts.push("ΔF " + residual.ratio.toPrecision(3) + " × the paper's threshold");
   return parts.filter(Boolean).join(" · ");
+}
+
+// What left one place and stands at another, as a door does: the kind and the middle of its region.
+function otherSide({ kind, region }) {
+  const middle = (k) => region.reduce((sum, corner) => sum + corner[k], 0) / Math.max(region.length, 1);
+  return WORDS[kind].toLowerCase() + " at x " + middle(0).toFixed(2) + " m, y " + middle(1).toFixed(2) + " m";
 }
 
 function history(alert) {
@@ -86,9 +94,10 @@ function form(alert, refresh) {
 function item(alert, refresh) {
   const made = element("li", "alert " + alert.status);
   made.id = "alert-" + alert.id;
-  made.append(element("h4", "", WORDS[alert.kind] + " · " + alert.status), element("p", "", facts(alert)));
+  made.append(element("h4", "", WORDS[alert.kind] + " · " + alert.status + doubt(alert)), element("p", "", facts(alert)));
   const until = alert.until === null ? "" : ", until " + time(alert.until);
   made.append(element("p", "", "seen " + time(alert.since) + " to " + time(alert.last_seen) + until + "; map version " + alert.map_version));
+  if (alert.counterpart !== null) made.append(element("p", "", "Other side: " + otherSide(alert.counterpart)));
   const link = element("a");
   link.href = "/v1/alerts/" + alert.id + "/evidence.svg";
   link.target = "_blank";
@@ -149,10 +158,10 @@ export function showRegions(alerts, map, place) {
   const at = (x, y) => [(x - place.x) / place.resolution, height - (y - place.y) / place.resolution];
   for (const alert of alerts) {
     const pending = alert.status === "open" || alert.status === "acknowledged";
-    const names = (pending ? "" : "settled") + (alert.id === chosen ? " chosen" : "");
+    const names = [pending ? "" : "settled", alert.tier, alert.id === chosen ? "chosen" : ""].filter(Boolean).join(" ");
     const points = alert.region.map(([x, y]) => at(x, y).map((v) => v.toFixed(2)).join(","));
     const polygon = draw(svg, "polygon", { id: "region-" + alert.id, class: names, points: points.join(" ") });
-    draw(polygon, "title", {}).textContent = WORDS[alert.kind] + ", " + alert.status;
+    draw(polygon, "title", {}).textContent = WORDS[alert.kind] + ", " + alert.status + doubt(alert);
     polygon.addEventListener("click", () => choose(alert));
     const [cx, cy] = at(alert.location.x, alert.location.y);
     draw(svg, "circle", { class: names, cx: cx.toFixed(2), cy: cy.toFixed(2), r: (0.02 * Math.max(width, height)).toFixed(2) });

@@ -14,7 +14,7 @@ const DESCRIPTION_CHARS_MAX: usize = 200;
 #[schema(as = Webhook, example = json!({
     "id": "019aa000-0000-7000-8000-00000000a001", "url": "https://hooks.example.com/mapshift",
     "events": ["alert.raised", "alert.updated"], "route_id": null, "description": "tickets",
-    "active": true, "gone_at": null, "secret": null,
+    "include_tentative": false, "active": true, "gone_at": null, "secret": null,
     "created_at": "2026-11-20T06:00:00Z", "updated_at": "2026-11-20T06:00:00Z"
 }))]
 pub(super) struct WebhookBody {
@@ -32,6 +32,9 @@ pub(super) struct WebhookBody {
     /// For people.
     #[schema(required)]
     description: Option<String>,
+    /// Whether alerts are sent also while they are tentative. Otherwise an alert begins with an
+    /// `alert.raised` when it is first confirmed.
+    include_tentative: bool,
     /// Whether events are sent. What happens meanwhile is not sent later.
     active: bool,
     /// When the receiver answered 410 Gone, which disabled the webhook; null otherwise.
@@ -86,6 +89,7 @@ impl From<WebhookRecord> for WebhookBody {
             events: webhook.events.into_iter().filter_map(event_name).collect(),
             route_id: webhook.route_id.map(|route| route.to_string()),
             description: webhook.description,
+            include_tentative: webhook.include_tentative,
             active: webhook.active,
             gone_at: webhook.gone_at,
             secret: None,

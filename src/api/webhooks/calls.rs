@@ -45,7 +45,7 @@ fn message() -> Value {
         "properties": {
             "type": {
                 "type": "string", "enum": ["alert.raised", "alert.updated"],
-                "description": "What happened."
+                "description": "What happened. To a webhook without `include_tentative` an alert is raised when it is first confirmed."
             },
             "timestamp": {
                 "type": "string", "format": "date-time", "description": "When it happened."

@@ -31,6 +31,8 @@ pub(in crate::api) struct WebhookChange {
     /// For people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,
+    /// Whether alerts are sent also while they are tentative: seen in one pass so far.
+    include_tentative: Option<bool>,
     /// Whether events are sent.
     active: Option<bool>,
 }
@@ -43,6 +45,7 @@ impl WebhookChange {
             url: self.url.map(check_url).transpose()?,
             events: self.events.map(checked_events).transpose()?,
             description: self.description,
+            include_tentative: self.include_tentative,
             active: self.active,
         })
     }

@@ -37,6 +37,10 @@ pub(in crate::api) struct WebhookRegistration {
     /// For people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,
+    /// Whether alerts are sent also while they are tentative: seen in one pass so far.
+    #[serde(default)]
+    #[schema(default = false)]
+    include_tentative: bool,
 }
 
 impl WebhookRegistration {
@@ -54,6 +58,7 @@ impl WebhookRegistration {
             events: checked_events(self.events.unwrap_or(all))?,
             route_id: self.route_id,
             description: self.description,
+            include_tentative: self.include_tentative,
             created_at: Timestamp::now(),
         })
     }
@@ -63,7 +68,8 @@ impl WebhookRegistration {
 ///
 /// From now on, events of alerts are sent to the URL: signed as Standard Webhooks has it, at least
 /// once each, in order as long as the receiver takes them; an update that a call before it has
-/// told already is left out. The answer holds the secret for checking signatures, which is told
+/// told already is left out. An alert that is raised tentative, seen in one pass so far, is sent
+/// once it is confirmed, as `alert.raised`; before that only if `include_tentative` asks for it. The answer holds the secret for checking signatures, which is told
 /// only here. Registering the same URL again makes another webhook.
 #[utoipa::path(
     post, path = "/v1/webhooks", tag = "webhooks",

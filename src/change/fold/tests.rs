@@ -1,5 +1,5 @@
 use super::*;
-use crate::change::{AlertAction, Tier};
+use crate::change::{AlertAction, Counterpart, Tier};
 use proptest::prelude::*;
 
 /// A square of 0.4 m round (x, y).
@@ -90,6 +90,45 @@ fn a_change_is_raised_once_and_follows_its_finding() {
     later.location.x += 1e-4;
     assert_eq!(alerts.fold(&[later]), 0);
     assert_eq!(alerts.histories, [[Open]]);
+}
+
+#[test]
+fn a_change_of_tier_or_counterpart_is_news() {
+    let mut alerts = Alerts::default();
+    let mut seen = Finding {
+        tier: Tier::Tentative,
+        ..appeared(1.0, 100, None)
+    };
+    alerts.fold(std::slice::from_ref(&seen));
+    let mut fold_again = |seen: &Finding| {
+        let changed = alerts.fold(std::slice::from_ref(seen));
+        assert_eq!(alerts.statuses(), [Open]);
+        if changed > 0 {
+            assert_eq!(alerts.pending(), [seen]);
+        }
+        changed
+    };
+    assert_eq!(fold_again(&seen), 0);
+    seen.tier = Tier::Confirmed;
+    assert_eq!(fold_again(&seen), 1);
+    let gone = finding(ChangeKind::Disappeared, 3.0, 0.0, 100, None);
+    seen.counterpart = Some(Counterpart {
+        kind: gone.kind,
+        region: gone.region,
+    });
+    assert_eq!(fold_again(&seen), 1);
+    assert_eq!(fold_again(&seen), 0);
+    let mut move_corner = |x_m: f64| {
+        let counterpart = seen.counterpart.as_mut().unwrap();
+        counterpart.region[2].x += x_m;
+        fold_again(&seen)
+    };
+    assert_eq!(move_corner(1e-4), 0, "a hair's breadth is no news");
+    assert_eq!(move_corner(0.1), 1);
+    seen.counterpart = None;
+    assert_eq!(fold_again(&seen), 1);
+    seen.tier = Tier::Tentative;
+    assert_eq!(fold_again(&seen), 1);
 }
 
 #[test]

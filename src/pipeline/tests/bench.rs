@@ -1,5 +1,6 @@
 //! A route through a small workshop in which a box is put down.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
@@ -19,6 +20,7 @@ use crate::formats::{Look, MapPicture};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::mapping::IntermediateScan;
 use crate::scan::decode_scan;
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
@@ -42,6 +44,8 @@ pub struct MapState {
     pub edges: Vec<EdgeRecord>,
     pub g2o: String,
     pub pgm: Vec<u8>,
+    /// Of the nodes in the map.
+    pub intermediate: BTreeMap<NodeId, Vec<IntermediateScan>>,
 }
 
 impl Bench {
@@ -159,8 +163,12 @@ impl Bench {
         let store = &self.engine.store;
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         let g2o = write_g2o(workspace.map.graph());
+        let keyframes = workspace.map.keyframes().iter();
+        let intermediate = keyframes.map(|keyframe| (keyframe.node, keyframe.intermediate.clone()));
+        let intermediate = intermediate.collect();
         self.engine.workspaces.put_back(route(), workspace);
         MapState {
+            intermediate,
             nodes: store.nodes(&route()).await.unwrap(),
             edges: store.edges(&route()).await.unwrap(),
             g2o,
@@ -242,10 +250,24 @@ pub fn upload(trip: &str, hour: i64, laps: usize) -> NewBatch {
 /// An hour's drive from its scan `from` on as one upload of a trip; but for the first one its id
 /// is the trip's with that scan.
 pub fn upload_part(trip: &str, hour: i64, laps: usize, from: usize) -> NewBatch {
+    upload_spaced(trip, hour, laps, from, vehicle().scan_spacing_m)
+}
+
+/// As [`upload_part`], with a scan every so many metres.
+pub fn upload_spaced(
+    trip: &str,
+    hour: i64,
+    laps: usize,
+    from: usize,
+    scan_spacing_m: f64,
+) -> NewBatch {
     let corners = [(2.0, 2.0), (10.0, 2.0), (10.0, 8.0), (2.0, 8.0)];
     let corners = corners.map(|(x, y)| Vector2::new(x, y));
     let path = Route::new(&corners, 1.0).unwrap();
-    let vehicle = vehicle();
+    let vehicle = Vehicle {
+        scan_spacing_m,
+        ..vehicle()
+    };
     let scans = drive(
         &world(hour > 0),
         &path,

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::bench::{Bench, route, upload, upload_part};
+use super::bench::{Bench, route, upload, upload_part, upload_spaced};
 use crate::change::{AlertAction, AlertStatus};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, TripId};
-use crate::store::{BatchStatus, NodeRecord};
+use crate::store::{BatchContent, BatchStatus, NewBatch, NodeRecord};
 
 /// So many stretches stay.
 const STRETCHES: usize = 3;
@@ -112,6 +112,52 @@ async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
     assert_eq!(evidence(kept), evidence(restarted));
 }
 
+/// A lap with a scan every 0.2 m, most of which make no keyframe, in two parts.
+fn dense_lap(hour: i64) -> (NewBatch, NewBatch) {
+    let trip = format!("lap-{hour}");
+    let mut first = upload_spaced(&trip, hour, 1, 0, 0.2);
+    let half = usize::try_from(first.content.scans() / 2 + hour).unwrap();
+    let mut body: serde_json::Value = serde_json::from_slice(&first.body).unwrap();
+    body["scans"].as_array_mut().unwrap().truncate(half);
+    first.body = serde_json::to_vec(&body).unwrap();
+    first.content = BatchContent::Scans {
+        sequence: 0,
+        scans: half as i64,
+    };
+    let second = upload_spaced(&trip, hour, 1, half, 0.2);
+    (first, second)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn scans_between_keyframes_are_the_same_after_restarts() {
+    let kept = Bench::new().await;
+    let mut restarted = Bench::new().await;
+    let mut continued = 0;
+    for hour in 0..=5 {
+        let (first, second) = dense_lap(hour);
+        let (trip, half) = (first.trip_id.clone(), first.content.scans() as usize);
+        for batch in [first, second] {
+            restarted = restarted.restarted().await;
+            for bench in [&kept, &restarted] {
+                let merged = bench.merge(batch.clone(), STRETCHES).await;
+                assert_eq!(merged.status, BatchStatus::Merged);
+            }
+        }
+        let store = &kept.engine.store;
+        let trajectory = store.trajectory(&route(), &trip).await.unwrap();
+        // The second part may begin behind a keyframe of the first.
+        continued += i32::from(!trajectory[half].is_keyframe);
+    }
+    let restarted = restarted.restarted().await;
+    let (kept, restarted) = (kept.state().await, restarted.state().await);
+    assert!(kept == restarted);
+    let between = kept.intermediate.values().flatten();
+    let between = between.filter(|between| between.scan.is_some()).count();
+    assert!(between > 100, "{between}");
+    assert!(continued > 0);
+    assert!(kept.nodes.iter().any(|node| !node.active));
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let bench = driven(1..=1).await;
@@ -153,9 +199,25 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let deltas = edges[edges_before..].iter().filter_map(|edge| edge.delta_f);
     assert!(deltas.clone().all(|delta_f| delta_f > -1e-6));
 
+    // Every scan is known with its pose, those between keyframes of either batch among them.
+    let trajectory = store.trajectory(&route(), &trip).await.unwrap();
+    assert_eq!(trajectory.len() as i64, whole);
+    assert!(trajectory.is_sorted_by(|a, b| a.stamp < b.stamp));
+    let keyframes = trajectory.iter().filter(|pose| pose.is_keyframe);
+    let keyframes: Vec<_> = keyframes.map(|pose| (pose.node_id, pose.pose)).collect();
+    let nodes: Vec<_> = after.iter().map(|node| (node.id, node.pose)).collect();
+    assert_eq!(keyframes, nodes);
+    let steps_m = trajectory.windows(2).map(|pair| {
+        let [a, b] = [pair[0].pose, pair[1].pose].map(|pose| pose.translation());
+        (b - a).norm()
+    });
+    assert!(steps_m.fold(0.0, f64::max) < 0.8);
+
     for hour in 10..=13 {
         lap(&bench, hour).await;
     }
+    let left = store.trajectory(&route(), &trip).await.unwrap();
+    assert_eq!(left.len(), trajectory.len(), "also of what has left");
     let settled = store.trip_nodes(&route(), &trip).await.unwrap();
     assert!(settled.iter().all(|node| !node.active || node.reference));
 }

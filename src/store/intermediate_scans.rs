@@ -1,0 +1,171 @@
+//! Scans between keyframes: written with the result that brings them, read with their keyframes.
+
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, SqliteConnection, SqlitePool};
+
+use super::body::checksum;
+use super::columns::{corrupt, json_text, pose};
+use super::error::StoreError;
+use super::graph::scan_of;
+use super::graph_rows::{ROWS_MAX, push_pose};
+use super::records::{IntermediateRecord, NewIntermediate, TrajectoryPose};
+use crate::ids::{NodeId, RouteId, StampNs, TripId};
+
+/// Inserts scans between keyframes; their keyframes are there already.
+///
+/// # Errors
+/// [`StoreError::InvalidResult`] if they do not go on where those of their keyframe ended.
+pub(super) async fn insert_intermediate(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    new: &[NewIntermediate],
+) -> Result<(), StoreError> {
+    for rows in new.chunks(ROWS_MAX) {
+        let mut query = QueryBuilder::new(
+            "INSERT INTO intermediate_scans (route_key, node_id, place, stamp_ns, x, y, theta, \
+             odom_x, odom_y, odom_theta, scan_sha256, scan) ",
+        );
+        query.push_values(rows, |mut values, new| {
+            let scan = &new.scan;
+            values
+                .push_bind(route_key)
+                .push_bind(new.node_id.0)
+                .push_bind(new.place)
+                .push_bind(scan.stamp.0);
+            push_pose(&mut values, &scan.keyframe_from_base);
+            push_pose(&mut values, &scan.odom_from_base);
+            values
+                .push_bind(scan.scan.as_deref().map(|scan| checksum(scan).to_vec()))
+                .push_bind(scan.scan.as_deref());
+        });
+        query.build().execute(&mut *transaction).await?;
+    }
+    check_places(transaction, route_key, new).await
+}
+
+async fn check_places(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    new: &[NewIntermediate],
+) -> Result<(), StoreError> {
+    let mut nodes: Vec<i64> = new.iter().map(|new| new.node_id.0).collect();
+    nodes.dedup();
+    if nodes.is_empty() {
+        return Ok(());
+    }
+    let gap: Option<i64> = sqlx::query_scalar(
+        "SELECT node_id FROM intermediate_scans WHERE route_key = ? \
+         AND node_id IN (SELECT value FROM json_each(?)) \
+         GROUP BY node_id HAVING max(place) <> count(*) - 1 LIMIT 1",
+    )
+    .bind(route_key)
+    .bind(json_text(&nodes)?)
+    .fetch_optional(transaction)
+    .await?;
+    match gap {
+        None => Ok(()),
+        Some(node) => {
+            let reason = format!("its scans behind node {node} leave a place out");
+            Err(StoreError::InvalidResult(reason))
+        }
+    }
+}
+
+/// Those of the active nodes of a route, in order, by node.
+pub(super) async fn active_intermediate(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<BTreeMap<NodeId, Vec<IntermediateRecord>>, StoreError> {
+    // CROSS JOIN: the active nodes first, however many have left.
+    let rows = sqlx::query(
+        "SELECT intermediate.node_id, place, intermediate.stamp_ns, intermediate.x, \
+             intermediate.y, intermediate.theta, intermediate.odom_x, intermediate.odom_y, \
+             intermediate.odom_theta, scan_sha256, scan \
+         FROM routes CROSS JOIN nodes ON nodes.route_key = routes.route_key AND nodes.active = 1 \
+         CROSS JOIN intermediate_scans AS intermediate \
+             ON intermediate.route_key = nodes.route_key \
+             AND intermediate.node_id = nodes.node_id \
+         WHERE routes.id = ? ORDER BY intermediate.node_id, place",
+    )
+    .bind(route.as_str())
+    .fetch_all(reader)
+    .await?;
+    let mut by_node: BTreeMap<NodeId, Vec<IntermediateRecord>> = BTreeMap::new();
+    for row in &rows {
+        let node = NodeId(row.try_get("node_id")?);
+        let of_node = by_node.entry(node).or_default();
+        let place: usize = row.try_get::<u32, _>("place")? as usize;
+        if place != of_node.len() {
+            return Err(corrupt("place"));
+        }
+        of_node.push(intermediate_of(row, route, node)?);
+    }
+    Ok(by_node)
+}
+
+fn intermediate_of(
+    row: &SqliteRow,
+    route: &RouteId,
+    node: NodeId,
+) -> Result<IntermediateRecord, StoreError> {
+    let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
+    Ok(IntermediateRecord {
+        stamp: StampNs(row.try_get("stamp_ns")?),
+        keyframe_from_base: pose(row, ["x", "y", "theta"])?,
+        odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
+        scan: has_scan.then(|| scan_of(row, route, node)).transpose()?,
+    })
+}
+
+/// Where a trip was at each of its scans, keyframes and those between them, in the order of time.
+pub(super) async fn trajectory(
+    readers: &SqlitePool,
+    route: &RouteId,
+    trip: &TripId,
+) -> Result<Vec<TrajectoryPose>, StoreError> {
+    // One statement, so that no solve comes between a keyframe and the scans that move with it.
+    let rows = sqlx::query(
+        "SELECT nodes.node_id, nodes.stamp_ns, nodes.x, nodes.y, nodes.theta, place, \
+             between_keyframes.stamp_ns AS b_stamp_ns, between_keyframes.x AS b_x, \
+             between_keyframes.y AS b_y, between_keyframes.theta AS b_theta \
+         FROM routes JOIN batches USING (route_key) \
+         CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
+         LEFT JOIN intermediate_scans AS between_keyframes \
+             ON between_keyframes.route_key = nodes.route_key \
+             AND between_keyframes.node_id = nodes.node_id \
+         WHERE routes.id = ? AND batches.trip_id = ? ORDER BY nodes.node_id, place",
+    )
+    .bind(route.as_str())
+    .bind(trip.as_str())
+    .fetch_all(readers)
+    .await?;
+    let mut poses: Vec<TrajectoryPose> = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let node_id = NodeId(row.try_get("node_id")?);
+        let map_from_keyframe = pose(row, ["x", "y", "theta"])?;
+        // Each keyframe comes once with each scan behind it, or once alone.
+        if poses.last().is_none_or(|last| last.node_id != node_id) {
+            poses.push(TrajectoryPose {
+                node_id,
+                is_keyframe: true,
+                stamp: StampNs(row.try_get("stamp_ns")?),
+                pose: map_from_keyframe,
+            });
+        }
+        let stamp: Option<i64> = row.try_get("b_stamp_ns")?;
+        if let Some(stamp) = stamp {
+            let keyframe_from_base = pose(row, ["b_x", "b_y", "b_theta"])?;
+            poses.push(TrajectoryPose {
+                node_id,
+                is_keyframe: false,
+                stamp: StampNs(stamp),
+                pose: map_from_keyframe.compose(&keyframe_from_base),
+            });
+        }
+    }
+    // A stable sort: what shares a stamp stays in the order of the drive.
+    poses.sort_by_key(|pose| pose.stamp);
+    Ok(poses)
+}

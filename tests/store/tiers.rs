@@ -1,0 +1,227 @@
+//! Alerts that are tentative at first, what is kept of them, and whom they are sent to.
+
+use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
+use mapshift::geometry::Vector2;
+use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
+use mapshift::store::{
+    AlertFilter, AlertRecord, Applied, BatchStatus, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    Store, StoreError, WebhookEvent, WebhookSecret, WebhookUpdate,
+};
+use uuid::Uuid;
+
+use crate::support::{Fixture, at, route, upload};
+
+const PLAIN: u128 = 1;
+const WITH_TENTATIVE: u128 = 2;
+
+async fn register(store: &Store, number: u128, include_tentative: bool) {
+    let webhook = NewWebhook {
+        id: WebhookId(Uuid::from_u128(number)),
+        url: "https://example.com/".to_owned(),
+        secret: WebhookSecret([7; 32]),
+        events: vec![WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated],
+        route_id: None,
+        description: None,
+        include_tentative,
+        created_at: at(0),
+    };
+    let registered = store.register_webhook(webhook).await.unwrap();
+    assert_eq!(registered, Registered::Created);
+}
+
+fn alert(number: u128, tier: Tier) -> AlertRecord {
+    let corners = [[0.0, 0.0], [0.1 + 0.2, 0.0], [0.3, 1.0 / 3.0]];
+    AlertRecord {
+        id: AlertId(Uuid::from_u128(number)),
+        route_id: route(),
+        revision: 1,
+        status: AlertStatus::Open,
+        evidence: Finding {
+            kind: ChangeKind::Appeared,
+            location: Vector2::new(0.2, 0.1),
+            sigma_m: 0.05,
+            region: corners.map(Vector2::from).to_vec(),
+            tier,
+            counterpart: None,
+            edges: Vec::new(),
+            nodes: vec![NodeId(1)],
+            trips: vec![TripId::new("t").unwrap()],
+            views: 1,
+            laps: 1,
+            confidence: 0.9,
+            since: StampNs(1_000),
+            last_seen: StampNs(2_000),
+            until: None,
+        },
+        first_seen: StampNs(1_000),
+        vehicles: vec![VehicleId::new("v").unwrap()],
+        residual: None,
+        map_version: 1,
+        related: Vec::new(),
+        raised_at: at(1),
+        updated_at: at(1),
+        history: vec![HistoryEntry {
+            status: AlertStatus::Open,
+            at: at(1),
+            by: SYSTEM.to_owned(),
+            note: None,
+        }],
+    }
+}
+
+fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
+    let mut next = alert.clone();
+    next.revision += 1;
+    next.evidence.tier = tier;
+    next
+}
+
+/// A batch whose job writes the alert.
+async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<(), StoreError> {
+    fixture.journal(upload(batch, batch, 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut result = fixture.result(&job, BatchStatus::Merged).await;
+    result.alerts = vec![alert.clone()];
+    let applied = fixture.store.apply_result(result).await?;
+    assert_eq!(applied, Applied::Committed);
+    Ok(())
+}
+
+/// What a webhook is sent, the oldest first.
+async fn sent(store: &Store, webhook: u128) -> Vec<(u128, WebhookEvent)> {
+    let webhook = WebhookId(Uuid::from_u128(webhook));
+    let mut sent = store.deliveries(webhook, None, 100).await.unwrap();
+    sent.reverse();
+    let alert = |id: Option<AlertId>| id.unwrap().0.as_u128();
+    sent.iter()
+        .map(|one| (alert(one.alert_id), one.event))
+        .collect()
+}
+
+#[tokio::test]
+async fn tier_and_counterpart_are_read_back_to_the_bit() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    let mut first = alert(1, Tier::Tentative);
+    first.evidence.counterpart = Some(Counterpart {
+        kind: ChangeKind::Disappeared,
+        region: vec![Vector2::new(1.0 / 7.0, -0.0), Vector2::new(1e-300, 5.0)],
+    });
+    write(&fixture, "b0", &first).await.unwrap();
+    let second = next(&alert(2, Tier::Confirmed), Tier::Confirmed);
+    write(&fixture, "b1", &alert(2, Tier::Confirmed))
+        .await
+        .unwrap();
+    write(&fixture, "b2", &second).await.unwrap();
+    for expected in [&first, &second] {
+        let read = store.alert(expected.id).await.unwrap();
+        assert_eq!(read.as_ref(), Some(expected));
+    }
+    for (tier, expected) in [(Tier::Tentative, &first), (Tier::Confirmed, &second)] {
+        let filter = AlertFilter {
+            tier: Some(tier),
+            ..AlertFilter::default()
+        };
+        let page = store.alert_page(&filter, None, 9).await.unwrap();
+        assert_eq!(page, std::slice::from_ref(expected));
+    }
+    let mut without = next(&first, Tier::Confirmed);
+    without.evidence.counterpart = None;
+    write(&fixture, "b3", &without).await.unwrap();
+    assert_eq!(store.alert(first.id).await.unwrap(), Some(without));
+
+    let mut broken = alert(3, Tier::Tentative);
+    broken.evidence.counterpart = Some(Counterpart {
+        kind: ChangeKind::Disappeared,
+        region: vec![Vector2::new(f64::NAN, 0.0)],
+    });
+    let refused = write(&fixture, "b4", &broken).await;
+    assert!(matches!(refused, Err(StoreError::InvalidResult(_))));
+}
+
+#[tokio::test]
+async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
+    use WebhookEvent::{AlertRaised, AlertUpdated};
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, PLAIN, false).await;
+    register(store, WITH_TENTATIVE, true).await;
+
+    let raised = alert(1, Tier::Tentative);
+    write(&fixture, "b0", &raised).await.unwrap();
+    let seen_again = next(&raised, Tier::Tentative);
+    write(&fixture, "b1", &seen_again).await.unwrap();
+    assert_eq!(sent(store, PLAIN).await, []);
+    assert_eq!(
+        sent(store, WITH_TENTATIVE).await,
+        [(1, AlertRaised), (1, AlertUpdated)]
+    );
+
+    // Confirmed, less certain again, and confirmed once more: it begins once.
+    let mut now = seen_again;
+    for (batch, tier) in [
+        ("b2", Tier::Confirmed),
+        ("b3", Tier::Tentative),
+        ("b4", Tier::Confirmed),
+    ] {
+        now = next(&now, tier);
+        write(&fixture, batch, &now).await.unwrap();
+    }
+    let updated = [(1, AlertUpdated), (1, AlertUpdated)];
+    let plain = sent(store, PLAIN).await;
+    assert_eq!((plain[0], &plain[1..]), ((1, AlertRaised), &updated[..]));
+    assert_eq!(sent(store, WITH_TENTATIVE).await.len(), 5);
+
+    // One that is raised confirmed is the same to both.
+    write(&fixture, "b5", &alert(2, Tier::Confirmed))
+        .await
+        .unwrap();
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        let last = sent(store, webhook).await.last().copied();
+        assert_eq!(last, Some((2, AlertRaised)));
+    }
+    // Whoever asks for tentative ones is sent them from then on.
+    let update = WebhookUpdate {
+        include_tentative: Some(true),
+        ..WebhookUpdate::default()
+    };
+    let id = WebhookId(Uuid::from_u128(PLAIN));
+    store.update_webhook(id, None, update, at(5)).await.unwrap();
+    write(&fixture, "b6", &alert(3, Tier::Tentative))
+        .await
+        .unwrap();
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        let last = sent(store, webhook).await.last().copied();
+        assert_eq!(last, Some((3, AlertRaised)));
+    }
+    // Streams have all of it.
+    let events = store.alert_events(None, 0, 100).await.unwrap();
+    assert_eq!(events.len(), 7);
+}
+
+#[tokio::test]
+async fn what_was_raised_before_there_were_tiers_is_confirmed() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, PLAIN, false).await;
+    let first = alert(1, Tier::Tentative);
+    write(&fixture, "b0", &first).await.unwrap();
+    // As the file of the migration leaves a row that was there.
+    let migration = include_str!("../../migrations/0008_alert_tiers.sql");
+    let update = migration
+        .split_inclusive(';')
+        .find(|sql| sql.contains("UPDATE alerts"));
+    let mut raw = fixture.raw().await;
+    sqlx::query(update.unwrap())
+        .execute(&mut raw)
+        .await
+        .unwrap();
+    sqlx::query("UPDATE alerts SET tier = 'confirmed'")
+        .execute(&mut raw)
+        .await
+        .unwrap();
+    write(&fixture, "b1", &next(&first, Tier::Confirmed))
+        .await
+        .unwrap();
+    assert_eq!(sent(store, PLAIN).await, [(1, WebhookEvent::AlertUpdated)]);
+}
