@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 18] = [
+const LAYERS: [&str; 19] = [
     "ids",
     "geometry",
     "scan",
@@ -24,6 +24,7 @@ const LAYERS: [&str; 18] = [
     "mapping",
     "sim",
     "formats",
+    "experiments",
     "store",
     "pipeline",
     "delivery",
@@ -67,7 +68,7 @@ const NOT_IN_API: [&str; 3] = ["crate::mapping", "crate::matching", "crate::solv
 const AT_HOME: [(&str, &[&str]); 11] = [
     ("axum", &["api", "app"]),
     ("clap", &["config", "cli"]),
-    ("crate::sim", &["sim", "cli"]),
+    ("crate::sim", &["sim", "experiments", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
     ("reqwest", &["delivery", "cli"]),
