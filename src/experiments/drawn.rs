@@ -111,7 +111,7 @@ pub(super) fn choose_objects(
 fn candidate(scans: &[PlacedScan<'_>], rng: &mut ChaCha8Rng) -> Option<Vector2<f64>> {
     let placed = &scans[rng.random_range(0..scans.len())];
     let beam = rng.random_range(0..placed.scan.ranges_m.len());
-    let farthest_m = placed.scan.ranges_m[beam].unwrap_or(placed.lidar.range_max_m);
+    let farthest_m = placed.scan.ranges_m[beam]?;
     let share: f64 = rng.random();
     if farthest_m <= NEAREST_M {
         return None;
@@ -271,7 +271,7 @@ mod tests {
                     let beams = placed.directions().zip(&placed.scan.ranges_m);
                     let through = beams.filter(|(direction, range_m)| {
                         let entry_m = object.shape.distance_along(&eye, direction);
-                        entry_m.is_some_and(|e| range_m.is_none_or(|r| e < r))
+                        entry_m.is_some_and(|e| range_m.is_some_and(|r| e < r))
                     });
                     through.count() >= 3
                 };

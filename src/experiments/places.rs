@@ -13,7 +13,8 @@ const CLEAR_M: f64 = 0.3;
 const PATH_M: f64 = 0.35;
 /// So many scans must see the place before the object's moment, and as many after.
 pub(super) const SEEN_MIN: usize = 8;
-/// A scan sees a place if so many of its beams pass or would pass through the object.
+/// A scan sees a place if so many of its beams pass through the object and end on something behind
+/// it. A beam without a return does not count: it may have met something dark before.
 const BEAMS_MIN: usize = 3;
 const CELL_M: f64 = 0.5;
 
@@ -66,18 +67,19 @@ impl<'a> Places<'a> {
     }
 }
 
-/// Whether enough beams of a scan pass through an object, those without a return too.
+/// Whether enough beams of a scan pass through an object.
 fn sees(placed: &PlacedScan<'_>, shape: &Shape) -> bool {
     let (middle, radius_m) = shape.bounding_circle();
     let passing = placed
         .beams_towards(&middle, radius_m)
         .into_iter()
+        .filter(|&beam| placed.scan.ranges_m[beam].is_some())
         .filter(|&beam| entry_m(placed, beam, shape).is_some());
     passing.take(BEAMS_MIN).count() == BEAMS_MIN
 }
 
-/// Where a beam that passes through an object enters it, metres from the lidar; `None` if it
-/// does not, or ends before.
+/// Where a beam that would pass through an object enters it, metres from the lidar, also if it has
+/// no return; `None` if it misses the object or ends before.
 pub(super) fn entry_m(placed: &PlacedScan<'_>, beam: usize, shape: &Shape) -> Option<f64> {
     let angle_rad = placed.map_from_lidar.theta + placed.lidar.beam_angle_rad(beam);
     let direction = Vector2::new(angle_rad.cos(), angle_rad.sin());

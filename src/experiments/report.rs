@@ -95,11 +95,8 @@ fn list(text: &mut String, title: &str, places: &[Place]) {
     for place in places {
         let Place { x, y, note, .. } = place;
         let seed = place.seed.map(|seed| format!("seed {seed}, "));
-        let _ = writeln!(
-            text,
-            "- {}{} at ({x:.2}, {y:.2}): {note}",
-            seed.unwrap_or_default(),
-            place.kind.name()
-        );
+        let (seed, kind) = (seed.unwrap_or_default(), place.kind.name());
+        let line = format!("- {seed}{kind} at ({x:.2}, {y:.2}): {note}");
+        let _ = writeln!(text, "{}", line.trim_end_matches(": "));
     }
 }

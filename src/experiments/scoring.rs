@@ -115,7 +115,7 @@ pub(super) enum Verdict {
     True,
     /// It is near one, but not of its kind.
     OtherKind,
-    /// The untouched recordings raise it too.
+    /// The untouched recordings raise it too, or it reports one of their labelled changes.
     Untouched,
     /// Neither.
     False,
@@ -135,6 +135,7 @@ pub(super) fn judge(
     alerts: &[ScoredAlert],
     objects: &[DrawnObject],
     untouched: &[ScoredAlert],
+    labels: &[Label],
     reach_m: f64,
 ) -> Judged {
     let found_by = objects.iter().map(|object| {
@@ -151,18 +152,19 @@ pub(super) fn judge(
             .iter()
             .any(|object| gap_m(alert, object, of_kind.then_some(object.kind)) <= reach_m)
     };
+    let is_of_untouched = |alert: &ScoredAlert| {
+        untouched
+            .iter()
+            .any(|other| alert.repeats(other, UNTOUCHED_M))
+            || labels.iter().any(|label| reports(alert, label))
+    };
     let verdict = |alert: &ScoredAlert| {
         if near(alert, true) {
             Verdict::True
-        } else if untouched
-            .iter()
-            .any(|other| alert.repeats(other, UNTOUCHED_M))
-        {
+        } else if is_of_untouched(alert) {
             Verdict::Untouched
         } else if near(alert, false) {
             Verdict::OtherKind
-        } else if alert.kind == ChangeKind::Residual {
-            Verdict::Untouched
         } else {
             Verdict::False
         }
@@ -182,10 +184,12 @@ fn gap_m(alert: &ScoredAlert, object: &DrawnObject, kind: Option<ChangeKind>) ->
         .fold(f64::INFINITY, f64::min)
 }
 
+fn reports(alert: &ScoredAlert, label: &Label) -> bool {
+    alert.reports(label.kind, &label.location, LABEL_M)
+}
+
 /// For each label whether an alert reports it, and for each alert whether a label explains it.
 pub(super) fn against_labels(alerts: &[ScoredAlert], labels: &[Label]) -> (Vec<bool>, Vec<bool>) {
-    let reports =
-        |alert: &ScoredAlert, label: &Label| alert.reports(label.kind, &label.location, LABEL_M);
     let found = labels
         .iter()
         .map(|label| alerts.iter().any(|a| reports(a, label)));
@@ -230,7 +234,7 @@ mod tests {
 
     #[test]
     fn alerts_made_by_hand_are_judged() {
-        use ChangeKind::{Appeared, Disappeared, MapMismatch, Residual};
+        use ChangeKind::{Appeared, Disappeared, MapMismatch};
         let objects = [
             object(Appeared, 0.0, 0.0),
             object(Disappeared, 5.0, 0.0),
@@ -249,10 +253,15 @@ mod tests {
             alert(MapMismatch, 20.0, 0.0),
             alert(Appeared, 30.0, 0.0),
             alert(Appeared, 40.0, 0.0),
-            alert(Residual, 50.0, 0.0),
+            alert(Appeared, 50.0, 0.0),
         ];
         let untouched = [alert(Appeared, 30.4, 0.0), alert(Disappeared, 40.0, 0.0)];
-        let judged = judge(&alerts, &objects, &untouched, reach_m(0.01));
+        let labels = [Label {
+            location: Vector2::new(50.4, 0.0),
+            kind: Appeared,
+            what: String::new(),
+        }];
+        let judged = judge(&alerts, &objects, &untouched, &labels, reach_m(0.01));
         assert_eq!(judged.found_by, [Some(1), None, Some(3)]);
         use Verdict::{False, OtherKind, True, Untouched};
         let expected = [
@@ -280,7 +289,7 @@ mod tests {
     fn noisy_lidars_reach_farther() {
         let alerts = [alert(ChangeKind::Appeared, 0.75, 0.0)];
         let objects = [object(ChangeKind::Appeared, 0.0, 0.0)];
-        let found = |sigma_m: f64| judge(&alerts, &objects, &[], reach_m(sigma_m)).found_by[0];
+        let found = |sigma_m: f64| judge(&alerts, &objects, &[], &[], reach_m(sigma_m)).found_by[0];
         assert_eq!(found(0.01), None);
         assert_eq!(found(0.03), Some(0));
     }

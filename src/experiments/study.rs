@@ -123,6 +123,7 @@ pub fn score_recordings(
     let sigma_m = recordings.iter().map(|r| r.lidar.range_sigma_m);
     let reach_m = reach_m(sigma_m.fold(0.0, f64::max));
     let known_start = options.labels.is_some();
+    let labels = options.labels.as_deref().unwrap_or_default();
     let untouched = RouteRun::of(recordings, known_start)?;
     let untouched_scans = placed_scans(recordings, &untouched.poses);
     let mut study = Study {
@@ -155,7 +156,7 @@ pub fn score_recordings(
             .zip(&untouched_alerts)
         {
             let (alerts, cpu_s) = detector.alerts(&altered, &run);
-            let judged = judge(&alerts, &objects, before, reach_m);
+            let judged = judge(&alerts, &objects, before, labels, reach_m);
             row.score.add(&judged, &alerts, &objects);
             row.score.cpu_s += cpu_s;
             row.score.scans += run.scans;
