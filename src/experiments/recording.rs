@@ -58,7 +58,9 @@ mod tests {
     use super::*;
 
     fn log(first_s: f64) -> CarmenLog {
-        let line = |s: f64| format!("FLASER 2 1 1 0 0 0 0 0 0 {s} h {s}\n");
+        let line = |s: f64| {
+            format!("ROBOTLASER1 0 -0.1 0.2 0.1 5 0 0 3 1 2 3 0 0 0 0 0 0 0 0 0 0 0 0 {s} h {s}\n")
+        };
         let text: String = (0..3).map(|k| line(first_s + f64::from(k))).collect();
         CarmenLog::read(text.as_bytes()).unwrap()
     }
