@@ -207,7 +207,7 @@ fn draw_into(
 #[cfg(test)]
 mod tests {
     use super::super::baselines::testing::{posed, room};
-    use super::super::places::{SEEN_MIN, distance_m};
+    use super::super::places::{CLEAR_M, OUTLINE_CLEAR_M, SEEN_MIN, distance_m};
     use super::*;
 
     #[test]
@@ -255,11 +255,11 @@ mod tests {
         let scans = placed_scans(&recordings, &poses);
         for (k, object) in objects.iter().enumerate() {
             for placed in &scans {
-                assert!(
-                    placed
-                        .hits()
-                        .all(|hit| distance_m(&object.shape, &hit) > 0.3)
-                );
+                let is_clear = |hit: Vector2<f64>| {
+                    (hit - object.centre()).norm() > CLEAR_M
+                        && distance_m(&object.shape, &hit) > OUTLINE_CLEAR_M
+                };
+                assert!(placed.hits().all(is_clear));
                 let base = placed.map_from_base.translation();
                 assert!(distance_m(&object.shape, &base) >= 0.35);
             }

@@ -7,8 +7,10 @@ use crate::geometry::Vector2;
 use crate::ids::StampNs;
 use crate::sim::Shape;
 
-/// Nothing is hit within this distance of a free place, metres.
-const CLEAR_M: f64 = 0.3;
+/// No scan hits anything within this distance of an object's middle, metres, …
+pub(super) const CLEAR_M: f64 = 0.3;
+/// … or within this of its outline.
+pub(super) const OUTLINE_CLEAR_M: f64 = 0.1;
 /// The robot keeps this distance from an object, metres.
 const PATH_M: f64 = 0.35;
 /// So many scans must see the place before the object's moment, and as many after.
@@ -36,14 +38,16 @@ impl<'a> Places<'a> {
     /// Whether no scan has a hit in an object or near it, and the robot keeps away from it.
     pub(super) fn is_free(&self, shape: &Shape) -> bool {
         let (middle, radius_m) = shape.bounding_circle();
-        let reach_m = radius_m + CLEAR_M;
+        let reach_m = CLEAR_M.max(radius_m + OUTLINE_CLEAR_M);
         let corner = |sign: f64| cell_of(&(middle + Vector2::new(sign, sign) * reach_m));
         let (low, high) = (corner(-1.0), corner(1.0));
         let cells = (low.0..=high.0).flat_map(|x| (low.1..=high.1).map(move |y| (x, y)));
         let hit = cells
             .filter_map(|cell| self.hits.get(&cell))
             .flatten()
-            .any(|hit| distance_m(shape, hit) <= CLEAR_M);
+            .any(|hit| {
+                (hit - middle).norm() <= CLEAR_M || distance_m(shape, hit) <= OUTLINE_CLEAR_M
+            });
         !hit && self.scans.iter().all(|placed| {
             let ways = [&placed.map_from_base, &placed.map_from_lidar];
             ways.into_iter()
