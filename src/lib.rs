@@ -14,7 +14,7 @@
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`graph`], [`solver`], [`change`],
 //!    [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no axum, no SQL, no
 //!    files, no environment, no wall clock, no unseeded randomness.
-//! 3. Service: [`formats`], [`store`], [`pipeline`], [`delivery`], [`api`].
+//! 3. Service: [`formats`], [`experiments`], [`store`], [`pipeline`], [`delivery`], [`api`].
 //! 4. Process: [`config`], [`telemetry`], [`app`], [`cli`].
 //!
 //! # Conventions
@@ -34,6 +34,7 @@ pub mod change;
 pub mod cli;
 pub mod config;
 pub mod delivery;
+pub mod experiments;
 pub mod formats;
 pub mod geometry;
 pub mod graph;

@@ -25,6 +25,7 @@ const LAYERS: [&str; 19] = [
     "mapping",
     "sim",
     "formats",
+    "experiments",
     "store",
     "pipeline",
     "delivery",
@@ -68,7 +69,7 @@ const NOT_IN_API: [&str; 3] = ["crate::mapping", "crate::matching", "crate::solv
 const AT_HOME: [(&str, &[&str]); 11] = [
     ("axum", &["api", "app"]),
     ("clap", &["config", "cli"]),
-    ("crate::sim", &["sim", "cli"]),
+    ("crate::sim", &["sim", "experiments", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
     ("reqwest", &["delivery", "cli"]),

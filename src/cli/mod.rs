@@ -15,6 +15,7 @@ mod pretend;
 mod progress;
 mod recording;
 mod reproduce;
+mod score;
 mod serve;
 mod simulate;
 mod upload;
@@ -46,6 +47,8 @@ enum Command {
     Optimise(optimise::Args),
     /// Run the paper's experiments: its tables and figures, and ours beside them.
     Reproduce(reproduce::Args),
+    /// Score the detectors on your recordings, with known objects drawn into them.
+    Score(score::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -59,6 +62,7 @@ pub fn run() -> ExitCode {
         Command::Upload(args) => upload::run(args),
         Command::Optimise(args) => optimise::run(args),
         Command::Reproduce(args) => reproduce::run(args),
+        Command::Score(args) => score::run(args),
         Command::Openapi(args) => openapi::run(args),
     };
     match outcome {

@@ -44,6 +44,14 @@ impl Progress {
         }
     }
 
+    /// As [`Progress::new`], and silent elsewhere: where the output is for other programs.
+    pub(super) fn at_a_terminal(total: u64, what: &'static str) -> Self {
+        Self {
+            plain: false,
+            ..Self::new(total, what)
+        }
+    }
+
     /// Writes a line beside the bar.
     pub(super) fn say(&self, text: &str) {
         self.bar.suspend(|| say(text));

@@ -3,7 +3,6 @@
 mod baselines;
 mod case;
 mod counts;
-mod distance;
 mod figures;
 mod fused_mode;
 mod laps;
@@ -15,8 +14,6 @@ mod report;
 mod run_one;
 mod score;
 mod summary;
-mod table;
-mod wilson;
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;

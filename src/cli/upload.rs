@@ -83,7 +83,7 @@ fn parse_pose(text: &str) -> Result<Pose2, String> {
     }
 }
 
-fn parse_beam_spacing(text: &str) -> Result<f64, String> {
+pub(super) fn parse_beam_spacing(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(factor) if (0.5..=2.0).contains(&factor) => Ok(factor),
         _ => Err("give a factor from 0.5 to 2, like 0.925".into()),

@@ -23,6 +23,7 @@ pub use changes::Changes;
 pub use drive::{SimScan, drive};
 pub use hall::Hall;
 pub use lidar::SimLidar;
+pub(crate) use random::normal;
 pub use rooms::Rooms;
 pub use route::{Route, RouteError};
 pub use scene::{LapWorld, Scene, SceneObject};

@@ -46,7 +46,7 @@ pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
 }
 
 /// A normal number with mean 0 (Box and Muller).
-pub(super) fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
+pub(crate) fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
     // 1 − u lies in (0, 1]: the logarithm is finite.
     let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
     sigma * radius * (TAU * rng.random::<f64>()).cos()

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::wilson::Share;
+use crate::experiments::Share;
 
 /// Decisions by what was decided and what was true.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]

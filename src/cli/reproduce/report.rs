@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::mapped::Exclusion;
 use super::method::Method;
 use super::summary::{Level, Row, SIZE_BOUNDS, Summary};
-use super::table::{Table, number};
+use crate::experiments::{Table, number};
 
 /// A row of the paper's table 1.
 struct PrintedRow {

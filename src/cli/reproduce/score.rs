@@ -3,12 +3,12 @@
 use serde::Serialize;
 
 use super::counts::Counts;
-use super::distance::region_distance_m;
 use super::laps::{Laps, TrueChange};
 use super::mapped::Mapped;
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
-use super::wilson::Share;
 use crate::change::ChangeKind;
+use crate::experiments::Share;
+use crate::experiments::region_distance_m;
 use crate::geometry::Vector2;
 
 /// A closure is changed if the change shows in more than this share of a scan's beams, and

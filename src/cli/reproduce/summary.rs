@@ -11,7 +11,7 @@ use super::method::Method;
 use super::paper_mode::PaperColumns;
 use super::run_one::Outcome;
 use super::score::{Event, Score};
-use super::wilson::Share;
+use crate::experiments::Share;
 
 /// Bounds of the size classes: shares of the original objects' area.
 pub(super) const SIZE_BOUNDS: [f64; 3] = [0.005, 0.01, 0.03];

@@ -16,7 +16,7 @@ fn distance_m(shape: &Shape, point: &Vector2<f64>) -> f64 {
 }
 
 /// How far a region (a simple polygon) is from a solid shape, metres, to the centimetre.
-pub(super) fn region_distance_m(shape: &Shape, region: &[Vector2<f64>]) -> f64 {
+pub fn region_distance_m(shape: &Shape, region: &[Vector2<f64>]) -> f64 {
     let middle = shape.bounding_circle().0;
     if contains(region, &middle) {
         return 0.0;

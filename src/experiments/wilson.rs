@@ -8,7 +8,7 @@ const Z: f64 = 1.959_963_984_540_054;
 /// So many of so many.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(into = "ShareNumbers")]
-pub(super) struct Share {
+pub struct Share {
     /// Hits.
     pub hits: usize,
     /// Trials.
@@ -40,12 +40,12 @@ impl From<Share> for ShareNumbers {
 
 impl Share {
     /// The share; `None` of nothing.
-    pub(super) fn value(&self) -> Option<f64> {
+    pub fn value(&self) -> Option<f64> {
         (self.of > 0).then(|| self.hits as f64 / self.of as f64)
     }
 
     /// Wilson's 95 % interval: also at 0 and 1 it says how little a few trials tell.
-    pub(super) fn interval(&self) -> (f64, f64) {
+    pub fn interval(&self) -> (f64, f64) {
         let Some(share) = self.value() else {
             return (0.0, 1.0);
         };
@@ -58,7 +58,7 @@ impl Share {
     }
 
     /// `0.83 (0.44–0.97) 5/6`, or a dash of nothing.
-    pub(super) fn text(&self) -> String {
+    pub fn text(&self) -> String {
         match self.value() {
             None => "–".to_owned(),
             Some(value) => {

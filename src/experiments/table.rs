@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 /// A table under a heading, with remarks.
 #[derive(Debug, Clone)]
-pub(super) struct Table {
+pub struct Table {
     title: String,
     head: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -13,7 +13,7 @@ pub(super) struct Table {
 
 impl Table {
     /// An empty table.
-    pub(super) fn new(title: impl Into<String>, head: &[&str]) -> Self {
+    pub fn new(title: impl Into<String>, head: &[&str]) -> Self {
         Self {
             title: title.into(),
             head: head.iter().map(|cell| (*cell).to_owned()).collect(),
@@ -23,17 +23,17 @@ impl Table {
     }
 
     /// A row; missing cells are empty.
-    pub(super) fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.rows.push(cells.into_iter().collect());
     }
 
     /// A line below the table.
-    pub(super) fn remark(&mut self, text: impl Into<String>) {
+    pub fn remark(&mut self, text: impl Into<String>) {
         self.remarks.push(text.into());
     }
 
     /// The text.
-    pub(super) fn text(&self) -> String {
+    pub fn text(&self) -> String {
         let width = |column: usize| {
             let all = std::iter::once(&self.head).chain(&self.rows);
             let cells = all.filter_map(|row| row.get(column));
@@ -66,7 +66,7 @@ impl Table {
 }
 
 /// Two decimals, or a dash.
-pub(super) fn number(value: Option<f64>) -> String {
+pub fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2}"))
 }
 

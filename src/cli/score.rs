@@ -1,0 +1,79 @@
+//! `mapshift score`.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+
+use super::progress::{Progress, say};
+use super::recording;
+use crate::experiments::{Options, in_sequence, read_labels, score_recordings, text_of};
+
+/// Arguments of `mapshift score`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Recordings of one route (CARMEN logs, also gzipped): one trip each, in the order given.
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// How often objects are drawn into the recordings.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(0..=1_000))]
+    seeds: u64,
+    /// The first seed; the others follow it.
+    #[arg(long, default_value_t = 9_000, value_parser = clap::value_parser!(u64).range(..1 << 32))]
+    first_seed: u64,
+    /// Objects for each seed.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=500))]
+    objects: u16,
+    /// Real changes of the recordings as CSV: x, y, kind, what; in the first recording's odometry
+    /// frame.
+    #[arg(long, value_name = "FILE")]
+    labels: Option<PathBuf>,
+    /// Write a picture of each missed object, of each alert that fits no object, and of each alert
+    /// of the untouched recordings.
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// The beams are so many times as far apart as the files state (some logs state it wrongly).
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = super::upload::parse_beam_spacing)]
+    beam_spacing: f64,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// If a recording could not be read or run, or a picture could not be written.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let mut logs = Vec::new();
+    for path in &args.logs {
+        let log = recording::read(path)?.with_beam_spacing(args.beam_spacing);
+        logs.push((recording::trip_of(path)?, log));
+    }
+    let recordings = in_sequence(logs)?;
+    let labels = args.labels.as_ref().map(|path| {
+        let read = || read_labels(&std::fs::read_to_string(path)?);
+        read().with_context(|| path.display().to_string())
+    });
+    let options = Options {
+        first_seed: args.first_seed,
+        seeds: args.seeds,
+        objects: usize::from(args.objects),
+        labels: labels.transpose()?,
+        pictures: args.pictures.is_some(),
+    };
+    let mut progress = Progress::at_a_terminal(options.runs(), "runs");
+    let study = score_recordings(&recordings, &options, || progress.advance(1))?;
+    progress.finish();
+    if let Some(directory) = &args.pictures {
+        std::fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
+        for picture in &study.pictures {
+            let path = directory.join(format!("{}.png", picture.name));
+            std::fs::write(&path, &picture.png).with_context(|| path.display().to_string())?;
+        }
+    }
+    match args.json {
+        true => say(&serde_json::to_string_pretty(&study)?),
+        false => say(&text_of(&study)),
+    }
+    Ok(())
+}

@@ -1,0 +1,39 @@
+//! What the detectors find in recordings with known objects drawn into them.
+//!
+//! No public recording of a 2D lidar has all of its changes labelled. So known objects are drawn
+//! into real scans: the noise, the motion and the clutter are real, and the truth is known.
+//! Published detectors are scored beside ours, on the same scans and poses.
+//!
+//! It knows nothing of HTTP, of the store or of the command line, and the service does not use
+//! it. Begin with [`score_recordings`].
+
+mod alert;
+mod baselines;
+mod cpu;
+mod detector;
+mod distance;
+mod drawn;
+mod labels;
+mod pictures;
+mod placed;
+mod places;
+mod recording;
+mod report;
+mod route;
+mod scoring;
+mod study;
+mod table;
+mod wilson;
+
+pub use alert::ScoredAlert;
+pub use detector::Detector;
+pub use distance::region_distance_m;
+pub use drawn::{DrawnObject, altered};
+pub use labels::{Label, read_labels};
+pub use pictures::Picture;
+pub use recording::{Recording, in_sequence};
+pub use report::text_of;
+pub use scoring::Score;
+pub use study::{Options, Place, Row, Study, score_recordings};
+pub use table::{Table, number};
+pub use wilson::Share;

@@ -1,0 +1,217 @@
+//! A route in memory: recordings become a map and its alerts as in the service.
+//!
+//! All that this room knows of [`RouteMap`] stands here. What the service does beside it, nodes
+//! that are archived and closures without scans, is left out.
+
+use std::collections::BTreeMap;
+
+use super::alert::ScoredAlert;
+use super::cpu::CpuWatch;
+use super::recording::Recording;
+use crate::change::{AlertState, AlertStatus, AlertUpdate, Finding, fold};
+use crate::geometry::Pose2;
+use crate::ids::{EdgeId, StampNs};
+use crate::mapping::{Drive, DriveScan, Extension, InitialPose, RouteMap, Scope, Weighting};
+use crate::scan::LaserScan;
+
+/// Scans in a batch, as a gateway sends them.
+const BATCH_SCANS: usize = 60;
+
+/// What became of some recordings.
+pub(super) struct RouteRun {
+    /// `map_from_base` of every scan that has a place.
+    pub poses: BTreeMap<StampNs, Pose2>,
+    /// Every alert ever raised.
+    pub alerts: Vec<RouteAlert>,
+    /// Scans that were given.
+    pub scans: usize,
+    /// CPU time of map and alerts, seconds.
+    pub cpu_s: f64,
+    /// Batches that were given.
+    pub batches: usize,
+    /// Those of them that never found a place in the map.
+    pub batches_not_merged: usize,
+}
+
+/// An alert at the end of a run.
+pub(super) struct RouteAlert {
+    /// As it is now.
+    pub state: AlertState,
+    /// When it was first open; `None` if it never was.
+    pub raised: Option<Raised>,
+}
+
+/// When an alert was first open.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Raised {
+    /// The batch, counted from 0 over the whole run.
+    pub batch: usize,
+    /// Passes that had shown the new state by then.
+    pub passes: usize,
+}
+
+impl RouteRun {
+    /// Runs the recordings in their order. With `known_start`, the map's frame is the first
+    /// recording's odometry frame.
+    ///
+    /// # Errors
+    /// If a scan does not fit its lidar, or the graph refuses an id.
+    pub(super) fn of(recordings: &[Recording], known_start: bool) -> anyhow::Result<Self> {
+        let mut route = Route::new();
+        for recording in recordings {
+            route.drive(recording, known_start)?;
+        }
+        Ok(route.finish(recordings))
+    }
+
+    /// The alerts that stand, as they are scored.
+    pub(super) fn open_alerts(&self) -> Vec<ScoredAlert> {
+        let open = self.alerts.iter().filter(|a| a.state.status.is_pending());
+        open.map(RouteAlert::scored).collect()
+    }
+}
+
+impl RouteAlert {
+    fn scored(&self) -> ScoredAlert {
+        let Finding {
+            kind,
+            location,
+            region,
+            counterpart,
+            tier,
+            since,
+            ..
+        } = self.state.evidence.clone();
+        ScoredAlert {
+            kind,
+            location,
+            region,
+            counterpart,
+            tier: Some(tier),
+            passes_when_raised: self.raised.map(|raised| raised.passes),
+            batch_when_raised: self.raised.map(|raised| raised.batch),
+            since,
+        }
+    }
+}
+
+struct Route {
+    map: RouteMap,
+    alerts: Vec<RouteAlert>,
+    batch: usize,
+    batches_not_merged: usize,
+    cpu_s: f64,
+}
+
+impl Route {
+    fn new() -> Self {
+        Self {
+            map: RouteMap::new(Weighting::Robust),
+            alerts: Vec::new(),
+            batch: 0,
+            batches_not_merged: 0,
+            cpu_s: 0.0,
+        }
+    }
+
+    /// Batches that cannot be placed wait for the trip's next.
+    fn drive(&mut self, recording: &Recording, known_start: bool) -> anyhow::Result<()> {
+        let (mut waiting, mut batches_waiting) = (Vec::new(), 0);
+        for batch in recording.scans.chunks(BATCH_SCANS) {
+            for scan in batch {
+                let ranges_m = scan.ranges_m.iter().copied();
+                waiting.push(DriveScan {
+                    stamp: scan.stamp,
+                    odom_from_base: scan.odom_from_base,
+                    scan: LaserScan::new(recording.lidar.clone(), ranges_m)?,
+                });
+            }
+            batches_waiting += 1;
+            let knows_start = known_start && self.map.keyframes().is_empty();
+            let drive = Drive {
+                trip: recording.trip.clone(),
+                initial_pose: batch
+                    .first()
+                    .filter(|_| knows_start)
+                    .map(|first| InitialPose {
+                        pose: first.odom_from_base,
+                        sigma_xy_m: 0.01,
+                        sigma_theta_rad: 0.002,
+                    }),
+                scans: waiting.clone(),
+            };
+            let watch = CpuWatch::start();
+            if let Ok(added) = self.map.extend(&drive) {
+                self.raise(&added);
+                waiting.clear();
+                batches_waiting = 0;
+            }
+            self.cpu_s += watch.seconds();
+            self.batch += 1;
+        }
+        self.batches_not_merged += batches_waiting;
+        Ok(())
+    }
+
+    /// Folds what the map says now into the alerts.
+    fn raise(&mut self, added: &Extension) {
+        if added.nodes.is_empty() && added.edges.is_empty() {
+            return;
+        }
+        let next_edge = self.map.next_edge_id();
+        let fresh_from = added.edges.iter().min().copied().unwrap_or(next_edge);
+        let findings = self.findings(fresh_from);
+        let states: Vec<AlertState> = self.alerts.iter().map(|a| a.state.clone()).collect();
+        for update in fold(&states, &findings) {
+            self.take(update);
+        }
+    }
+
+    fn findings(&self, fresh_from: EdgeId) -> Vec<Finding> {
+        let pending = (self.alerts.iter()).filter(|alert| alert.state.status.is_pending());
+        let watched: Vec<_> = pending.map(|a| a.state.evidence.region.clone()).collect();
+        self.map.findings(&Scope {
+            fresh_from,
+            watched: &watched,
+            accepted: &[],
+            vehicles: &BTreeMap::new(),
+        })
+    }
+
+    fn take(&mut self, update: AlertUpdate) {
+        let raised = (update.state.status == AlertStatus::Open).then_some(Raised {
+            batch: self.batch,
+            passes: update.state.evidence.laps,
+        });
+        match update.existing {
+            Some(k) => {
+                let alert = &mut self.alerts[k];
+                alert.state = update.state;
+                alert.raised = alert.raised.or(raised);
+            }
+            None => self.alerts.push(RouteAlert {
+                state: update.state,
+                raised,
+            }),
+        }
+    }
+
+    fn finish(self, recordings: &[Recording]) -> RouteRun {
+        let mut poses = BTreeMap::new();
+        for (keyframe, node) in self.map.keyframes().iter().zip(self.map.graph().nodes()) {
+            poses.insert(keyframe.stamp, node.pose);
+            for scan in &keyframe.intermediate {
+                let map_from_base = node.pose.compose(&scan.keyframe_from_base);
+                poses.insert(scan.stamp, map_from_base);
+            }
+        }
+        RouteRun {
+            poses,
+            alerts: self.alerts,
+            scans: recordings.iter().map(|r| r.scans.len()).sum(),
+            cpu_s: self.cpu_s,
+            batches: self.batch,
+            batches_not_merged: self.batches_not_merged,
+        }
+    }
+}
