@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 19] = [
+const LAYERS: [&str; 20] = [
     "ids",
     "geometry",
     "scan",

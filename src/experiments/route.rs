@@ -10,8 +10,8 @@ use super::cpu::CpuWatch;
 use super::recording::Recording;
 use crate::change::{AlertState, AlertStatus, AlertUpdate, Finding, fold};
 use crate::geometry::Pose2;
-use crate::ids::{EdgeId, StampNs};
-use crate::mapping::{Drive, DriveScan, Extension, InitialPose, RouteMap, Scope, Weighting};
+use crate::ids::StampNs;
+use crate::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
 use crate::scan::LaserScan;
 
 /// Scans in a batch, as a gateway sends them.
@@ -141,8 +141,8 @@ impl Route {
                 scans: waiting.clone(),
             };
             let watch = CpuWatch::start();
-            if let Ok(added) = self.map.extend(&drive) {
-                self.raise(&added);
+            if self.map.extend(&drive).is_ok() {
+                self.raise();
                 waiting.clear();
                 batches_waiting = 0;
             }
@@ -154,25 +154,20 @@ impl Route {
     }
 
     /// Folds what the map says now into the alerts.
-    fn raise(&mut self, added: &Extension) {
-        if added.nodes.is_empty() && added.edges.is_empty() {
-            return;
-        }
-        let next_edge = self.map.next_edge_id();
-        let fresh_from = added.edges.iter().min().copied().unwrap_or(next_edge);
-        let findings = self.findings(fresh_from);
+    fn raise(&mut self) {
+        let findings = self.findings();
         let states: Vec<AlertState> = self.alerts.iter().map(|a| a.state.clone()).collect();
         for update in fold(&states, &findings) {
             self.take(update);
         }
     }
 
-    fn findings(&self, fresh_from: EdgeId) -> Vec<Finding> {
+    fn findings(&mut self) -> Vec<Finding> {
         let pending = (self.alerts.iter()).filter(|alert| alert.state.status.is_pending());
-        let watched: Vec<_> = pending.map(|a| a.state.evidence.region.clone()).collect();
+        let pending: Vec<_> = pending.map(|a| a.state.evidence.clone()).collect();
         self.map.findings(&Scope {
-            fresh_from,
-            watched: &watched,
+            sites: Sites::Touched,
+            pending: &pending,
             accepted: &[],
             vehicles: &BTreeMap::new(),
         })

@@ -136,6 +136,12 @@ impl Pooled {
         })
     }
 
+    /// Whether it is worth asking about the surroundings: without observations whose pose is wrong
+    /// it may be clear.
+    pub fn is_promising(&self, cluster: &Cluster) -> bool {
+        cluster.cells.len() >= SMALL_CELLS_MIN && self.contrast >= PROMISING_CONTRAST_MIN
+    }
+
     /// Whether a change of this size is clear enough, its surroundings aside.
     pub fn is_clear(&self, cluster: &Cluster) -> bool {
         let cells = cluster.cells.len();
