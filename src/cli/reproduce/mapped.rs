@@ -6,8 +6,8 @@ use anyhow::Context;
 
 use super::case::Acceptance;
 use super::laps::{Laps, RecordedScan};
-use crate::change::Finding;
 use crate::change::paper::ClosurePlace;
+use crate::change::{FALSE_ALERTS_PER_LAP, Finding};
 use crate::geometry::{Vector2, angle_difference_rad};
 use crate::ids::{StampNs, TripId};
 use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Sites, Weighting};
@@ -98,6 +98,7 @@ impl Mapped {
                 let found = map.findings(&Scope {
                     sites: Sites::All,
                     pending: &[],
+                    false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
                     accepted: &[],
                     vehicles: &BTreeMap::new(),
                 });
