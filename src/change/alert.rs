@@ -12,7 +12,7 @@ pub enum AlertStatus {
     Acknowledged,
     /// The map shows the new state.
     Accepted,
-    /// The map is right as it is; the same thing is never raised again.
+    /// The map is right as it is; what was dismissed is not raised again while it lasts.
     Dismissed,
     /// Later looks show the old state, or refute it.
     Resolved,

@@ -57,8 +57,8 @@ const SEEN_AGAIN: &str = "looks show it again";
 /// A finding joins the alert of its kind at its place (regions within [`SAME_PLACE_M`]; for a
 /// suspected vehicle: a common trip), and of several episodes at one place the last one counts. An
 /// alert whose finding has ended, or is gone, is resolved; one that was resolved is opened again by
-/// a finding that stands. Dismissed alerts swallow every finding of their kind at their place,
-/// accepted ones those of the episode that was accepted.
+/// a finding that stands. Dismissed and accepted alerts swallow what belongs to the episode that was
+/// decided about; what begins after it was last seen is a new alert.
 pub fn fold(existing: &[AlertState], findings: &[Finding]) -> Vec<AlertUpdate> {
     let sites = sites_of(findings);
     let owners = owners_of(&sites, existing);
@@ -142,8 +142,7 @@ fn owners_of(sites: &[Site<'_>], existing: &[AlertState]) -> Vec<Option<usize>> 
     for (s, site) in sites.iter().enumerate() {
         for (k, alert) in existing.iter().enumerate() {
             let last = site.last();
-            let later_episode =
-                alert.status == AlertStatus::Accepted && last.since > alert.evidence.last_seen;
+            let later_episode = is_decided(alert.status) && last.since > alert.evidence.last_seen;
             if let Some(gap_m) = gap(&alert.evidence, last).filter(|_| !later_episode) {
                 pairs.push((gap_m, distance(&alert.evidence, last), k, s));
             }
@@ -157,16 +156,16 @@ fn owners_of(sites: &[Site<'_>], existing: &[AlertState]) -> Vec<Option<usize>> 
     let mut owners = vec![None; sites.len()];
     let mut taken = vec![false; existing.len()];
     for (_, _, k, s) in pairs {
-        let takes_many = matches!(
-            existing[k].status,
-            AlertStatus::Dismissed | AlertStatus::Accepted
-        );
-        if owners[s].is_none() && (takes_many || !taken[k]) {
+        if owners[s].is_none() && (is_decided(existing[k].status) || !taken[k]) {
             owners[s] = Some(k);
             taken[k] = true;
         }
     }
     owners
+}
+
+fn is_decided(status: AlertStatus) -> bool {
+    matches!(status, AlertStatus::Dismissed | AlertStatus::Accepted)
 }
 
 fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
@@ -267,7 +266,8 @@ fn resolve(alert: &AlertState, note: &'static str) -> Advanced {
     (state, vec![step])
 }
 
-/// A dismissed alert notes when it was last seen.
+/// A dismissed alert notes when its episode was last seen, which may outlast the scans that the
+/// decision rested on.
 fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
     let last_seen = swallowed.iter().map(|site| site.last().last_seen).max()?;
     if last_seen <= alert.evidence.last_seen {

@@ -275,10 +275,17 @@ impl Screen {
         self.sites(cells.map(|cell| cell.key).collect())
     }
 
-    /// Whether anything was touched in or near a region since the last [`Screen::settle`].
+    /// Whether anything was touched in or near a region since the last [`Screen::settle`]: cells
+    /// that are gone count too.
     pub fn is_touched(&self, region: &[Vector2<f64>]) -> bool {
-        let mut near = self.cells_near(region).into_iter();
-        near.any(|key| self.touched.contains_key(&key))
+        let Some((low, high)) = bounds(region) else {
+            return false;
+        };
+        let (low, high) = (key_of(&low), key_of(&high));
+        let columns = self.touched.range((low.0, i32::MIN)..=(high.0, i32::MAX));
+        columns
+            .filter(|((_, row), _)| (low.1..=high.1).contains(row))
+            .any(|(key, _)| is_near(*key, region))
     }
 
     /// The observations from which a place may have been seen, with the place's half width.
@@ -300,24 +307,14 @@ impl Screen {
     }
 
     fn cells_near(&self, region: &[Vector2<f64>]) -> Vec<CellKey> {
-        let corners = || region.iter();
-        let reach = Vector2::repeat(REGION_MARGIN_M);
-        let Some(first) = region.first() else {
+        let Some((low, high)) = bounds(region) else {
             return Vec::new();
         };
-        let low = tile_of(key_of(
-            &(corners().fold(*first, |low, c| low.inf(c)) - reach),
-        ));
-        let high = tile_of(key_of(
-            &(corners().fold(*first, |high, c| high.sup(c)) + reach),
-        ));
+        let (low, high) = (tile_of(key_of(&low)), tile_of(key_of(&high)));
         let columns = low.0..=high.0;
         let tiles = columns.flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
-        let cells = tiles.flat_map(|(_, tile)| &tile.cells);
-        let is_near = |cell: &&CountedCell| {
-            distance_to_polygon(&cell.geometry().centre, region) <= REGION_MARGIN_M
-        };
-        cells.filter(is_near).map(|cell| cell.key).collect()
+        let keys = tiles.flat_map(|(_, tile)| tile.cells.iter().map(|cell| cell.key));
+        keys.filter(|key| is_near(*key, region)).collect()
     }
 
     fn is_candidate(&self, key: CellKey) -> bool {
@@ -397,10 +394,11 @@ impl CountedCell {
     }
 
     /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
-    /// again and again says no more.
+    /// again and again says no more, unless it makes the cell a candidate, or none any more.
     fn signature(&self) -> Signature {
         let mut signature = 0xcbf2_9ce4_8422_2325;
         let mut mix = |value: u64| signature = (signature ^ value).wrapping_mul(0x0100_0000_01b3);
+        mix(u64::from(self.candidate));
         for counts in &self.passes {
             mix(counts.pass.span.cast_unsigned());
             mix(u64::from(counts.pass.trip));
@@ -479,6 +477,19 @@ impl CountedCell {
         let outside = share_of_hits(&mut before.iter().chain(after));
         (within - outside).abs() >= CONTRAST_MIN
     }
+}
+
+/// The corners of the box round a region and its margin; `None` without a region.
+fn bounds(region: &[Vector2<f64>]) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    let first = region.first()?;
+    let low = region.iter().fold(*first, |low, corner| low.inf(corner));
+    let high = region.iter().fold(*first, |high, corner| high.sup(corner));
+    let margin = Vector2::repeat(REGION_MARGIN_M);
+    Some((low - margin, high + margin))
+}
+
+fn is_near(key: CellKey, region: &[Vector2<f64>]) -> bool {
+    distance_to_polygon(&centre_of(key), region) <= REGION_MARGIN_M
 }
 
 fn cell_mut(tiles: &mut BTreeMap<(i32, i32), Tile>, key: CellKey) -> Option<&mut CountedCell> {

@@ -5,6 +5,8 @@
 
 mod cell;
 mod ray_test;
+#[cfg(test)]
+pub(crate) mod testing;
 
 pub use cell::{Cell, CellBuilder};
 pub use ray_test::{Observation, Outcome, REACH_M};

@@ -42,6 +42,9 @@ const BEHIND_COSINE: f64 = 0.2;
 /// … and ends sooner than this after it, metres, has met the same wall's other face.
 const BEHIND_M: f64 = 0.5;
 
+/// Beams nearer to each other than this are one direction: with it a turn can be counted in beams.
+const INCREMENT_MIN_RAD: f64 = 1e-12;
+
 /// What an observation says about a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -75,14 +78,15 @@ impl Observation {
     pub fn new(scan: &LaserScan, map_from_base: &Pose2) -> Self {
         let lidar = scan.lidar();
         let map_from_lidar = map_from_base.compose(&lidar.mount);
+        let increment_rad = lidar.angle_increment_rad.max(INCREMENT_MIN_RAD);
         Self {
             eye: map_from_lidar.translation(),
             map_from_lidar: map_from_lidar.to_transform(),
             lidar_from_map: map_from_lidar.inverse().to_transform(),
             reach_m: reach_m(lidar),
             angle_min_rad: wrap_angle(lidar.angle_min_rad),
-            beams_per_rad: 1.0 / lidar.angle_increment_rad,
-            beams_a_turn: (TAU / lidar.angle_increment_rad).round() as i64,
+            beams_per_rad: 1.0 / increment_rad,
+            beams_a_turn: (TAU / increment_rad).round() as i64,
             tolerances_m: (
                 HIT_TOLERANCE_M + HIT_SIGMAS * lidar.range_sigma_m,
                 MISS_TOLERANCE_M + MISS_SIGMAS * lidar.range_sigma_m,
@@ -124,18 +128,25 @@ impl Observation {
         let towards = centre - self.eye;
         let range_m = towards.norm();
         let count = self.scan.beam_count() as i64;
-        let beams = if range_m <= within_m {
-            0..=count - 1
+        let (first, last) = if range_m <= within_m {
+            (0, count - 1)
         } else {
             let half_rad = (within_m / range_m).asin();
             let bearing = self.bearing(&self.lidar_from_map.turn(&towards));
             let half = half_rad * self.beams_per_rad;
-            floor(bearing - half)..=floor(bearing + half) + 1
+            (floor(bearing - half), floor(bearing + half) + 1)
         };
         let centre = *centre;
-        let beams = beams.take(self.scan.beam_count());
-        let hits = beams.filter_map(|beam| {
-            let index = self.index_of(beam)?;
+        // Those before the first beam, within the scan, and after the last one: they are less than
+        // a turn in all.
+        let turn = self.beams_a_turn;
+        let beams = [
+            (first + turn).max(0)..=(last.min(-1) + turn).min(count - 1),
+            first.max(0)..=last.min(count - 1),
+            (first.max(count) - turn).max(0)..=(last - turn).min(count - 1),
+        ];
+        let hits = beams.into_iter().flatten().filter_map(|beam| {
+            let index = beam as usize;
             let range_m = self.scan.range_m(index).filter(|r| *r < self.reach_m)?;
             let (sin, cos) = self.scan.lidar().beam_angle_rad(index).sin_cos();
             Some(

@@ -96,7 +96,25 @@ pub fn decode_scan(bytes: &[u8]) -> Result<LaserScan, CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::Reading;
     use proptest::prelude::*;
+
+    fn any_range() -> impl Strategy<Value = Option<f64>> {
+        prop_oneof![
+            Just(None),
+            (-1.0..500.0_f64).prop_map(Some),
+            (0.05..0.15_f64).prop_map(Some),
+            proptest::sample::select(vec![
+                f64::NAN,
+                f64::INFINITY,
+                f64::NEG_INFINITY,
+                0.0,
+                -0.0,
+                0.1,
+            ])
+            .prop_map(Some),
+        ]
+    }
 
     proptest! {
         #[test]
@@ -111,6 +129,35 @@ mod tests {
             };
             let scan = LaserScan::from_ticks(Arc::new(lidar), ticks).unwrap();
             prop_assert_eq!(decode_scan(&encode_scan(&scan).unwrap()).unwrap(), scan);
+        }
+
+        /// Whatever a driver sends for a beam, what it says is the same afterwards.
+        #[test]
+        fn what_each_beam_says_survives(
+            ranges in proptest::collection::vec(any_range(), 1..400),
+            range_max_m in 1.0..500.0_f64,
+        ) {
+            let lidar = Lidar {
+                angle_min_rad: -1.5,
+                angle_increment_rad: 0.01,
+                range_min_m: 0.1,
+                range_max_m,
+                mount: Pose2::IDENTITY,
+                range_sigma_m: 0.02,
+            };
+            let scan = LaserScan::new(Arc::new(lidar), ranges.clone()).unwrap();
+            let decoded = decode_scan(&encode_scan(&scan).unwrap()).unwrap();
+            prop_assert_eq!(&decoded, &scan);
+            for (beam, sent) in ranges.iter().enumerate() {
+                let half_tick_m = 0.5 * decoded.lidar().tick_m() + 1e-9;
+                let is_right = match (decoded.reading(beam), *sent) {
+                    (Reading::Invalid, Some(r)) => r.is_nan() || r < 0.1,
+                    (Reading::NoReturn, sent) => sent.is_none_or(|r| r >= range_max_m),
+                    (Reading::Range(read_m), Some(r)) => (read_m - r).abs() <= half_tick_m,
+                    _ => false,
+                };
+                prop_assert!(is_right, "{:?} of {:?}", decoded.reading(beam), sent);
+            }
         }
 
         #[test]
