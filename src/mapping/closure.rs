@@ -179,3 +179,6 @@ fn contradiction_share(old: &Seen<'_>, new: &Seen<'_>, old_from_new: &Pose2) -> 
     let old_in_new = look(old.points, new.scan, &old_from_new.inverse());
     new_in_old.max(old_in_new)
 }
+
+#[cfg(test)]
+mod tests;
