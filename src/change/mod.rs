@@ -35,6 +35,7 @@ pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use kind::ChangeKind;
 pub use mismatch::{TiedPose, mismatches};
 pub use region::region_round;
+pub use pass::{Standpoint, passes};
 pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use screen::{CandidateSite, ObservationKey, Screen, Screened};
