@@ -217,3 +217,79 @@ fn key_of(point: &Vector2<f64>, width_m: f64) -> (i64, i64) {
     let key = |v: f64| (v / width_m).floor() as i64;
     (key(point.x), key(point.y))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::baselines::testing::{posed, room};
+    use super::*;
+    use crate::geometry::Pose2;
+    use crate::sim::Shape;
+
+    fn of(passes: &[(usize, usize)]) -> Correlation {
+        let mut correlation = Correlation::default();
+        let shares: Vec<_> = (passes.iter())
+            .map(|&(hits, of)| Share { hits, of })
+            .collect();
+        correlation.add_cell(&shares);
+        correlation
+    }
+
+    #[test]
+    fn only_free_cells_with_enough_passes_count() {
+        let free = of(&[(0, 8), (7, 8), (1, 6), (3, 3)]);
+        assert_eq!(free.contradicting, Share { hits: 1, of: 3 });
+        let solid = of(&[(8, 8), (7, 8), (1, 6)]);
+        let seldom = of(&[(0, 8), (0, 8), (0, 5)]);
+        let undecided = of(&[(8, 8), (7, 8), (0, 8), (0, 8)]);
+        for none in [solid, seldom, undecided] {
+            assert_eq!(none, Correlation::default());
+        }
+    }
+
+    #[test]
+    fn passes_that_err_as_one_are_correlated_and_others_not() {
+        let mut as_one = Correlation::default();
+        let mut each_alone = Correlation::default();
+        for _ in 0..50 {
+            as_one.merge(&of(&[(0, 10), (0, 10), (0, 10), (10, 10)]));
+            each_alone.merge(&of(&[(2, 10), (3, 10), (2, 10), (3, 10)]));
+        }
+        assert!((as_one.within_pass().unwrap() - 1.0).abs() < 1e-9);
+        assert!(each_alone.within_pass().unwrap() < 0.0);
+        assert_eq!(as_one.contradicting, Share { hits: 50, of: 200 });
+        assert_eq!(Correlation::default().within_pass(), None);
+    }
+
+    #[test]
+    fn what_stands_for_one_pass_is_what_a_pass_gets_wrong() {
+        // Five passes of two minutes, in the fourth of which something stands beside the way.
+        let mut recordings = room(600, None);
+        let person = Shape::rectangle(&Pose2::new(4.0, 1.2, 0.0), 0.4, 0.4);
+        let recording = &mut recordings[0];
+        for scan in &mut recording.scans[366..480] {
+            let eye = scan.odom_from_base.translation();
+            let beams = recording.lidar.beam_directions(scan.ranges_m.len());
+            for (range_m, direction) in scan.ranges_m.iter_mut().zip(beams) {
+                let nearer = person.distance_along(&eye, &direction);
+                *range_m = match (*range_m, nearer) {
+                    (Some(range_m), Some(nearer_m)) => Some(range_m.min(nearer_m)),
+                    (range_m, _) => range_m,
+                };
+            }
+        }
+        let poses = posed(&recordings);
+        let run = RouteRun {
+            observed: poses.keys().copied().collect(),
+            poses,
+            alerts: Vec::new(),
+            scans: 600,
+            cpu_s: 0.0,
+            batches: 10,
+            batches_not_merged: 0,
+        };
+        let correlation = Correlation::of(&recordings, &run).unwrap();
+        let Share { hits, of } = correlation.contradicting;
+        assert!(hits > 0 && 5 * hits <= 2 * of, "{hits} of {of}");
+        assert!(correlation.within_pass().unwrap() > 0.5);
+    }
+}

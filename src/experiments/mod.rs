@@ -44,7 +44,7 @@ pub use scoring::Score;
 pub use study::{Options, Place, Row, Study, score_recordings};
 pub use table::{Table, number};
 pub use wilson::Share;
-pub use world_report::{correlations_text, worlds_text};
+pub use world_report::worlds_text;
 pub use world_scoring::WorldScore;
 pub use worlds::{
     NamedCorrelation, WorldRow, WorldsStudy, measure_correlation, score_worlds, world_runs,

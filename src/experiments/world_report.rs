@@ -5,8 +5,8 @@ use super::table::{Table, number};
 use super::world_scoring::WorldScore;
 use super::worlds::{NamedCorrelation, WorldsStudy};
 
-/// The table of worlds, and that of correlations with those of `recordings` behind it.
-pub fn worlds_text(study: &WorldsStudy, recordings: &[NamedCorrelation]) -> String {
+/// The table of worlds, and that of correlations behind it.
+pub fn worlds_text(study: &WorldsStudy) -> String {
     let head = [
         "world",
         "condition",
@@ -33,12 +33,12 @@ pub fn worlds_text(study: &WorldsStudy, recordings: &[NamedCorrelation]) -> Stri
          them where it is not; found: of the others. An alert on any change of the world of its \
          kind is true, however hidden the change is, and one near no change is false.",
     );
-    let correlations = correlations_text(study.correlations.iter().chain(recordings));
+    let correlations = correlations_text(&study.correlations);
     format!("{}\n{correlations}", table.text())
 }
 
 /// The table of how far observations of one pass err together.
-pub fn correlations_text<'a>(measured: impl Iterator<Item = &'a NamedCorrelation>) -> String {
+fn correlations_text(measured: &[NamedCorrelation]) -> String {
     let head = [
         "drives",
         "passes that contradict the majority (95 %)",
@@ -97,6 +97,13 @@ mod tests {
 
     #[test]
     fn both_tables_are_printed() {
+        let intel = NamedCorrelation {
+            name: "intel".to_owned(),
+            correlation: Correlation {
+                contradicting: Share { hits: 28, of: 1000 },
+                ..Correlation::default()
+            },
+        };
         let score = WorldScore {
             laps: 4,
             changes: 6,
@@ -112,16 +119,9 @@ mod tests {
                 condition: "one vehicle",
                 score,
             }],
-            correlations: Vec::new(),
+            correlations: vec![intel],
         };
-        let intel = NamedCorrelation {
-            name: "intel".to_owned(),
-            correlation: Correlation {
-                contradicting: Share { hits: 28, of: 1000 },
-                ..Correlation::default()
-            },
-        };
-        let text = worlds_text(&study, &[intel]);
+        let text = worlds_text(&study);
         assert!(text.contains("### Worlds, 1 seeds from 7\n"));
         assert!(text.contains("| hall  | one vehicle | 4    | 6       | 1"));
         assert!(text.contains("| 0.80 (0.38–0.96) 4/5 |"));

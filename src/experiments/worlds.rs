@@ -85,7 +85,7 @@ pub fn measure_correlation(recordings: &[Recording]) -> anyhow::Result<NamedCorr
 
 /// Worlds that [`score_worlds`] runs.
 pub fn world_runs(seeds: u64) -> u64 {
-    seeds * rows().len() as u64
+    seeds * rows(&CONDITIONS).count() as u64
 }
 
 /// Runs every world and condition with some seeds; calls `after_run` when one more was run.
@@ -98,8 +98,17 @@ pub fn score_worlds(
     seeds: u64,
     after_run: impl Fn() + Sync,
 ) -> anyhow::Result<WorldsStudy> {
+    score_conditions(&CONDITIONS, first_seed, seeds, after_run)
+}
+
+fn score_conditions(
+    conditions: &[Condition],
+    first_seed: u64,
+    seeds: u64,
+    after_run: impl Fn() + Sync,
+) -> anyhow::Result<WorldsStudy> {
     let seeds_of = |row| (0..seeds).map(move |k| (row, first_seed + k));
-    let runs: Vec<_> = rows().into_iter().flat_map(seeds_of).collect();
+    let runs: Vec<_> = rows(conditions).flat_map(seeds_of).collect();
     let outcomes = runs.into_par_iter().map(|((world, condition), seed)| {
         let outcome = run(world, &condition, seed);
         after_run();
@@ -113,7 +122,7 @@ pub fn score_worlds(
         correlations: Vec::new(),
     };
     let mut outcomes = outcomes.into_iter();
-    for (world, condition) in rows() {
+    for (world, condition) in rows(conditions) {
         let (mut score, mut correlation) = (WorldScore::default(), Correlation::default());
         for outcome in outcomes.by_ref().take(seeds as usize) {
             score.merge(&outcome.score);
@@ -135,9 +144,12 @@ pub fn score_worlds(
 }
 
 /// Worlds and conditions, in the order of the table.
-fn rows() -> Vec<(WorldKind, Condition)> {
-    let of_condition = |c: Condition| c.worlds.iter().map(move |world| (*world, c));
-    CONDITIONS.into_iter().flat_map(of_condition).collect()
+fn rows(conditions: &[Condition]) -> impl Iterator<Item = (WorldKind, Condition)> {
+    let of_condition = |c: &Condition| {
+        let condition = *c;
+        c.worlds.iter().map(move |world| (*world, condition))
+    };
+    conditions.iter().flat_map(of_condition)
 }
 
 fn is_measured(condition: &Condition) -> bool {
@@ -288,4 +300,108 @@ fn recordings_of(
         }
     }
     Ok(recordings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::PassErrors;
+
+    #[test]
+    fn what_passes_is_there_for_single_laps_and_no_change_to_find() {
+        let setting = Setting::of(WorldKind::Rooms, &CORRELATED, 5).unwrap();
+        let plain = Setting::of(WorldKind::Rooms, &PLAIN, 5).unwrap();
+        assert!(plain.passing.is_empty());
+        let stays = |setting: &Setting| {
+            let changes = world_changes(&setting.scene, LAPS);
+            let stay = changes
+                .iter()
+                .filter(|c| !setting.passing.contains(&c.object));
+            stay.map(|c| (c.kind, c.shape.clone())).collect::<Vec<_>>()
+        };
+        // Two doors that swing come and go, two things go and four come; who stands about may
+        // have taken the place of one.
+        assert!((8..=10).contains(&stays(&plain).len()));
+        assert!(stays(&setting).len() >= 8);
+        let of_one_lap = setting.passing.iter().filter(|&&object| {
+            let object = &setting.scene.objects[object];
+            object.until_lap == Some(object.from_lap + 1)
+        });
+        assert!(of_one_lap.count() >= 8);
+    }
+
+    #[test]
+    fn every_lap_is_a_recording_after_the_one_before() {
+        let setting = Setting::of(WorldKind::Hall, &PLAIN, 3).unwrap();
+        let condition = Condition {
+            vehicles: 2,
+            ..PLAIN
+        };
+        let mut fleet = condition.fleet();
+        for vehicle in &mut fleet {
+            vehicle.scan_spacing_m = 4.0;
+        }
+        let drives = setting.drive(&fleet, 3);
+        let recordings = recordings_of(&fleet, &drives, true).unwrap();
+        assert_eq!(recordings.len(), LAPS.len() * 2);
+        let stamps = recordings.iter().flat_map(|r| &r.scans).map(|s| s.stamp);
+        assert!(stamps.is_sorted());
+        let trips: BTreeSet<_> = recordings.iter().map(|r| &r.trip).collect();
+        assert_eq!(trips.len(), recordings.len());
+        let first = &recordings[0].scans[0].odom_from_base;
+        assert!(
+            first
+                .between(&drives[0][0].map_from_base)
+                .translation()
+                .norm()
+                < 1e-9
+        );
+        let together = recordings_of(&fleet, &drives, false).unwrap();
+        let trips: BTreeSet<_> = together.iter().map(|r| &r.trip).collect();
+        assert_eq!(trips.len(), 2);
+    }
+
+    #[test]
+    fn a_hidden_place_is_not_within_reach() {
+        let mut setting = Setting::of(WorldKind::Hall, &PLAIN, 3).unwrap();
+        let mut fleet = PLAIN.fleet();
+        fleet[0].scan_spacing_m = 1.0;
+        let changes = world_changes(&setting.scene, LAPS);
+        let change = changes.iter().find(|c| c.kind == ChangeKind::Appeared);
+        let change = change.unwrap().clone();
+        assert!(would_be_observed(&setting.scene, &fleet, 3, &change));
+        // A box round its place, until it comes.
+        let (middle, radius_m) = change.shape.bounding_circle();
+        setting.scene.objects.push(crate::sim::SceneObject {
+            shape: crate::sim::Shape::Round {
+                centre: middle,
+                radius_m: radius_m + 0.05,
+            },
+            from_lap: 0,
+            until_lap: Some(LAPS_BEFORE),
+        });
+        assert!(!would_be_observed(&setting.scene, &fleet, 3, &change));
+    }
+
+    #[test]
+    fn every_change_is_found_missed_or_out_of_reach() {
+        let quick = Condition {
+            worlds: &[WorldKind::Hall],
+            range_max_m: Some(6.0),
+            pass_errors: PassErrors::AS_RECORDED,
+            ..PLAIN
+        };
+        let runs = std::sync::atomic::AtomicUsize::new(0);
+        let count = || {
+            runs.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        };
+        let study = score_conditions(&[quick], 100, 1, count).unwrap();
+        assert_eq!(runs.into_inner(), 1);
+        let score = &study.rows[0].score;
+        assert_eq!(score.changes, score.out_of_reach + score.found.of);
+        assert!(score.found.hits > 0 && score.confirmed <= score.found.hits);
+        assert_eq!(score.laps, LAPS.len());
+        assert_eq!(study.correlations.len(), 1);
+        assert_eq!(world_runs(3), 3 * 40);
+    }
 }
