@@ -36,6 +36,7 @@ pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
 pub use join::join_counterparts;
 pub use kind::ChangeKind;
 pub use mismatch::{TiedPose, mismatches};
+pub use pass::{Standpoint, passes};
 pub use region::region_round;
 pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};

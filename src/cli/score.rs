@@ -1,19 +1,27 @@
 //! `mapshift score`.
 
 use std::path::PathBuf;
+use std::sync::Mutex;
 
 use anyhow::Context;
 
 use super::progress::{Progress, say};
 use super::recording;
-use crate::experiments::{Options, in_sequence, read_labels, score_recordings, text_of};
+use crate::experiments::{
+    Options, Recording, in_sequence, measure_correlation, read_labels, score_recordings,
+    score_worlds, text_of, world_runs, worlds_text,
+};
 
 /// Arguments of `mapshift score`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings of one route (CARMEN logs, also gzipped): one trip each, in the order given.
-    #[arg(required = true, value_name = "LOG")]
+    /// Recordings of one route (CARMEN logs, also gzipped): one trip each, in the order given. With
+    /// --worlds none is needed, and it is only measured how far its observations err together.
+    #[arg(required_unless_present = "worlds", value_name = "LOG")]
     logs: Vec<PathBuf>,
+    /// Score simulated worlds instead, each once with every seed.
+    #[arg(long, conflicts_with_all = ["objects", "labels", "pictures"])]
+    worlds: bool,
     /// How often objects are drawn into the recordings.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(0..=1_000))]
     seeds: u64,
@@ -42,14 +50,48 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// If a recording could not be read or run, or a picture could not be written.
+/// If a recording could not be read or run, a world could not be run, or a picture could not be
+/// written.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    let recordings = recordings_of(&args)?;
+    match args.worlds {
+        true => run_worlds(&args, &recordings),
+        false => run_recordings(&args, &recordings),
+    }
+}
+
+fn recordings_of(args: &Args) -> anyhow::Result<Vec<Recording>> {
     let mut logs = Vec::new();
     for path in &args.logs {
         let log = recording::read(path)?.with_beam_spacing(args.beam_spacing);
         logs.push((recording::trip_of(path)?, log));
     }
-    let recordings = in_sequence(logs)?;
+    in_sequence(logs)
+}
+
+fn run_worlds(args: &Args, recordings: &[Recording]) -> anyhow::Result<()> {
+    let runs = world_runs(args.seeds);
+    let progress = Mutex::new(Progress::at_a_terminal(runs, "worlds"));
+    let advance = || {
+        if let Ok(mut progress) = progress.lock() {
+            progress.advance(1);
+        }
+    };
+    let mut study = score_worlds(args.first_seed, args.seeds, advance)?;
+    if let Ok(progress) = progress.into_inner() {
+        progress.finish();
+    }
+    if !recordings.is_empty() {
+        study.correlations.push(measure_correlation(recordings)?);
+    }
+    match args.json {
+        true => say(&serde_json::to_string_pretty(&study)?),
+        false => say(&worlds_text(&study)),
+    }
+    Ok(())
+}
+
+fn run_recordings(args: &Args, recordings: &[Recording]) -> anyhow::Result<()> {
     let labels = args.labels.as_ref().map(|path| {
         let read = || read_labels(&std::fs::read_to_string(path)?);
         read().with_context(|| path.display().to_string())
@@ -62,7 +104,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         pictures: args.pictures.is_some(),
     };
     let mut progress = Progress::at_a_terminal(options.runs(), "runs");
-    let study = score_recordings(&recordings, &options, || progress.advance(1))?;
+    let study = score_recordings(recordings, &options, || progress.advance(1))?;
     progress.finish();
     if let Some(directory) = &args.pictures {
         std::fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
@@ -76,4 +118,30 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         false => say(&text_of(&study)),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn worlds_need_no_recording_and_draw_no_objects() {
+        let parse = |text: &str| Command::try_parse_from(text.split(' '));
+        assert!(parse("score").is_err());
+        assert!(parse("score a.log").is_ok());
+        let worlds = parse("score --worlds --seeds 2 --first-seed 5")
+            .unwrap()
+            .args;
+        assert!(worlds.worlds && worlds.logs.is_empty());
+        assert_eq!((worlds.seeds, worlds.first_seed), (2, 5));
+        assert!(parse("score --worlds a.log").is_ok());
+        assert!(parse("score --worlds --objects 3").is_err());
+    }
 }

@@ -5,10 +5,12 @@
 //! Published detectors are scored beside ours, on the same scans and poses.
 //!
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
-//! it. Begin with [`score_recordings`].
+//! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
+//! another measure: there the truth is whole, and the noise is ours.
 
 mod alert;
 mod baselines;
+mod correlation;
 mod cpu;
 mod detector;
 mod distance;
@@ -24,8 +26,13 @@ mod scoring;
 mod study;
 mod table;
 mod wilson;
+mod world_conditions;
+mod world_report;
+mod world_scoring;
+mod worlds;
 
 pub use alert::ScoredAlert;
+pub use correlation::Correlation;
 pub use detector::Detector;
 pub use distance::region_distance_m;
 pub use drawn::{DrawnObject, altered};
@@ -37,3 +44,8 @@ pub use scoring::Score;
 pub use study::{Options, Place, Row, Study, score_recordings};
 pub use table::{Table, number};
 pub use wilson::Share;
+pub use world_report::worlds_text;
+pub use world_scoring::WorldScore;
+pub use worlds::{
+    NamedCorrelation, WorldRow, WorldsStudy, measure_correlation, score_worlds, world_runs,
+};

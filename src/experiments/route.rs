@@ -3,7 +3,7 @@
 //! All that this room knows of [`RouteMap`] stands here. What the service does beside it, nodes
 //! that are archived and closures without scans, is left out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::alert::ScoredAlert;
 use super::cpu::CpuWatch;
@@ -21,6 +21,8 @@ const BATCH_SCANS: usize = 60;
 pub(super) struct RouteRun {
     /// `map_from_base` of every scan that has a place.
     pub poses: BTreeMap<StampNs, Pose2>,
+    /// Scans whose observations the map keeps: those between that repeat the one before are not.
+    pub observed: BTreeSet<StampNs>,
     /// Every alert ever raised.
     pub alerts: Vec<RouteAlert>,
     /// Scans that were given.
@@ -72,7 +74,7 @@ impl RouteRun {
 }
 
 impl RouteAlert {
-    fn scored(&self) -> ScoredAlert {
+    pub(super) fn scored(&self) -> ScoredAlert {
         let Finding {
             kind,
             location,
@@ -193,16 +195,21 @@ impl Route {
     }
 
     fn finish(self, recordings: &[Recording]) -> RouteRun {
-        let mut poses = BTreeMap::new();
+        let (mut poses, mut observed) = (BTreeMap::new(), BTreeSet::new());
         for (keyframe, node) in self.map.keyframes().iter().zip(self.map.graph().nodes()) {
             poses.insert(keyframe.stamp, node.pose);
+            observed.insert(keyframe.stamp);
             for scan in &keyframe.intermediate {
                 let map_from_base = node.pose.compose(&scan.keyframe_from_base);
                 poses.insert(scan.stamp, map_from_base);
+                if scan.scan.is_some() {
+                    observed.insert(scan.stamp);
+                }
             }
         }
         RouteRun {
             poses,
+            observed,
             alerts: self.alerts,
             scans: recordings.iter().map(|r| r.scans.len()).sum(),
             cpu_s: self.cpu_s,

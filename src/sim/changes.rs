@@ -17,6 +17,8 @@ const NEAR_ROUTE_M: f64 = 2.0;
 const GAP_M: f64 = 0.2;
 /// Step along the route at which the clearance is checked, metres.
 const ROUTE_STEP_M: f64 = 0.2;
+/// Radius of somebody who stands, metres.
+const BYSTANDER_RADIUS_M: f64 = 0.25;
 /// Spots that are tried for one object.
 const TRIES_MAX: usize = 2_000;
 
@@ -80,6 +82,24 @@ impl<'a> Changes<'a> {
             }
         }
         moved
+    }
+
+    /// Lets people stand about, each in one place during this one lap. Answers their places in
+    /// [`Scene::objects`]: fewer than `count` where there is no room for more.
+    pub fn bystanders(&mut self, count: usize) -> Vec<usize> {
+        let body = Shape::Round {
+            centre: Vector2::zeros(),
+            radius_m: BYSTANDER_RADIUS_M,
+        };
+        let mut standing = Vec::new();
+        for _ in 0..count {
+            if let Some(body) = self.find_spot(&body) {
+                let object = self.push(body);
+                self.scene.objects[object].until_lap = Some(self.lap + 1);
+                standing.push(object);
+            }
+        }
+        standing
     }
 
     fn choose(&mut self) -> Option<usize> {

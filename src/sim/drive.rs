@@ -56,6 +56,8 @@ impl Scene {
             let path_noise_m = if lap == 0 { 0.0 } else { vehicle.path_noise_m };
             let mut path = stream(seed, Purpose::Path { lap });
             let spacing_m = vehicle.scan_spacing_m;
+            let shared = &vehicle.lidar.pass_errors;
+            let errors = shared.draw(seed, lap, self.seed, self.objects.len());
             for map_from_base in self.route.lap(spacing_m, path_noise_m, &mut path) {
                 let (time_s, odom_from_base) = match scans.last() {
                     None => (0.0, Pose2::IDENTITY),
@@ -68,8 +70,18 @@ impl Scene {
                     }
                 };
                 let people = walkers.seen_from(&map_from_base.translation());
-                let cast = |origin: &_, direction: &_| here.cast(&people, origin, direction);
-                let beams = vehicle.lidar.scan(cast, &map_from_base, &mut ranges);
+                let base_from_map = Pose2::new(0.0, 0.0, -map_from_base.theta);
+                let cast = |origin: &_, direction: &_| {
+                    let (range_m, object) = here.cast(&people, origin, direction)?;
+                    let direction = base_from_map.transform(direction);
+                    Some((
+                        range_m + errors.longer_m(range_m, &direction, object),
+                        object,
+                    ))
+                };
+                let beams = vehicle
+                    .lidar
+                    .scan(cast, &map_from_base, &errors, &mut ranges);
                 scans.push(SimScan {
                     time_s,
                     lap,

@@ -3,6 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::pass_errors::{LapErrors, PassErrors};
 use super::random::normal;
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::Lidar;
@@ -19,6 +20,8 @@ pub struct SimLidar {
     /// `mount_from_lidar`: where the lidar truly sits, seen from where `geometry` has it. The
     /// identity unless the vehicle is faulty.
     pub mount_error: Pose2,
+    /// What the scans of a lap have in common.
+    pub pass_errors: PassErrors,
 }
 
 impl SimLidar {
@@ -37,6 +40,7 @@ impl SimLidar {
             beams,
             dropout_rate: 0.0,
             mount_error: Pose2::IDENTITY,
+            pass_errors: PassErrors::NONE,
         }
     }
 
@@ -55,19 +59,25 @@ impl SimLidar {
     }
 
     /// One scan: metres to the millimetre and what was met there, `None` for no return. `cast`
-    /// follows a ray from an origin in a direction, map frame.
-    pub(super) fn scan<T>(
+    /// follows a ray from an origin in a direction, map frame; `errors` are the lap's.
+    pub(super) fn scan<T: Copy + PartialEq>(
         &self,
         cast: impl Fn(&Vector2<f64>, &Vector2<f64>) -> Option<(f64, T)>,
         map_from_base: &Pose2,
+        errors: &LapErrors,
         rng: &mut ChaCha8Rng,
     ) -> Vec<Option<(f64, T)>> {
-        let base_from_lidar = self.geometry.mount.compose(&self.mount_error);
+        let mount_error = self.mount_error.compose(&errors.mount);
+        let base_from_lidar = self.geometry.mount.compose(&mount_error);
         let map_from_lidar = map_from_base.compose(&base_from_lidar);
         let eye = map_from_lidar.translation();
-        let beam = |k| {
+        let met = |k| {
             let (sin, cos) = (map_from_lidar.theta + self.geometry.beam_angle_rad(k)).sin_cos();
-            let met = cast(&eye, &Vector2::new(cos, sin));
+            cast(&eye, &Vector2::new(cos, sin))
+        };
+        let mut met: Vec<_> = (0..self.beams).map(met).collect();
+        errors.disturb(&mut met, self.geometry.angle_increment_rad, rng);
+        let measured = |met: Option<(f64, T)>| {
             // Drawn for every beam, so that a change in the world leaves the noise of the
             // other beams as it was.
             let noise_m = normal(rng, self.geometry.range_sigma_m);
@@ -77,7 +87,7 @@ impl SimLidar {
             let seen = (self.geometry.range_min_m..self.geometry.range_max_m).contains(&range_m);
             (seen && !dropped).then_some((range_m, what))
         };
-        (0..self.beams).map(beam).collect()
+        met.into_iter().map(measured).collect()
     }
 }
 
@@ -91,7 +101,8 @@ mod tests {
         let room = World::new([Shape::rectangle(&Pose2::IDENTITY, 8.0, 6.0)]);
         let cast = |origin: &_, direction: &_| Some((room.cast(origin, direction)?.range_m, ()));
         let mut rng = stream(seed, Purpose::Ranges { from_lap: 0 });
-        let met = lidar.scan(cast, map_from_base, &mut rng);
+        let errors = PassErrors::NONE.draw(seed, 0, seed, 0);
+        let met = lidar.scan(cast, map_from_base, &errors, &mut rng);
         met.into_iter().map(|beam| Some(beam?.0)).collect()
     }
 

@@ -29,6 +29,16 @@ pub(super) enum Purpose {
     Changes {
         lap: usize,
     },
+    /// What the scans of a lap share.
+    PassErrors {
+        lap: usize,
+    },
+    /// Doors that stand ajar in a lap.
+    Doors {
+        lap: usize,
+    },
+    /// How a scene's objects lean.
+    Leans,
 }
 
 pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
@@ -40,6 +50,9 @@ pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::Odometry { from_lap } => of_lap(from_lap, 2),
         Purpose::Path { lap } => 1_000 + lap as u64,
         Purpose::Changes { lap } => of_lap(lap, 3),
+        Purpose::PassErrors { lap } => of_lap(lap, 4),
+        Purpose::Doors { lap } => of_lap(lap, 5),
+        Purpose::Leans => 6,
         Purpose::Walker { lap, walker } => of_lap(lap + 1, 1_000 + walker as u64),
     });
     rng

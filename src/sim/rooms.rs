@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::random::{Purpose, stream};
+use super::random::{Purpose, normal, stream};
 use super::{Changes, Route, RouteError, Scene, SceneObject, Shape};
 use crate::geometry::{Pose2, Vector2};
 
@@ -85,6 +85,50 @@ impl Rooms {
         swung
     }
 
+    /// Lets doors stand ajar, or less open than they do, for single laps: in each of them one door
+    /// of `1 / every`, by an angle of the stated standard deviation. Doors that swing in some lap
+    /// stay as they are. Answers the places in [`Scene::objects`] of the doors that do so, in all
+    /// their positions.
+    pub fn leave_ajar(
+        &mut self,
+        laps: std::ops::Range<usize>,
+        every: u32,
+        sigma_rad: f64,
+        seed: u64,
+    ) -> Vec<usize> {
+        let mut passing = Vec::new();
+        for lap in laps {
+            let mut rng = stream(seed, Purpose::Doors { lap });
+            for door in &mut self.doors {
+                let is_ajar = rng.random_ratio(1, every.max(1));
+                let turn_rad = normal(&mut rng, sigma_rad).abs();
+                let object = &self.scene.objects[door.object];
+                let swings = object.from_lap > 0 && !passing.contains(&door.object);
+                if !is_ajar || swings {
+                    continue;
+                }
+                let shape = object.shape.clone();
+                let until_lap = self.scene.objects[door.object].until_lap;
+                self.scene.objects[door.object].until_lap = Some(lap);
+                passing.push(door.object);
+                let pieces = [
+                    (door.shape_ajar(turn_rad), lap, Some(lap + 1)),
+                    (shape, lap + 1, until_lap),
+                ];
+                for (shape, from_lap, until_lap) in pieces {
+                    passing.push(self.scene.objects.len());
+                    self.scene.objects.push(SceneObject {
+                        shape,
+                        from_lap,
+                        until_lap,
+                    });
+                }
+                door.object = self.scene.objects.len() - 1;
+            }
+        }
+        passing
+    }
+
     /// Rooms along the sides of a rectangle of corridor walls: `inwards` is 1 if they lie on the
     /// left of its sides. Partitions reach `depth_m` into them.
     fn build(
@@ -154,7 +198,16 @@ impl Rooms {
 
 impl Door {
     fn shape(&self) -> Shape {
-        let turn_rad = if self.open { FRAC_PI_2 } else { 0.0 };
+        self.shape_ajar(0.0)
+    }
+
+    /// Turned from where it stands towards its other place.
+    fn shape_ajar(&self, by_rad: f64) -> Shape {
+        let turn_rad = if self.open {
+            FRAC_PI_2 - by_rad
+        } else {
+            by_rad
+        };
         let middle = Pose2::new(0.5 * DOOR_M, 0.0, 0.0);
         let map_from_leaf = self.hinge.compose(&Pose2::new(0.0, 0.0, turn_rad));
         Shape::rectangle(

@@ -120,6 +120,80 @@ fn what_is_struck_is_where_the_beam_ends() {
 }
 
 #[test]
+fn scans_of_a_lap_err_together_and_leave_odometry_as_it_was() {
+    let [(_, scene), ..] = worlds(3);
+    let plain = vehicle(0.3);
+    let mut biased = plain.clone();
+    biased.lidar.pass_errors.range_bias_sigma_m = 0.05;
+    let (truth, seen) = (scene.drive(&plain, 0..3, 4), scene.drive(&biased, 0..3, 4));
+    let mut of_laps = [Vec::new(), Vec::new(), Vec::new()];
+    for (a, b) in truth.iter().zip(&seen) {
+        assert_eq!(a.odom_from_base, b.odom_from_base);
+        for (x, y) in a.ranges_m.iter().zip(&b.ranges_m) {
+            of_laps[a.lap].extend(x.zip(*y).map(|(x, y)| y - x));
+        }
+    }
+    let means = of_laps.map(|longer_m| {
+        let mean = longer_m.iter().sum::<f64>() / longer_m.len() as f64;
+        // To the millimetre of a range.
+        assert!(longer_m.iter().all(|l| (l - mean).abs() < 2e-3));
+        mean
+    });
+    assert!((means[0] - means[1]).abs() > 1e-3 && (means[1] - means[2]).abs() > 1e-3);
+    let recorded = {
+        let mut vehicle = plain.clone();
+        vehicle.lidar.pass_errors = PassErrors::AS_RECORDED;
+        scene.drive(&vehicle, 0..1, 4)
+    };
+    let returns = |scans: &[SimScan]| scans.iter().flat_map(|s| &s.ranges_m).flatten().count();
+    assert!(
+        returns(&recorded) < returns(&truth[..recorded.len()]),
+        "grazing beams are lost"
+    );
+}
+
+#[test]
+fn bystanders_stand_for_one_lap() {
+    for (name, mut scene) in worlds(2) {
+        let before = scene.objects.len();
+        let standing = Changes::new(&mut scene, 1, 0.5, 9).bystanders(3);
+        assert_eq!(standing, (before..before + 3).collect::<Vec<_>>(), "{name}");
+        for lap in 0..3 {
+            let there = |&&k: &&usize| scene.objects[k].is_there(lap);
+            let expected = if lap == 1 { 3 } else { 0 };
+            assert_eq!(standing.iter().filter(there).count(), expected, "{name}");
+        }
+    }
+}
+
+#[test]
+fn doors_stand_ajar_for_one_lap_and_return() {
+    let mut rooms = Rooms::generate(4).unwrap();
+    let before = rooms.scene.world(0);
+    let swung = rooms.swing_doors(3, 2, 1);
+    let ajar = rooms.leave_ajar(1..3, 3, 0.1, 5);
+    assert!(ajar.len() >= 6, "{} places", ajar.len());
+    assert!(
+        swung
+            .iter()
+            .all(|(was, is)| !ajar.contains(was) && !ajar.contains(is))
+    );
+    assert_eq!(rooms.scene.world(0), before);
+    // No door is lost, and none is there twice.
+    for lap in 0..4 {
+        assert_eq!(
+            rooms.scene.world(lap).objects.len(),
+            before.objects.len(),
+            "lap {lap}"
+        );
+    }
+    let shapes = |lap| -> Vec<Shape> { rooms.scene.world(lap).world.shapes().cloned().collect() };
+    let lost = shapes(0).iter().filter(|s| !shapes(3).contains(s)).count();
+    assert_eq!(lost, 3, "only those that swing stand elsewhere at the end");
+    assert!(shapes(0).iter().filter(|s| !shapes(1).contains(s)).count() >= 2);
+}
+
+#[test]
 fn doors_swing_between_two_places() {
     let mut rooms = Rooms::generate(4).unwrap();
     let before = rooms.scene.clone();
