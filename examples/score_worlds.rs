@@ -13,7 +13,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use anyhow::Context;
-use mapshift::change::{ChangeKind, Finding};
+use mapshift::change::{ChangeKind, FALSE_ALERTS_PER_LAP, Finding};
 use mapshift::geometry::{Pose2, Vector2};
 use mapshift::ids::{StampNs, TripId};
 use mapshift::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
@@ -178,6 +178,7 @@ fn run(world: &str, condition: &Condition, seed: u64, score: &mut Score) -> anyh
     let findings = map.findings(&Scope {
         sites: Sites::All,
         pending: &[],
+        false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
         accepted: &[],
         vehicles: &BTreeMap::new(),
     });

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use jiff::Timestamp;
+use mapshift::change::FALSE_ALERTS_PER_LAP;
 use mapshift::formats::batch_json;
 use mapshift::geometry::Pose2;
 use mapshift::ids::{TripId, VehicleId};
@@ -200,6 +201,7 @@ fn extend_and_find(table: &mut Table, laps: &Laps) -> anyhow::Result<()> {
             map.findings(&Scope {
                 sites: Sites::Touched,
                 pending: &[],
+                false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
                 accepted: &[],
                 vehicles: &laps.vehicles,
             });

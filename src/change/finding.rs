@@ -1,5 +1,6 @@
 //! What all looks at a place say together.
 
+use super::region::region_round;
 use super::{ChangeKind, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
@@ -49,4 +50,14 @@ pub struct Finding {
     pub last_seen: StampNs,
     /// The first look that shows the old state again; `None` while the new state stands.
     pub until: Option<StampNs>,
+}
+
+impl Finding {
+    /// Everything that changed with it: its region, or a convex one round both sides.
+    pub fn whole_region(&self) -> Vec<Vector2<f64>> {
+        match &self.counterpart {
+            None => self.region.clone(),
+            Some(other) => region_round(&[self.region.as_slice(), &other.region].concat(), 0.0),
+        }
+    }
 }

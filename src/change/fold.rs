@@ -169,7 +169,11 @@ fn is_decided(status: AlertStatus) -> bool {
 }
 
 fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
-    gap(&alert.evidence, finding).is_some()
+    let is_other_side = finding.counterpart.as_ref().is_some_and(|other| {
+        other.kind == alert.evidence.kind
+            && polygon_gap(outline(&alert.evidence), &other.region) <= SAME_PLACE_M
+    });
+    is_other_side || gap(&alert.evidence, finding).is_some()
 }
 
 /// How far apart two findings are, metres; `None` if they cannot tell of the same.

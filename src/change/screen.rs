@@ -1,6 +1,6 @@
 //! Which places may have changed: a grid of counts that every observation goes through once.
 //!
-//! A cell exists while some observation has a hit in it; it keeps, for each pass, how many
+//! A cell is counted while two observations have a hit in it; it keeps, for each pass, how many
 //! observations hit it and how many missed it. That is a sum over pairs of cell and observation,
 //! each a function of the two alone, so the counts depend neither on the order of arrival nor on
 //! what was moved or removed in between. Whether something changed is decided elsewhere: here
@@ -23,13 +23,15 @@ const TILE_M: f64 = CELL_M * TILE_CELLS as f64;
 const EYE_TILE_M: f64 = 4.0;
 /// Poses are taken to whole steps of these, so that what a solve moves by a hair stays where it
 /// is: metres, radians.
-const POSE_STEP_M: f64 = 0.02;
-const POSE_STEP_RAD: f64 = 0.004;
+const POSE_STEP_M: f64 = 0.03;
+const POSE_STEP_RAD: f64 = 0.005;
 /// Observations of a trip within so many seconds are taken for one pass.
 const PASS_NS: i64 = 120_000_000_000;
 /// As the decision has it: nats of an observation, and of a pass at most.
 const NATS_PER_OBSERVATION: f64 = 1.5;
 const NATS_PER_PASS: f64 = 10.0;
+/// A cell is counted once so many observations have a hit in it: one alone is noise.
+const MAKERS_MIN: u32 = 2;
 /// A pass that says something so often has said all it can.
 const SAID_OFTEN: u32 = 16;
 /// Hits and misses that a cell needs.
@@ -101,6 +103,16 @@ struct Tile {
     cells: Vec<CountedCell>,
 }
 
+impl Tile {
+    fn cell_mut(&mut self, key: CellKey) -> &mut CountedCell {
+        let at = self.cells.partition_point(|cell| cell.key < key);
+        if self.cells.get(at).is_none_or(|cell| cell.key != key) {
+            self.cells.insert(at, CountedCell::new(key));
+        }
+        &mut self.cells[at]
+    }
+}
+
 struct CountedCell {
     key: CellKey,
     /// Observations that have a hit in it.
@@ -167,23 +179,18 @@ impl Screen {
         };
         for key in hit_cells(&observation) {
             let tile = self.tiles.entry(tile_of(key)).or_default();
-            let at = match tile.cells.binary_search_by_key(&key, |cell| cell.key) {
-                Ok(at) => at,
-                Err(at) => {
-                    let mut cell = CountedCell::new(key);
-                    self.touched.insert(key, cell.signature());
-                    // What came before answers for the new cell.
-                    for key in keys_near(&self.eyes, &cell.geometry().centre) {
-                        if let Some(before) = self.observations.get(&key) {
-                            let outcome = before.observation.test(&cell.geometry());
-                            cell.count(before.pass, outcome, true);
-                        }
+            let cell = tile.cell_mut(key);
+            cell.makers += 1;
+            if cell.makers == MAKERS_MIN {
+                self.touched.insert(key, cell.signature());
+                // What came before answers for the new cell.
+                let geometry = cell.geometry();
+                for key in keys_near(&self.eyes, &geometry.centre) {
+                    if let Some(before) = self.observations.get(&key) {
+                        cell.count(before.pass, before.observation.test(&geometry), true);
                     }
-                    tile.cells.insert(at, cell);
-                    at
                 }
-            };
-            tile.cells[at].makers += 1;
+            }
         }
         self.count_all(&observation, pass, true);
         let eye = eye_tile(&observation.eye());
@@ -213,9 +220,15 @@ impl Screen {
                 continue;
             };
             if let Ok(at) = tile.cells.binary_search_by_key(&key, |cell| cell.key) {
-                tile.cells[at].makers -= 1;
-                if tile.cells[at].makers == 0 {
+                let cell = &mut tile.cells[at];
+                cell.makers -= 1;
+                if cell.makers == 0 {
                     tile.cells.remove(at);
+                } else if cell.makers < MAKERS_MIN {
+                    *cell = CountedCell {
+                        makers: cell.makers,
+                        ..CountedCell::new(key)
+                    };
                 }
             }
             if tile.cells.is_empty() {
@@ -233,7 +246,7 @@ impl Screen {
         let high = ((eye.y + reach_m) / TILE_M).floor() as i32;
         for column in first..=last {
             for (_, tile) in self.tiles.range_mut((column, low)..=(column, high)) {
-                for cell in &mut tile.cells {
+                for cell in tile.cells.iter_mut().filter(|cell| cell.is_counted()) {
                     let outcome = observation.test(&cell.geometry());
                     if matches!(outcome, Outcome::Hit | Outcome::Miss) {
                         let signature = || cell.signature();
@@ -370,6 +383,10 @@ impl CountedCell {
             passes: Vec::new(),
             candidate: false,
         }
+    }
+
+    fn is_counted(&self) -> bool {
+        self.makers >= MAKERS_MIN
     }
 
     fn geometry(&self) -> Cell {

@@ -19,6 +19,7 @@ use self::answers::Answers;
 use self::cells::SiteCells;
 use self::cluster::{Cluster, clusters};
 use self::pooled::Pooled;
+pub use self::pooled::{FALSE_ALERTS_PER_LAP, support_min};
 use self::surroundings::Surroundings;
 use super::history::State;
 use super::pass::Standpoint;
@@ -70,6 +71,8 @@ pub struct Site<'a> {
     pub accepted: &'a [AcceptedChange],
     /// Names of the trips that observations number.
     pub trips: &'a [TripId],
+    /// How much better a change must explain the passes than none, in nats: [`support_min`].
+    pub support_min: f64,
 }
 
 /// The changes of a site, in the order of their places.
@@ -98,7 +101,7 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     let findings = clusters.iter().filter_map(|cluster| {
         // 5. What all observations of a cluster say together.
         let pooled = Pooled::of(&answers, cluster)?;
-        if !pooled.is_clear(cluster) {
+        if !pooled.is_clear(cluster, site.support_min) {
             return None;
         }
         // 6. The surroundings must be the same to those who saw the old state and to those who

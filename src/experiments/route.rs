@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use super::alert::ScoredAlert;
 use super::cpu::CpuWatch;
 use super::recording::Recording;
-use crate::change::{AlertState, AlertStatus, AlertUpdate, Finding, fold};
+use crate::change::{AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold};
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
 use crate::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
@@ -168,6 +168,7 @@ impl Route {
         self.map.findings(&Scope {
             sites: Sites::Touched,
             pending: &pending,
+            false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
             accepted: &[],
             vehicles: &BTreeMap::new(),
         })

@@ -14,6 +14,9 @@ const REACH_M: f64 = 0.35;
 /// … or this, where the lidar's noise is more than [`NOISY_SIGMA_M`].
 const REACH_NOISY_M: f64 = 0.5;
 const NOISY_SIGMA_M: f64 = 0.02;
+/// An alert of kind `residual` says neither what changed nor where: it reports whatever object or
+/// label is within this distance of its region, metres.
+const RESIDUAL_REACH_M: f64 = 1.0;
 /// An alert that the untouched recordings raise this near is none of the objects', metres.
 const UNTOUCHED_M: f64 = 0.5;
 /// An alert reports a labelled change this near, metres.
@@ -94,7 +97,7 @@ impl Score {
                 Some(Tier::Tentative) => self.tentative += 1,
                 None => {}
             }
-            if alert.kind == object.kind {
+            if may_report(alert.kind, object.kind) {
                 let error = alert.location - object.centre();
                 self.location_errors_m.push(error.norm());
             }
@@ -141,16 +144,17 @@ pub(super) fn judge(
     let found_by = objects.iter().map(|object| {
         let reporting = alerts.iter().enumerate().filter_map(|(k, alert)| {
             let gap_m = gap_m(alert, object, Some(object.kind));
-            (gap_m <= reach_m).then_some((k, (gap_m, (alert.location - object.centre()).norm())))
+            (gap_m <= reach_of(alert, reach_m))
+                .then_some((k, (gap_m, (alert.location - object.centre()).norm())))
         });
         let nearest =
             reporting.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         nearest.map(|(k, _)| k)
     });
     let near = |alert: &ScoredAlert, of_kind: bool| {
-        objects
-            .iter()
-            .any(|object| gap_m(alert, object, of_kind.then_some(object.kind)) <= reach_m)
+        objects.iter().any(|object| {
+            gap_m(alert, object, of_kind.then_some(object.kind)) <= reach_of(alert, reach_m)
+        })
     };
     let is_of_untouched = |alert: &ScoredAlert| {
         untouched
@@ -179,13 +183,28 @@ pub(super) fn judge(
 fn gap_m(alert: &ScoredAlert, object: &DrawnObject, kind: Option<ChangeKind>) -> f64 {
     alert
         .sides()
-        .filter(|(side, _)| kind.is_none_or(|kind| kind == *side))
+        .filter(|(side, _)| kind.is_none_or(|kind| may_report(*side, kind)))
         .map(|(_, region)| region_distance_m(&object.shape, region))
         .fold(f64::INFINITY, f64::min)
 }
 
+/// Whether a side that shows one kind may be a change of another.
+fn may_report(side: ChangeKind, kind: ChangeKind) -> bool {
+    side == kind || side == ChangeKind::Residual
+}
+
+/// How far an alert may be from what it reports, given how far those of a kind of state may,
+/// metres.
+fn reach_of(alert: &ScoredAlert, reach_m: f64) -> f64 {
+    match alert.kind {
+        ChangeKind::Residual => RESIDUAL_REACH_M,
+        _ => reach_m,
+    }
+}
+
 fn reports(alert: &ScoredAlert, label: &Label) -> bool {
     alert.reports(label.kind, &label.location, LABEL_M)
+        || alert.reports(ChangeKind::Residual, &label.location, RESIDUAL_REACH_M)
 }
 
 /// For each label whether an alert reports it, and for each alert whether a label explains it.
@@ -283,6 +302,30 @@ mod tests {
             ..Score::default()
         };
         assert!((score_f.f_score().unwrap() - f).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_residual_reports_any_object_within_a_metre_and_no_other() {
+        use ChangeKind::{Appeared, Disappeared, Residual};
+        let objects = [object(Appeared, 0.0, 0.0), object(Disappeared, 5.0, 0.0)];
+        // From the side of the region, 0.1 m from its middle, to the object's, 0.2 m from its own.
+        let alerts = [
+            alert(Residual, 1.25, 0.0),
+            alert(Residual, 6.25, 0.0),
+            alert(Residual, 5.0, 1.4),
+        ];
+        let judged = judge(&alerts, &objects, &[], &[], reach_m(0.01));
+        assert_eq!(judged.found_by, [Some(0), Some(1)]);
+        use Verdict::{False, True};
+        assert_eq!(judged.verdicts, [True, True, False]);
+        let mut score = Score::default();
+        score.add(&judged, &alerts, &objects);
+        assert_eq!((score.true_alerts, score.false_alerts), (2, 1));
+        assert_eq!(score.location_errors_m, [1.25, 1.25]);
+        // As far off, an alert that says what changed reports nothing.
+        let says_what = [alert(Appeared, 1.25, 0.0)];
+        let judged = judge(&says_what, &objects, &[], &[], reach_m(0.01));
+        assert_eq!(judged.verdicts, [False]);
     }
 
     #[test]

@@ -133,7 +133,7 @@ pub fn score_recordings(
     };
     let mut untouched_alerts = Vec::new();
     for detector in Detector::ALL {
-        let (alerts, _) = detector.alerts(recordings, &untouched);
+        let (alerts, _) = detector.alerts(recordings, &untouched)?;
         let row = untouched_row(detector, &alerts, options.labels.as_deref());
         if options.pictures {
             let name = format!("{}-untouched", file_name(detector));
@@ -155,7 +155,7 @@ pub fn score_recordings(
             .zip(Detector::ALL)
             .zip(&untouched_alerts)
         {
-            let (alerts, cpu_s) = detector.alerts(&altered, &run);
+            let (alerts, cpu_s) = detector.alerts(&altered, &run)?;
             let judged = judge(&alerts, &objects, before, labels, reach_m);
             row.score.add(&judged, &alerts, &objects);
             row.score.cpu_s += cpu_s;
@@ -230,7 +230,7 @@ fn untouched_row(detector: Detector, alerts: &[ScoredAlert], labels: Option<&[La
 }
 
 fn file_name(detector: Detector) -> String {
-    detector.name().replace(' ', "-")
+    detector.name().replace(' ', "-").replace('\'', "")
 }
 
 fn alert_pictures<'a>(

@@ -3,8 +3,7 @@
 use super::given::{End, GivenEdge, GivenGraph};
 use super::keyframe::Keyframe;
 use super::partners;
-use super::route_map::{RouteMap, Weighting};
-use crate::geometry::Information;
+use super::route_map::RouteMap;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
 use crate::solver::SolveOptions;
@@ -77,10 +76,7 @@ impl RouteMap {
             from: id_of(given.from),
             to: id_of(given.to),
             measurement: given.measurement,
-            information: match self.weighting {
-                Weighting::Robust => given.information,
-                Weighting::AllPointsIdentity => Information::identity(),
-            },
+            information: self.weighting.information(given.information),
             kind: given.kind,
             status: EdgeStatus::Active,
         };

@@ -51,6 +51,14 @@ impl Default for ClosureRule {
     }
 }
 
+impl ClosureRule {
+    /// The threshold on the score of a match where one number decides, as in the paper: the share
+    /// of the new scan's points that the match must explain.
+    pub fn score_min(&self) -> f64 {
+        self.overlap_min * self.inlier_share_min
+    }
+}
+
 /// Largest share of one scan's points in the other's free space, for any match, …
 const CONTRADICTION_SHARE_MAX: f64 = 0.2;
 /// … and for one that ends where it was expected: then it is the place that differs.
@@ -126,6 +134,35 @@ pub(super) fn measure(
     Some(ClosureMeasurement { robust, all_points })
 }
 
+/// Matches a new scan with an old one, expected at `old_from_new`, as the paper does: with all
+/// points of both (section 4), from where the graph expects it (section 3).
+///
+/// `None` if the score of that match is below the loop-closure threshold (section 5.1), or if the
+/// scans share too few points for an estimate; nothing else refuses it. The robust estimate is made
+/// afterwards, to be compared, and decides nothing.
+pub(super) fn measure_by_score(
+    old: &Placed<'_>,
+    new: &Placed<'_>,
+    old_from_new: &Pose2,
+    rule: &ClosureRule,
+) -> Option<ClosureMeasurement> {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let sigmas_m = [old, new].map(|placed| {
+        let scan = placed.keyframe.scan.as_ref();
+        scan.map(|scan| scan.lidar().range_sigma_m)
+    });
+    let sigma_m = sigmas_m[0]?.max(sigmas_m[1]?);
+    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
+    let all_points = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ALL_POINTS);
+    let accepted = all_points.termination != Termination::TooFewPoints
+        && all_points.explained_share() >= rule.score_min();
+    if !accepted {
+        return None;
+    }
+    let robust = alignment.align_from(&all_points.pose, sigma_m, None, &IcpParams::ROBUST);
+    Some(ClosureMeasurement { robust, all_points })
+}
+
 /// A scan with its returns.
 struct Seen<'a> {
     points: &'a [SurfacePoint],
@@ -142,3 +179,6 @@ fn contradiction_share(old: &Seen<'_>, new: &Seen<'_>, old_from_new: &Pose2) -> 
     let old_in_new = look(old.points, new.scan, &old_from_new.inverse());
     new_in_old.max(old_in_new)
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,7 +6,7 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
     AcceptedChange, CandidateSite, Finding, ObservationKey, Observed, Screened, Site, TiedPose,
-    TripPose, mismatches, state_changes, suspect_vehicle,
+    TripPose, join_counterparts, mismatches, state_changes, support_min, suspect_vehicle,
 };
 use crate::geometry::Pose2;
 use crate::graph::EdgeKind;
@@ -23,6 +23,8 @@ pub struct Scope<'a> {
     pub sites: Sites,
     /// The findings that alerts wait with: where nothing was touched they stand as they are.
     pub pending: &'a [Finding],
+    /// How many false alerts a lap may raise.
+    pub false_alerts_per_lap: f64,
     /// What the map has taken in already.
     pub accepted: &'a [AcceptedChange],
     /// Whose each trip is; a trip that is not named is its own vehicle's.
@@ -94,7 +96,7 @@ impl RouteMap {
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
-            for found in self.judge(site, &trips, scope.accepted) {
+            for found in self.judge(site, &trips, scope) {
                 let is_same = |other: &&mut Finding| {
                     other.kind == found.kind
                         && (other.location - found.location).norm() <= SAME_FINDING_M
@@ -110,15 +112,10 @@ impl RouteMap {
             let untouched = pending().filter(|finding| !self.screen.is_touched(&finding.region));
             findings.extend(untouched.cloned());
         }
-        findings
+        join_counterparts(findings)
     }
 
-    fn judge(
-        &self,
-        site: &CandidateSite,
-        trips: &[TripId],
-        accepted: &[AcceptedChange],
-    ) -> Vec<Finding> {
+    fn judge(&self, site: &CandidateSite, trips: &[TripId], scope: &Scope<'_>) -> Vec<Finding> {
         let near = self.screen.observations_near(site);
         let mut observed: Vec<Observed> = near
             .into_iter()
@@ -133,8 +130,9 @@ impl RouteMap {
         let mut findings = state_changes(&Site {
             candidates: &site.cells,
             observations: &observations,
-            accepted,
+            accepted: scope.accepted,
             trips,
+            support_min: support_min(scope.false_alerts_per_lap),
         });
         for finding in &mut findings {
             finding.edges = self.closures_across(finding);

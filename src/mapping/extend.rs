@@ -3,14 +3,14 @@
 use super::anchor::{self, AnchorError};
 use super::closure::{self, Closure, ClosureMeasurement, Slack};
 use super::drive::{Drive, DriveScan, InitialPose};
-use super::front_end::{Motion, measure_motion};
+use super::front_end::{Motion, match_scans, measure_motion};
 use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
-use crate::geometry::{Information, Pose2};
+use crate::geometry::Pose2;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
 use crate::scan::{KeyframeRule, is_standing};
@@ -130,11 +130,19 @@ impl RouteMap {
             return Ok(());
         }
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
-        let local_map = self.local_map(last);
         let sigma_m = scan.scan.lidar().range_sigma_m;
         let odometry = OdometryMotion::told(&by_odometry);
-        cloud.follow(last_node, &local_map);
-        let motion = measure_motion(&local_map, cloud, &keyframe.points, &odometry, sigma_m);
+        let points = &keyframe.points;
+        let motion = match self.weighting {
+            Weighting::Robust | Weighting::AllPointsIdentity => {
+                let local_map = self.local_map(last);
+                cloud.follow(last_node, &local_map);
+                measure_motion(&local_map, cloud, points, &odometry, sigma_m)
+            }
+            Weighting::Paper => {
+                match_scans(&self.keyframes[last].points, points, &odometry, sigma_m)
+            }
+        };
         if !is_due && !is_standing(&motion.measurement) {
             self.add_intermediate(last, scan, cloud, added);
             return Ok(());
@@ -207,16 +215,12 @@ impl RouteMap {
         motion: &Motion,
         added: &mut Extension,
     ) -> Result<(), GraphError> {
-        let information = match self.weighting {
-            Weighting::Robust => motion.information,
-            Weighting::AllPointsIdentity => Information::identity(),
-        };
         let edge = Edge {
             id: self.take_edge_id(),
             from: last,
             to: self.keyframes[index].node,
             measurement: motion.measurement,
-            information,
+            information: self.weighting.information(motion.information),
             kind: EdgeKind::Odometry,
             status: EdgeStatus::Active,
         };
@@ -272,6 +276,9 @@ impl RouteMap {
             let local_map = self.local_map(index);
             match anchor::relocate(&local_map, &nearby, &new.pose, &slack) {
                 Some(pose) => pose,
+                // A search that finds nothing is no gate of the paper's, which trusts the
+                // position (section 3).
+                None if self.weighting == Weighting::Paper => new.pose,
                 None => return Vec::new(),
             }
         };
@@ -279,11 +286,17 @@ impl RouteMap {
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
             Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
+            Weighting::Paper => Vec::from_iter(partners::nearest_of_any(&expected, &nearby)),
         };
-        let slack = slack_small(is_tied);
+        let (slack, rule) = (slack_small(is_tied), &self.closure_rule);
         let measured = chosen.iter().filter_map(|old| {
             let old_from_new = old.pose.between(&pose);
-            let found = closure::measure(old, &new, &old_from_new, &slack, &self.closure_rule)?;
+            let found = match self.weighting {
+                Weighting::Robust | Weighting::AllPointsIdentity => {
+                    closure::measure(old, &new, &old_from_new, &slack, rule)
+                }
+                Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
+            }?;
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()
@@ -338,16 +351,16 @@ impl RouteMap {
         index: usize,
         measurement: &ClosureMeasurement,
     ) -> Result<EdgeId, GraphError> {
-        let (optimised, information) = match self.weighting {
-            Weighting::Robust => (measurement.robust.pose, measurement.robust.information),
-            Weighting::AllPointsIdentity => (measurement.all_points.pose, Information::identity()),
+        let optimised = match self.weighting {
+            Weighting::Robust => &measurement.robust,
+            Weighting::AllPointsIdentity | Weighting::Paper => &measurement.all_points,
         };
         let edge = Edge {
             id: self.take_edge_id(),
             from: self.keyframes[partner].node,
             to: self.keyframes[index].node,
-            measurement: optimised,
-            information,
+            measurement: optimised.pose,
+            information: self.weighting.information(optimised.information),
             kind: EdgeKind::LoopClosure,
             status: EdgeStatus::Active,
         };
@@ -364,10 +377,9 @@ impl RouteMap {
         delta_f: f64,
     ) -> Closure {
         let all_points_measurement = measurement.all_points.pose;
-        let all_points_information = match self.weighting {
-            Weighting::Robust => measurement.all_points.information,
-            Weighting::AllPointsIdentity => Information::identity(),
-        };
+        let all_points_information = self
+            .weighting
+            .information(measurement.all_points.information);
         let nodes = self.graph.nodes();
         let (from, to) = (nodes[partner].pose, nodes[index].pose);
         let error = Pose2::edge_error(&from, &to, &all_points_measurement);

@@ -4,7 +4,8 @@ use super::local_map::{LocalCloud, LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use crate::geometry::{Information, Pose2};
 use crate::matching::{
-    Alignment, Estimate, IcpParams, Prior, SearchParams, SearchWindow, Termination, search,
+    Alignment, Estimate, IcpParams, Prior, ReferenceCloud, SearchParams, SearchWindow, Termination,
+    search,
 };
 use crate::scan::SurfacePoint;
 
@@ -41,11 +42,6 @@ const SEARCH_HALF_TURN_MAX_RAD: f64 = 1.0;
 const SEARCH_LEVELS: usize = 5;
 const SEARCH_POINTS_MAX: usize = 200;
 
-/// Share of the scan's points that the map explains.
-fn support(estimate: &Estimate) -> f64 {
-    estimate.overlap * estimate.inlier_share
-}
-
 /// Matches a scan against the local map of the last keyframes (frame: the last keyframe's base).
 ///
 /// Directions that the scan does not fix, and scans that
@@ -81,17 +77,17 @@ pub(super) fn measure_motion(
     };
     let plausible = |estimate: &Estimate| {
         estimate.termination != Termination::TooFewPoints
-            && support(estimate) >= SUPPORT_MIN
+            && estimate.explained_share() >= SUPPORT_MIN
             && odometry_error(estimate) <= ODOMETRY_SIGMAS_MAX
     };
     let mut best = refine(last_from_base);
-    if (support(&best) < SUPPORT_GOOD || !plausible(&best))
+    if (best.explained_share() < SUPPORT_GOOD || !plausible(&best))
         && let Some(start) = search_start(local_map, points, last_from_base, &sigmas)
     {
         let searched = refine(&start);
         let farther = odometry_error(&searched).powi(2) - odometry_error(&best).powi(2);
         let gain_min = SUPPORT_GAIN + SUPPORT_GAIN_PER_SQUARED_SIGMA * farther.max(0.0);
-        let better = support(&searched) > support(&best) + gain_min;
+        let better = searched.explained_share() > best.explained_share() + gain_min;
         if plausible(&searched) && (better || !plausible(&best)) {
             best = searched;
         }
@@ -102,6 +98,40 @@ pub(super) fn measure_motion(
     Motion {
         measurement: best.pose,
         information: Information::from_matrix(&(best.information.matrix() + wheels.matrix())),
+        matched: true,
+    }
+}
+
+/// Matches a scan with the one before it, with all points of both, as the paper does (section 2:
+/// direct matching for relative motion and loop closures alike; section 4: all the points of the
+/// frames).
+///
+/// The odometry is where the match starts and no more: no prior, no search, no comparison with it
+/// afterwards. It stands alone if the scans share too few points for an estimate, and along
+/// directions that they do not fix.
+pub(super) fn match_scans(
+    last_points: &[SurfacePoint],
+    points: &[SurfacePoint],
+    odometry: &OdometryMotion,
+    range_sigma_m: f64,
+) -> Motion {
+    let start = &odometry.motion;
+    let by_odometry = Motion {
+        measurement: *start,
+        information: odometry.sigmas.information(),
+        matched: false,
+    };
+    let Some(last) = ReferenceCloud::new([(Pose2::IDENTITY, last_points)]) else {
+        return by_odometry;
+    };
+    let params = &IcpParams::ALL_POINTS;
+    let matched = Alignment::new(&last, points).align_from(start, range_sigma_m, None, params);
+    if matched.termination == Termination::TooFewPoints {
+        return by_odometry;
+    }
+    Motion {
+        measurement: matched.pose,
+        information: matched.information,
         matched: true,
     }
 }

@@ -90,12 +90,27 @@ pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Pla
 /// near and shows the view. Scans from one place differ by what changed; from farther apart an
 /// estimate from all points is disturbed as much by what hides what.
 pub(super) fn nearest<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Option<Placed<'a>> {
+    let shows_it = |old: &Placed<'a>| reach_share(new, old) >= REACH_SHARE_MIN;
+    by_distance(new, candidates).into_iter().find(shows_it)
+}
+
+/// As [`nearest`], whatever it shows: the paper leaves it to the score of the match whether two
+/// scans are of one place (section 5.1). The reach of 1.5 m is our reading of "approximately the
+/// same path" (section 6).
+pub(super) fn nearest_of_any<'a>(
+    new: &Placed<'a>,
+    candidates: &[Placed<'a>],
+) -> Option<Placed<'a>> {
+    by_distance(new, candidates).into_iter().next()
+}
+
+/// The candidates within [`NEAREST_MAX_M`], the nearest first.
+fn by_distance<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
     let way_m = |old: &Placed<'a>| (old.pose.translation() - new.pose.translation()).norm();
     let near = candidates.iter().filter(|old| way_m(old) <= NEAREST_MAX_M);
     let mut ranked: Vec<Placed<'a>> = near.copied().collect();
     ranked.sort_by(|a, b| way_m(a).total_cmp(&way_m(b)));
-    let shows_it = |old: &Placed<'a>| reach_share(new, old) >= REACH_SHARE_MIN;
-    ranked.into_iter().find(shows_it)
+    ranked
 }
 
 #[cfg(test)]

@@ -6,19 +6,39 @@ use super::closure::ClosureRule;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::change::Screen;
-use crate::geometry::Pose2;
+use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, GraphError, Node, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
 use crate::solver::Solver;
 
-/// Which measurement of a closure enters the optimisation, and how it is weighed.
+/// How edges are measured, which measurement enters the optimisation, and how it is weighed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Weighting {
     /// Robust estimates with their information; all-points estimates are only watched.
     #[default]
     Robust,
     /// All-points estimates with Ω = I, as in the paper's statistics (section 4.1).
+    ///
+    /// What is *not* the paper's: a closure is made only if a robust match and a comparison with
+    /// free space accept it first, and odometry edges are robust matches with a local map, drawn
+    /// towards the wheels. The service's detector `seed` works so.
     AllPointsIdentity,
+    /// The paper's protocol and nothing besides; for reproducing it, not for the service.
+    ///
+    /// Odometry edges and closures alike come from matching two scans with all of their points
+    /// (sections 2 and 4), with Ω = I (section 4.1). A closure is accepted by the score of that
+    /// match alone (section 5.1).
+    Paper,
+}
+
+impl Weighting {
+    /// What an edge is weighed with, given the information that was measured.
+    pub(super) fn information(self, measured: Information) -> Information {
+        match self {
+            Self::Robust => measured,
+            Self::AllPointsIdentity | Self::Paper => Information::identity(),
+        }
+    }
 }
 
 /// A route's map: the pose graph and a keyframe for each node.

@@ -37,6 +37,13 @@ pub struct Estimate {
     pub termination: Termination,
 }
 
+impl Estimate {
+    /// The score of the match: the share of the scan's points that it explains.
+    pub fn explained_share(&self) -> f64 {
+        self.overlap * self.inlier_share
+    }
+}
+
 /// Smallest eigenvalue, as a share of the number of points, of a direction that counts as fixed.
 const OBSERVABLE_SHARE_MIN: f64 = 0.02;
 /// Longest and shortest lever arm, metres.

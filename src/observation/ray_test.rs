@@ -6,9 +6,13 @@ use super::cell::Cell;
 use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
 use crate::scan::{LaserScan, Lidar, Reading};
 
-/// Farther than this from the lidar a cell is not asked about, metres: beams are too far apart and
-/// the error of a heading too large.
-pub const REACH_M: f64 = 8.0;
+/// Farther than this from the lidar no cell is asked about, metres: the error of a heading is too
+/// large.
+pub const REACH_M: f64 = 14.0;
+/// Up to this distance cells are asked about however far apart the beams are, metres; …
+const REACH_SPARSE_M: f64 = 8.0;
+/// … beyond it where neighbouring beams are no farther apart than this, metres.
+const BEAM_SPACING_MAX_M: f64 = 0.07;
 /// No cell is asked about from nearer than this, metres.
 const NEAREST_M: f64 = 0.2;
 /// Nor beyond this share of the lidar's range: a surface there is often lost.
@@ -287,7 +291,10 @@ fn floor(value: f64) -> i64 {
 }
 
 fn reach_m(lidar: &Lidar) -> f64 {
-    REACH_M.min(RANGE_SHARE * lidar.range_max_m)
+    let dense_m = BEAM_SPACING_MAX_M / lidar.angle_increment_rad;
+    dense_m
+        .clamp(REACH_SPARSE_M, REACH_M)
+        .min(RANGE_SHARE * lidar.range_max_m)
 }
 
 #[cfg(test)]

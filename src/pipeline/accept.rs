@@ -65,7 +65,7 @@ pub(super) fn accept(
     };
     let change = AcceptedChange {
         alert_id: alert.id,
-        region: evidence.region.clone(),
+        region: evidence.whole_region(),
         since: evidence.since,
         map_version: workspace.map_version + 1,
         nodes: evidence.nodes.clone(),

@@ -34,6 +34,7 @@ fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
     workspace.map.findings(&Scope {
         sites: Sites::Touched,
         pending: &pending,
+        false_alerts_per_lap: workspace.false_alarm_rate,
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
     })

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
 pub use crate::change::Detector;
+use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -26,7 +27,7 @@ impl Default for RouteSettings {
     fn default() -> Self {
         Self {
             detector: Detector::Fused,
-            false_alarm_rate: 0.01,
+            false_alarm_rate: FALSE_ALERTS_PER_LAP,
             hold_s: 600,
         }
     }

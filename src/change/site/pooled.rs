@@ -18,8 +18,13 @@ const CELLS_FOR_FULL_WEIGHT: f64 = 2.0;
 const CONTRAST_MIN: f64 = 0.75;
 /// As much may be hidden by observations whose pose is wrong.
 const PROMISING_CONTRAST_MIN: f64 = 0.55;
-/// How much better the change must explain the passes, in nats.
+/// How much better the change must explain the passes, in nats, where [`FALSE_ALERTS_PER_LAP`] is allowed:
+/// that value was found on recordings.
 const SUPPORT_MIN: f64 = 4.5;
+/// False alerts per lap that are allowed unless somebody says otherwise.
+pub const FALSE_ALERTS_PER_LAP: f64 = 0.01;
+/// However many false alerts are allowed, a change must explain the passes better than none.
+const SUPPORT_LEAST: f64 = 1.0;
 /// Fewest cells of a change; …
 const CELLS_MIN: usize = 8;
 /// … a smaller one needs so many, …
@@ -30,6 +35,12 @@ const SMALL_CONTRAST_MIN: f64 = 0.9;
 const SMALL_SUPPORT_MIN: f64 = 8.0;
 /// With this support no surroundings are asked.
 const SUPPORT_SURE: f64 = 20.0;
+
+/// How much better a change must explain the passes, in nats, if so many false alerts per lap are
+/// allowed: a tenth of them asks for ten times the odds.
+pub fn support_min(false_alerts_per_lap: f64) -> f64 {
+    (SUPPORT_MIN + (FALSE_ALERTS_PER_LAP / false_alerts_per_lap).ln()).max(SUPPORT_LEAST)
+}
 
 /// What one observation says about a cluster.
 #[derive(Debug, Clone, Copy)]
@@ -149,14 +160,14 @@ impl Pooled {
     }
 
     /// Whether a change of this size is clear enough, its surroundings aside.
-    pub fn is_clear(&self, cluster: &Cluster) -> bool {
+    pub fn is_clear(&self, cluster: &Cluster, support_min: f64) -> bool {
         let cells = cluster.cells.len();
         let is_large = cells >= CELLS_MIN;
         let is_small_but_sure = cells >= SMALL_CELLS_MIN
             && self.contrast >= SMALL_CONTRAST_MIN
             && self.support >= SMALL_SUPPORT_MIN;
         self.contrast >= CONTRAST_MIN
-            && self.support >= SUPPORT_MIN
+            && self.support >= support_min
             && (is_large || is_small_but_sure)
     }
 

@@ -127,7 +127,7 @@ fn error_and_score(laps: &Laps, made: &MadeClosure) -> Option<(f64, f64)> {
     let matched = align(&cloud, &new_points, start, sigma_m, None, params);
     let truth = old.truth.between(&new.truth);
     let error_m = truth.between(&matched.pose).translation().norm();
-    Some((error_m, matched.overlap * matched.inlier_share))
+    Some((error_m, matched.explained_share()))
 }
 
 fn figure_1(run: &Run) -> Figure {

@@ -6,8 +6,8 @@ use anyhow::Context;
 
 use super::case::Acceptance;
 use super::laps::{Laps, RecordedScan};
-use crate::change::Finding;
 use crate::change::paper::ClosurePlace;
+use crate::change::{FALSE_ALERTS_PER_LAP, Finding};
 use crate::geometry::{Vector2, angle_difference_rad};
 use crate::ids::{StampNs, TripId};
 use crate::mapping::{Closure, Drive, InitialPose, RouteMap, Scope, Sites, Weighting};
@@ -98,6 +98,7 @@ impl Mapped {
                 let found = map.findings(&Scope {
                     sites: Sites::All,
                     pending: &[],
+                    false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
                     accepted: &[],
                     vehicles: &BTreeMap::new(),
                 });
@@ -196,7 +197,7 @@ fn exclusion(
 
 #[cfg(test)]
 mod tests {
-    use super::super::case::Seeds;
+    use super::super::case::{Case, Seeds};
     use super::super::protocol;
     use super::*;
 
@@ -225,5 +226,23 @@ mod tests {
         laps.appeared_area_share = 1.1;
         let too_much = paper(&laps, Acceptance::Medium).exclusion;
         assert_eq!(too_much, Some(Exclusion::TooMuchChange));
+    }
+
+    #[test]
+    fn the_faithful_map_keeps_closures_that_the_gates_refuse() {
+        let case = protocol::cases(true, Seeds::Tuning).remove(1);
+        let laps = Laps::drive(&Case {
+            changes: 50,
+            ..case.clone()
+        });
+        let laps = laps.unwrap();
+        let after = |weighting| {
+            let mapped = Mapped::of(&laps, weighting, Acceptance::Medium).unwrap();
+            let across = mapped.closures.iter();
+            let across = across.filter(|made| laps.crosses_change(made.old, made.new));
+            across.count()
+        };
+        let (gated, faithful) = (after(Weighting::AllPointsIdentity), after(Weighting::Paper));
+        assert!(5 * faithful > 6 * gated, "{faithful} and {gated}");
     }
 }

@@ -6,6 +6,7 @@ use super::mapped::{MadeClosure, Mapped};
 use crate::change::ChangeKind;
 use crate::change::paper::ClosurePlace;
 use crate::geometry::Vector2;
+use crate::mapping::Weighting;
 
 /// Places of one change are this near to each other where only closures are told, metres.
 const SAME_PLACE_M: f64 = 5.0;
@@ -22,13 +23,44 @@ pub(super) enum Measurement {
     Robust,
 }
 
+/// How the map is made that the paper's rule reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum PaperMap {
+    /// As the service's detector `seed` makes it: with the service's gates and odometry.
+    Seed,
+    /// As the paper says, and nothing besides.
+    Faithful,
+}
+
+impl PaperMap {
+    /// Both, in the order of the tables.
+    pub(super) const ALL: [Self; 2] = [Self::Seed, Self::Faithful];
+
+    /// As the map has it.
+    pub(super) fn weighting(self) -> Weighting {
+        match self {
+            Self::Seed => Weighting::AllPointsIdentity,
+            Self::Faithful => Weighting::Paper,
+        }
+    }
+
+    /// In tables.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Seed => "as the service's `seed`",
+            Self::Faithful => "faithful",
+        }
+    }
+}
+
 /// A way of telling changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Method {
     /// The paper's rule at th.
-    Paper,
+    Paper(PaperMap),
     /// The paper's rule at 2.5 th.
-    PaperRaised,
+    PaperRaised(PaperMap),
     /// What the service does.
     Fused,
     /// An error beyond 3 σ at the optimum, as RTAB-Map refuses closures.
@@ -41,9 +73,11 @@ pub(super) enum Method {
 
 impl Method {
     /// All, in the order of the tables.
-    pub(super) const ALL: [Self; 9] = [
-        Self::Paper,
-        Self::PaperRaised,
+    pub(super) const ALL: [Self; 11] = [
+        Self::Paper(PaperMap::Seed),
+        Self::Paper(PaperMap::Faithful),
+        Self::PaperRaised(PaperMap::Seed),
+        Self::PaperRaised(PaperMap::Faithful),
         Self::Fused,
         Self::ErrorRatio(Measurement::AllPoints),
         Self::ErrorRatio(Measurement::Robust),
@@ -57,8 +91,10 @@ impl Method {
     pub(super) fn name(self) -> &'static str {
         use Measurement::{AllPoints, Robust};
         match self {
-            Self::Paper => "paper, th",
-            Self::PaperRaised => "paper, 2.5 th",
+            Self::Paper(PaperMap::Seed) => "paper as `seed`, th",
+            Self::PaperRaised(PaperMap::Seed) => "paper as `seed`, 2.5 th",
+            Self::Paper(PaperMap::Faithful) => "paper, faithful, th",
+            Self::PaperRaised(PaperMap::Faithful) => "paper, faithful, 2.5 th",
             Self::Fused => "fused",
             Self::ErrorRatio(AllPoints) => "3σ error ratio, all points",
             Self::ErrorRatio(Robust) => "3σ error ratio, robust",

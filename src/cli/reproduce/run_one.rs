@@ -1,4 +1,4 @@
-//! One case, mapped twice and judged by every method.
+//! One case, mapped three times and judged by every method.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::case::Case;
 use super::laps::Laps;
 use super::mapped::{Exclusion, Mapped};
-use super::method::Method;
+use super::method::{Method, PaperMap};
 use super::paper_mode::PaperColumns;
 use super::score::Score;
 use super::{baselines, fused_mode, paper_mode};
@@ -20,12 +20,52 @@ pub(super) struct Outcome {
     pub case: Case,
     /// Visible changes.
     pub visible_changes: usize,
-    /// Of the paper's map and of the robust one.
-    pub maps: [MapOutcome; 2],
+    /// Of each map.
+    pub maps: Maps<MapOutcome>,
     /// Columns of table 1, at th.
-    pub paper_columns: PaperColumns,
+    pub paper_columns: BTreeMap<PaperMap, PaperColumns>,
     /// By method.
     pub scores: BTreeMap<Method, Score>,
+}
+
+/// Something of each of a case's maps.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct Maps<T> {
+    /// All-points estimates with Ω = I, gated as in the service.
+    pub seed: T,
+    /// The paper's own.
+    pub faithful: T,
+    /// Robust estimates.
+    pub robust: T,
+}
+
+impl<T> Maps<T> {
+    /// Of a map that the paper's rule reads.
+    pub(super) fn of_paper(&self, map: PaperMap) -> &T {
+        match map {
+            PaperMap::Seed => &self.seed,
+            PaperMap::Faithful => &self.faithful,
+        }
+    }
+
+    /// Of the map that a method reads.
+    pub(super) fn of_method(&self, method: Method) -> &T {
+        match method {
+            Method::Paper(map) | Method::PaperRaised(map) => self.of_paper(map),
+            Method::Fused | Method::ErrorRatio(_) | Method::ChiSquared(_) | Method::Gnc(_) => {
+                &self.robust
+            }
+        }
+    }
+
+    /// Something else of each.
+    pub(super) fn each<U>(&self, of: impl Fn(&T) -> U) -> Maps<U> {
+        Maps {
+            seed: of(&self.seed),
+            faithful: of(&self.faithful),
+            robust: of(&self.robust),
+        }
+    }
 }
 
 /// A map in numbers.
@@ -40,11 +80,7 @@ pub(super) struct MapOutcome {
 impl Outcome {
     /// Why a method's score of this case is left out: what its map says.
     pub(super) fn exclusion(&self, method: Method) -> Option<Exclusion> {
-        let [paper, robust] = &self.maps;
-        match method {
-            Method::Paper | Method::PaperRaised => paper.exclusion,
-            _ => robust.exclusion,
-        }
+        self.maps.of_method(method).exclusion
     }
 }
 
@@ -54,28 +90,33 @@ impl Outcome {
 /// If the laps could not be driven or mapped.
 pub(super) fn run(case: &Case) -> anyhow::Result<Outcome> {
     let laps = Laps::drive(case)?;
-    let paper = Mapped::of(&laps, Weighting::AllPointsIdentity, case.acceptance)?;
-    let robust = Mapped::of(&laps, Weighting::Robust, case.acceptance)?;
+    let map = |weighting| Mapped::of(&laps, weighting, case.acceptance);
+    let maps = Maps {
+        seed: map(PaperMap::Seed.weighting())?,
+        faithful: map(PaperMap::Faithful.weighting())?,
+        robust: map(Weighting::Robust)?,
+    };
     let mut scores = BTreeMap::new();
     for method in Method::ALL {
-        let (mapped, judged) = match method {
-            Method::Paper => (&paper, paper_mode::judge(&paper, 1.0)),
-            Method::PaperRaised => (&paper, paper_mode::judge(&paper, 2.5)),
-            Method::Fused => (&robust, fused_mode::judge(&robust)),
-            Method::ErrorRatio(which) => (&robust, baselines::error_ratio(&robust, which)?),
-            Method::ChiSquared(which) => (&robust, baselines::chi_squared(&robust, which)),
-            Method::Gnc(which) => (&robust, baselines::gnc(&robust, which)?),
+        let mapped = maps.of_method(method);
+        let judged = match method {
+            Method::Paper(_) => paper_mode::judge(mapped, 1.0),
+            Method::PaperRaised(_) => paper_mode::judge(mapped, 2.5),
+            Method::Fused => fused_mode::judge(mapped),
+            Method::ErrorRatio(which) => baselines::error_ratio(mapped, which)?,
+            Method::ChiSquared(which) => baselines::chi_squared(mapped, which),
+            Method::Gnc(which) => baselines::gnc(mapped, which)?,
         };
         scores.insert(method, Score::of(&laps, mapped, &judged));
     }
-    let map_outcome = |mapped: &Mapped| MapOutcome {
-        closures: mapped.closures.len(),
-        exclusion: mapped.exclusion,
-    };
+    let columns = |map| (map, paper_mode::columns(&laps, maps.of_paper(map)));
     Ok(Outcome {
         visible_changes: laps.changes.iter().filter(|c| c.visible).count(),
-        maps: [map_outcome(&paper), map_outcome(&robust)],
-        paper_columns: paper_mode::columns(&laps, &paper),
+        maps: maps.each(|mapped| MapOutcome {
+            closures: mapped.closures.len(),
+            exclusion: mapped.exclusion,
+        }),
+        paper_columns: PaperMap::ALL.map(columns).into(),
         scores,
         case: case.clone(),
     })

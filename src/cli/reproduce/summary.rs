@@ -7,9 +7,9 @@ use serde::Serialize;
 use super::case::{Acceptance, Seeds};
 use super::counts::{Counts, roc_area};
 use super::mapped::Exclusion;
-use super::method::Method;
+use super::method::{Method, PaperMap};
 use super::paper_mode::PaperColumns;
-use super::run_one::Outcome;
+use super::run_one::{Maps, Outcome};
 use super::score::{Event, Score};
 use crate::experiments::Share;
 
@@ -27,10 +27,8 @@ pub(super) struct Summary {
     pub cases: usize,
     /// Laps in them.
     pub laps: usize,
-    /// Closures of the paper's maps.
-    pub closures_paper: usize,
-    /// Closures of the robust maps.
-    pub closures_robust: usize,
+    /// Closures of the maps.
+    pub closures: Maps<usize>,
     /// By ρ, with the usual closure rule.
     pub levels: Vec<Level>,
     /// By closure rule.
@@ -49,7 +47,7 @@ pub(super) struct Level {
     /// Fused, with no case left out.
     pub fused_everywhere: Row,
     /// Table 1's columns at th: the median at changes, the largest without.
-    pub paper_columns: PaperColumns,
+    pub paper_columns: BTreeMap<PaperMap, PaperColumns>,
 }
 
 /// A method's score over some cases.
@@ -82,6 +80,8 @@ pub(super) struct Row {
 /// Laps of the paper's rule under one closure rule.
 #[derive(Debug, Serialize)]
 pub(super) struct AcceptanceRow {
+    /// How the map was made.
+    pub map: PaperMap,
     /// The rule.
     pub acceptance: Acceptance,
     /// ρ, metres.
@@ -90,7 +90,7 @@ pub(super) struct AcceptanceRow {
     pub cases: usize,
     /// Cases left out.
     pub excluded: BTreeMap<Exclusion, usize>,
-    /// Closures a lap in the paper's maps.
+    /// Closures a lap.
     pub closures_per_lap: f64,
     /// Decisions about laps at th.
     pub laps: Counts,
@@ -110,14 +110,20 @@ impl Summary {
                 .filter(move |o| o.case.path_noise_m == noise_m);
             at_level.collect::<Vec<&Outcome>>()
         };
-        let closures = |which: usize| outcomes.iter().map(|o| o.maps[which].closures).sum();
+        let closures = |of: fn(&Maps<usize>) -> usize| {
+            let counts = outcomes.iter().map(|o| o.maps.each(|map| map.closures));
+            counts.map(|counts| of(&counts)).sum()
+        };
         Self {
             seeds,
             short,
             cases: outcomes.len(),
             laps: outcomes.iter().map(|o| o.case.laps()).sum(),
-            closures_paper: closures(0),
-            closures_robust: closures(1),
+            closures: Maps {
+                seed: closures(|maps| maps.seed),
+                faithful: closures(|maps| maps.faithful),
+                robust: closures(|maps| maps.robust),
+            },
             levels: noises_m.iter().map(|&m| Level::of(m, &at(m))).collect(),
             acceptances: noises_m
                 .iter()
@@ -142,18 +148,22 @@ impl Level {
     fn of(path_noise_m: f64, outcomes: &[&Outcome]) -> Self {
         let usual = || outcomes.iter().copied().filter(|o| is_usual(o));
         let row = |method| (method, Row::of(usual(), method, true));
-        let scored = usual().filter(|o| o.exclusion(Method::Paper).is_none());
-        let columns: Vec<PaperColumns> = scored.map(|o| o.paper_columns).collect();
-        let changed: Vec<f64> = columns.iter().filter_map(|c| c.changed).collect();
-        let unchanged = columns.iter().filter_map(|c| c.unchanged);
+        let columns = |map| {
+            let scored = usual().filter(|o| o.maps.of_paper(map).exclusion.is_none());
+            let columns: Vec<PaperColumns> = scored.map(|o| o.paper_columns[&map]).collect();
+            let changed: Vec<f64> = columns.iter().filter_map(|c| c.changed).collect();
+            let unchanged = columns.iter().filter_map(|c| c.unchanged);
+            let columns = PaperColumns {
+                changed: quantile(changed, 0.5),
+                unchanged: unchanged.max_by(f64::total_cmp),
+            };
+            (map, columns)
+        };
         Self {
             path_noise_m,
             rows: Method::ALL.map(row).into(),
             fused_everywhere: Row::of(usual(), Method::Fused, false),
-            paper_columns: PaperColumns {
-                changed: quantile(changed, 0.5),
-                unchanged: unchanged.max_by(f64::total_cmp),
-            },
+            paper_columns: PaperMap::ALL.map(columns).into(),
         }
     }
 }
@@ -234,13 +244,15 @@ fn acceptances(path_noise_m: f64, outcomes: &[&Outcome]) -> Vec<AcceptanceRow> {
     let Some(changes) = swept.map(|o| o.case.changes) else {
         return Vec::new();
     };
-    let row = |acceptance| {
+    let row = |(map, acceptance)| {
         let of_rule = |o: &&&Outcome| o.case.acceptance == acceptance && o.case.changes == changes;
         let cases: Vec<&&Outcome> = outcomes.iter().filter(of_rule).collect();
-        let score = Row::of(cases.iter().map(|o| **o), Method::Paper, true);
-        let closures: usize = cases.iter().map(|o| o.maps[0].closures).sum();
+        let score = Row::of(cases.iter().map(|o| **o), Method::Paper(map), true);
+        let closures = cases.iter().map(|o| o.maps.of_paper(map).closures);
+        let closures: usize = closures.sum();
         let laps: usize = cases.iter().map(|o| o.case.laps()).sum();
         AcceptanceRow {
+            map,
             acceptance,
             path_noise_m,
             cases: cases.len(),
@@ -251,7 +263,9 @@ fn acceptances(path_noise_m: f64, outcomes: &[&Outcome]) -> Vec<AcceptanceRow> {
         }
     };
     let rules = [Acceptance::Low, Acceptance::Medium, Acceptance::High];
-    rules.map(row).into()
+    let maps = PaperMap::ALL.into_iter();
+    maps.flat_map(|map| rules.map(|rule| row((map, rule))))
+        .collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! How far a trip may be from where it is expected.
 
 use super::*;
+use crate::geometry::Information;
 
 #[test]
 fn slack_grows_with_the_way_up_to_a_limit() {

@@ -1,0 +1,108 @@
+//! What refuses a closure, and what does not.
+
+use std::sync::Arc;
+
+use super::super::keyframe::Keyframe;
+use super::*;
+use crate::geometry::Vector2;
+use crate::ids::{NodeId, StampNs, TripId};
+use crate::scan::Lidar;
+use crate::sim::Shape;
+
+/// What is seen at a pose in a room of 8 m x 5 m with other things in it.
+fn keyframe(node: i64, pose: &Pose2, things: &[Shape]) -> Keyframe {
+    let lidar = Lidar {
+        angle_min_rad: -3.1,
+        angle_increment_rad: 0.02,
+        range_min_m: 0.05,
+        range_max_m: 12.0,
+        mount: Pose2::IDENTITY,
+        range_sigma_m: 0.01,
+    };
+    let walls = Shape::rectangle(&Pose2::new(4.0, 0.5, 0.0), 8.0, 5.0);
+    let to_map = pose.to_transform();
+    let range_m = |direction: Vector2<f64>| {
+        let direction = to_map.turn(&direction);
+        let shapes = std::iter::once(&walls).chain(things);
+        let hits = shapes.filter_map(|s| s.distance_along(&pose.translation(), &direction));
+        hits.min_by(f64::total_cmp)
+    };
+    let ranges_m: Vec<Option<f64>> = lidar.beam_directions(311).map(range_m).collect();
+    let scan = LaserScan::new(Arc::new(lidar), ranges_m).unwrap();
+    let trip = TripId::new("room").unwrap();
+    Keyframe::new(NodeId(node), trip, StampNs(node), *pose, scan)
+}
+
+/// Three cupboards round (2, 0): they hide more than a fifth of the room from there.
+fn cupboards() -> [Shape; 3] {
+    let at = |x, y, width_m, depth_m| Shape::rectangle(&Pose2::new(x, y, 0.0), width_m, depth_m);
+    [
+        at(3.5, 0.0, 0.4, 1.6),
+        at(2.0, 1.6, 1.6, 0.4),
+        at(0.8, -0.2, 0.3, 1.0),
+    ]
+}
+
+const SLACK: Slack = Slack {
+    distance_m: 0.45,
+    turn_rad: 0.16,
+    well_known: false,
+};
+
+fn with_score(score_min: f64) -> ClosureRule {
+    ClosureRule {
+        overlap_min: score_min,
+        inlier_share_min: 1.0,
+    }
+}
+
+#[test]
+fn the_score_keeps_what_the_comparison_with_free_space_refuses() {
+    let pose = Pose2::new(2.0, 0.0, 0.0);
+    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboards()));
+    let [old, new] = [&before, &after].map(|keyframe| Placed { pose, keyframe });
+    let here = Pose2::IDENTITY;
+    let rule = ClosureRule::default();
+    assert_eq!(measure(&old, &new, &here, &SLACK, &rule), None);
+    let kept = measure_by_score(&old, &new, &here, &rule).unwrap();
+    // The change pulls at the estimate from all points, and at that alone.
+    let off_m = |estimate: &Estimate| estimate.pose.translation().norm();
+    assert!(off_m(&kept.all_points) > 3.0 * off_m(&kept.robust));
+    assert!(off_m(&kept.all_points) > 0.01);
+}
+
+#[test]
+fn the_score_of_the_all_points_match_is_the_only_gate() {
+    let pose = Pose2::new(2.0, 0.0, 0.0);
+    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboards()));
+    let [old, new] = [&before, &after].map(|keyframe| Placed { pose, keyframe });
+    let measured =
+        |score_min: f64| measure_by_score(&old, &new, &Pose2::IDENTITY, &with_score(score_min));
+    let all_points = measured(0.0).unwrap().all_points;
+    let score = all_points.explained_share();
+    assert!(score > 0.2 && score < 0.95, "{score}");
+    assert_eq!(measured(score - 1e-9).unwrap().all_points, all_points);
+    assert_eq!(measured(score + 1e-9), None);
+
+    // Where the robust rule refuses a match that ends 0.7 m from where it was expected, this one
+    // is asked nothing.
+    let here = Pose2::new(2.7, 0.0, 0.0);
+    let moved = keyframe(3, &here, &[]);
+    let new = Placed {
+        pose,
+        keyframe: &moved,
+    };
+    let rule = ClosureRule::default();
+    assert_eq!(measure(&old, &new, &Pose2::IDENTITY, &SLACK, &rule), None);
+    let found = measure_by_score(&old, &new, &Pose2::IDENTITY, &rule).unwrap();
+    assert!(
+        (found.all_points.pose.x - 0.7).abs() < 0.1,
+        "{:?}",
+        found.all_points.pose
+    );
+}
+
+#[test]
+fn one_number_stands_for_the_rule_s_two() {
+    assert!((ClosureRule::default().score_min() - 0.24).abs() < 1e-12);
+}
