@@ -141,6 +141,7 @@ fn judge_with(scans: &[Taken], accepted: &[AcceptedChange]) -> Vec<Finding> {
             observations: &near.iter().collect::<Vec<_>>(),
             accepted,
             trips: &trips,
+            support_min: support_min(FALSE_ALERTS_PER_LAP),
         }));
     }
     findings
@@ -459,6 +460,7 @@ fn a_no_return_counts_only_where_the_lidar_rarely_loses_a_surface() {
         observations: &observed.iter().collect::<Vec<_>>(),
         accepted: &[],
         trips: &trips,
+        support_min: support_min(FALSE_ALERTS_PER_LAP),
     };
     let all = || 0..observed.len();
     let cells = SiteCells::of(&site, all(), SURROUNDINGS_M, 2);
