@@ -64,7 +64,7 @@ pub fn weights(pass: &[Standpoint]) -> Vec<f64> {
 }
 
 fn seconds_between(a: &Standpoint, b: &Standpoint) -> f64 {
-    (b.stamp.0 - a.stamp.0) as f64 * 1e-9
+    (b.stamp.0 - a.stamp.0) as f64 / 1e9
 }
 
 #[cfg(test)]

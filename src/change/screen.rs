@@ -465,16 +465,19 @@ impl CountedCell {
             let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - f64::from(p.misses));
             limited(sum, NATS_PER_PASS)
         });
-        let Some(change) = History::of(evidence).last_change() else {
+        let history = History::of(evidence);
+        let Some(change) = history.last_change() else {
             return false;
         };
         let share_of_hits = |counts: &mut dyn Iterator<Item = &PassCounts>| {
             let (hits, misses) = counts.fold((0, 0), |(h, m), p| (h + p.hits, m + p.misses));
             f64::from(hits) / f64::from((hits + misses).max(1))
         };
-        let within = share_of_hits(&mut self.passes[change.clone()].iter());
-        let (before, after) = (&self.passes[..change.start], &self.passes[change.end..]);
-        let outside = share_of_hits(&mut before.iter().chain(after));
+        let within = share_of_hits(&mut self.passes[change].iter());
+        // An earlier episode of the new state is no witness of the old one.
+        let of_passes = self.passes.iter().zip(&history.states);
+        let old = of_passes.filter(|(_, state)| Some(**state) == history.baseline());
+        let outside = share_of_hits(&mut old.map(|(counts, _)| counts));
         (within - outside).abs() >= CONTRAST_MIN
     }
 }

@@ -38,7 +38,7 @@ fn the_last_run_of_the_other_state() {
     assert_eq!(of(&[-9.0, -9.0, 9.0]).last_change(), Some(2..3));
     assert_eq!(of(&[-9.0, 9.0, 9.0, -9.0]).last_change(), Some(1..3));
     assert_eq!(
-        of(&[-9.0, 9.0, -9.0, 9.0, 9.0, -9.0, -9.0]).last_change(),
+        of(&[-9.5, 9.5, -9.5, 9.5, 9.5, -9.5, -9.5]).last_change(),
         Some(3..5)
     );
     assert_eq!(of(&[9.0, -9.0]).baseline(), Some(State::Occupied));

@@ -211,6 +211,24 @@ fn a_region_is_touched_when_all_that_was_hit_there_is_gone() {
     assert!(screen.is_touched(&box_region()));
 }
 
+#[test]
+fn a_cell_that_becomes_a_candidate_is_news_though_its_counts_hardly_change() {
+    let with_misses = |misses: u32| {
+        let counts = |span, hits, misses| PassCounts {
+            pass: PassKey { span, trip: 0 },
+            hits,
+            misses,
+        };
+        let mut cell = CountedCell::new((0, 0));
+        cell.passes = vec![counts(0, 0, 8), counts(1, 6, misses)];
+        cell.candidate = cell.has_change();
+        cell
+    };
+    let (doubtful, clear) = (with_misses(3), with_misses(2));
+    assert!(clear.candidate && !doubtful.candidate);
+    assert_ne!(clear.signature(), doubtful.signature());
+}
+
 /// How a set of observations came to be what it is.
 #[derive(Debug, Clone)]
 struct Way {

@@ -53,6 +53,8 @@ pub struct View {
     pub in_change: bool,
     /// Whether its pass came after those.
     pub after_change: bool,
+    /// Whether its pass shows an earlier episode of the same change.
+    in_earlier_change: bool,
 }
 
 impl View {
@@ -124,17 +126,21 @@ impl Pooled {
                     misses,
                     in_change: change.contains(&number),
                     after_change: number >= change.end,
+                    in_earlier_change: number < change.start && history.states[number] != baseline,
                 });
             }
         }
-        let share_of_hits = |in_change: bool| {
-            let of_side = views.iter().filter(|view| view.in_change == in_change);
+        // An earlier episode of the new state is no witness of the old one.
+        let share_of_hits = |counts: &dyn Fn(&View) -> bool| {
+            let of_side = views.iter().filter(|view| counts(view));
             let (hits, all) = of_side.fold((0.0, 0.0), |(hits, all), view| {
                 (hits + view.hits, all + view.hits + view.misses)
             });
             hits / f64::max(all, f64::MIN_POSITIVE)
         };
-        let contrast = (share_of_hits(true) - share_of_hits(false)).abs();
+        let new = share_of_hits(&|view| view.in_change);
+        let old = share_of_hits(&|view| !view.in_change && !view.in_earlier_change);
+        let contrast = (new - old).abs();
         views.sort_by_key(|view| view.observation);
         Some(Self {
             views,

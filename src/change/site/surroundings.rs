@@ -149,11 +149,7 @@ impl Surroundings {
                 confirmed(fixing.filter_map(|w| w.agrees[side]))
             })
         };
-        let mut fixed = of_sides(&across);
-        if fixed.iter().all(|side| side.asked < FIXING_MIN) {
-            // Where no face lies across, things without a face tell.
-            fixed = of_sides(&|w| across(w) || w.normal.is_none());
-        }
+        let fixed = of_sides(&across);
         let shares = fixed.iter().filter_map(|side| side.share(FIXING_MIN));
         let shares: Vec<f64> = shares.collect();
         if !shares.is_empty() && shares.iter().all(|share| *share >= FIXED_SHARE_MIN) {

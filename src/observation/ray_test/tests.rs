@@ -56,12 +56,22 @@ fn a_wall_is_hit_the_space_before_it_missed_and_what_is_behind_it_unknown() {
 
 #[test]
 fn nothing_is_said_from_too_near_or_too_far() {
-    let far = World::default().with_side([8.1, -5.0], [8.1, 5.0]);
-    let seen = observe(&far, &all_round(720), 720, &Pose2::IDENTITY);
+    let wall_at = |x: f64| World::default().with_side([x, -5.0], [x, 5.0]);
+    let from_origin =
+        |world: &World, beams: usize| observe(world, &all_round(beams), beams, &Pose2::IDENTITY);
+    let far = wall_at(8.1);
+    let seen = from_origin(&far, 360);
     assert_eq!(seen.test(&cell_at(8.1, 0.0)), Outcome::Unknown);
     assert_eq!(seen.test(&cell_at(7.0, 0.0)), Outcome::Miss);
     assert_eq!(seen.test(&cell_at(0.19, 0.0)), Outcome::Unknown);
     assert_eq!(seen.test(&cell_at(0.0, 0.0)), Outcome::Unknown);
+    // Beams that are near to each other see farther, but not for ever.
+    assert_eq!(
+        from_origin(&far, 1_440).test(&cell_at(8.1, 0.0)),
+        Outcome::Hit
+    );
+    let farther = from_origin(&wall_at(14.1), 1_440);
+    assert_eq!(farther.test(&cell_at(14.1, 0.0)), Outcome::Unknown);
     let short_sighted = lidar(TAU, 720, 4.0, 0.01);
     let seen = observe(&far, &short_sighted, 720, &Pose2::IDENTITY);
     assert_eq!(seen.test(&cell_at(3.7, 0.0)), Outcome::NoReturn);
@@ -215,14 +225,12 @@ fn noise_of_the_stated_size_leaves_a_wall_hit_and_the_space_before_it_missed() {
 
 #[test]
 fn reach_does_not_shrink_with_noise() {
-    for sigma_m in [0.001, 0.01, 0.047, 0.2, 1.0] {
-        let seen = observe(
-            &wall_ahead(),
-            &lidar(PI, 9, 20.0, sigma_m),
-            9,
-            &Pose2::IDENTITY,
-        );
-        assert_eq!(seen.reach_m(), REACH_M);
+    for (beams, reach_m) in [(9, 8.0), (4_000, 14.0)] {
+        for sigma_m in [0.001, 0.01, 0.047, 0.2, 1.0] {
+            let lidar = lidar(PI, beams, 20.0, sigma_m);
+            let seen = observe(&wall_ahead(), &lidar, beams, &Pose2::IDENTITY);
+            assert_eq!(seen.reach_m(), reach_m, "{beams} beams, σ = {sigma_m}");
+        }
     }
 }
 
@@ -308,13 +316,14 @@ fn oracle(setting: &Setting, place: &Vector2<f64>) -> Option<Outcome> {
     let towards = place - eye;
     let range_m = towards.norm();
     let margin_m = 0.01;
-    if range_m < 0.2 - margin_m || range_m > 8.0 + margin_m {
+    let increment_rad = setting.lidar.angle_increment_rad;
+    let reach_m = (0.07 / increment_rad).clamp(8.0, 14.0);
+    if range_m < 0.2 - margin_m || range_m > reach_m + margin_m {
         return Some(Outcome::Unknown);
     }
-    if range_m < 0.2 + margin_m || range_m > 8.0 - margin_m {
+    if range_m < 0.2 + margin_m || range_m > reach_m - margin_m {
         return None;
     }
-    let increment_rad = setting.lidar.angle_increment_rad;
     let bearing_rad = towards.y.atan2(towards.x);
     let beside_rad = (0.008 + (0.025 + 0.5 * HALF_WIDTH_M) / range_m).max(increment_rad);
     let window_rad = beside_rad + increment_rad;
