@@ -1,6 +1,6 @@
 //! How far the observations of one pass err together.
 //!
-//! Asked are cells in which some beam ended and in which, in the view of most passes, nothing
+//! Asked are cells that at least two observations hit, where in the view of most passes nothing
 //! stands: a pass that shows most of its observations something there errs, or meets what was
 //! gone by the next pass.
 
@@ -23,7 +23,9 @@ const CELL_M: f64 = 0.12;
 const CELLS_MAX: usize = 20_000;
 /// A pass is counted if so many of its observations are hits or misses.
 const OBSERVATIONS_MIN: usize = 6;
-/// A cell is counted if so many passes are.
+/// A cell is counted if so many observations hit it, as one that the detector decides about, …
+const HITS_MIN: usize = 2;
+/// … and so many passes over it are counted.
 const PASSES_MIN: usize = 3;
 /// Cells this near to an alert may have changed, metres.
 const ALERT_M: f64 = 0.5;
@@ -107,7 +109,8 @@ impl Correlation {
         let counted = || passes.iter().filter(|pass| pass.of >= OBSERVATIONS_MIN);
         let contradicts = |pass: &&Share| 2 * pass.hits > pass.of;
         let contradicting = counted().filter(contradicts).count();
-        if counted().count() < PASSES_MIN || 2 * contradicting >= counted().count() {
+        let hits: usize = passes.iter().map(|pass| pass.hits).sum();
+        if hits < HITS_MIN || counted().count() < PASSES_MIN || 2 * contradicting >= counted().count() {
             return;
         }
         self.contradicting.hits += contradicting;

@@ -53,8 +53,8 @@ fn correlations_text(measured: &[NamedCorrelation]) -> String {
         ]);
     }
     table.remark(
-        "Of passes with at least six observations of a cell in which a beam ended, but nothing \
-         stands by most of at least three passes. Cells near an alert are left out.",
+        "Of passes with at least six observations of a cell that at least two observations \
+         hit, where nothing stands by most of at least three passes. Cells near an alert are left out.",
     );
     table.text()
 }
