@@ -29,10 +29,9 @@ pub fn text_of(study: &Study) -> String {
         table.row(cells(row));
     }
     table.remark(
-        "Location error and passes are medians; CPU time is that of map and alerts (of map \
-         updating: alerts alone). The paper's rule runs on a map of its own and says neither what changed \
-         nor where: its alert counts within 1 m of any object, beyond the 1 m about its closure's \
-         nodes.",
+        "Location error and passes are medians; CPU time is that of map and alerts (of map updating: \
+         alerts alone). The paper's rule runs on a map of its own and says neither what changed nor \
+         where: its alert counts within 1 m of any object, beyond the 1 m about its closure's nodes.",
     );
     let mut text = table.text();
     for row in &study.rows {

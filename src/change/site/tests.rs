@@ -380,8 +380,14 @@ fn an_accepted_change_silences_what_was_before_and_nothing_else() {
     assert_eq!(accept(found.region.clone(), found.since), []);
     // Neither elsewhere nor since.
     let elsewhere = found.region.iter().map(|c| c + Vector2::new(1.5, 0.0));
-    assert_eq!(accept(elsewhere.collect(), found.since), [found.clone()]);
-    assert_eq!(accept(found.region.clone(), StampNs(0)), [found.clone()]);
+    assert_eq!(
+        accept(elsewhere.collect(), found.since),
+        std::slice::from_ref(&found)
+    );
+    assert_eq!(
+        accept(found.region.clone(), StampNs(0)),
+        std::slice::from_ref(&found)
+    );
     // What leaves afterwards is a change of its own.
     let mut later = scans.clone();
     later.extend(pass(4, &room()));

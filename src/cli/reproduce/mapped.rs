@@ -63,8 +63,19 @@ pub(super) struct Mapped {
     pub closures: Vec<MadeClosure>,
     /// After each lap what the service would find; only of robust maps.
     pub findings: Vec<Vec<Finding>>,
+    /// How far it is from the truth.
+    pub error: MapError,
     /// Why it is not scored.
     pub exclusion: Option<Exclusion>,
+}
+
+/// The largest errors of a map's nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub(super) struct MapError {
+    /// From the true place, metres.
+    pub shift_m: f64,
+    /// From the true course, radians.
+    pub turn_rad: f64,
 }
 
 impl Mapped {
@@ -118,11 +129,13 @@ impl Mapped {
         });
         let closures: Option<Vec<MadeClosure>> = closures.collect();
         let closures = closures.context("a closure without its nodes")?;
-        let exclusion = exclusion(laps, &map, &closures, &scan_of);
+        let error = error_of(laps, &map, &scan_of).context("a node without its scan")?;
+        let exclusion = exclusion(laps, &error, &closures);
         Ok(Self {
             map,
             closures,
             findings,
+            error,
             exclusion,
         })
     }
@@ -164,24 +177,23 @@ fn ends(
     Some((scan(edge.from)?, scan(edge.to)?))
 }
 
-fn exclusion(
-    laps: &Laps,
-    map: &RouteMap,
-    closures: &[MadeClosure],
-    scan_of: &BTreeMap<StampNs, usize>,
-) -> Option<Exclusion> {
+fn error_of(laps: &Laps, map: &RouteMap, scan_of: &BTreeMap<StampNs, usize>) -> Option<MapError> {
+    let mut error = MapError::default();
+    for (node, keyframe) in map.graph().nodes().iter().zip(map.keyframes()) {
+        let truth = &laps.scans[*scan_of.get(&keyframe.stamp)?].truth;
+        let shift_m = (truth.translation() - node.pose.translation()).norm();
+        error.shift_m = error.shift_m.max(shift_m);
+        let turn_rad = angle_difference_rad(truth.theta, node.pose.theta);
+        error.turn_rad = error.turn_rad.max(turn_rad);
+    }
+    Some(error)
+}
+
+fn exclusion(laps: &Laps, error: &MapError, closures: &[MadeClosure]) -> Option<Exclusion> {
     if laps.appeared_area_share > 1.0 {
         return Some(Exclusion::TooMuchChange);
     }
-    let mut nodes = map.graph().nodes().iter().zip(map.keyframes());
-    let astray = nodes.any(|(node, keyframe)| {
-        scan_of.get(&keyframe.stamp).is_none_or(|&k| {
-            let truth = &laps.scans[k].truth;
-            (truth.translation() - node.pose.translation()).norm() > SHIFT_MAX_M
-                || angle_difference_rad(truth.theta, node.pose.theta) > TURN_MAX_RAD
-        })
-    });
-    if astray {
+    if error.shift_m > SHIFT_MAX_M || error.turn_rad > TURN_MAX_RAD {
         return Some(Exclusion::IncorrectMap);
     }
     // The first lap has next to no closures.

@@ -86,12 +86,12 @@ fn table_1(summary: &Summary) -> Table {
         &head,
     );
     for level in &summary.levels {
-        let rows = [1.0, 2.5].map(|factor| PaperMap::ALL.map(|map| (map, factor)));
-        for (map, factor) in rows.into_iter().flatten() {
-            let method = match factor {
-                1.0 => Method::Paper(map),
-                _ => Method::PaperRaised(map),
-            };
+        type OfMap = fn(PaperMap) -> Method;
+        let methods: [(OfMap, f64); 2] = [(Method::Paper, 1.0), (Method::PaperRaised, 2.5)];
+        let rows = methods
+            .into_iter()
+            .flat_map(|(of, factor)| PaperMap::ALL.map(|map| (of(map), map, factor)));
+        for (method, map, factor) in rows {
             let printed = PRINTED
                 .iter()
                 .find(|p| p.path_noise_m == level.path_noise_m && p.factor == factor);

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::case::Case;
 use super::laps::Laps;
-use super::mapped::{Exclusion, Mapped};
+use super::mapped::{Exclusion, MapError, Mapped};
 use super::method::{Method, PaperMap};
 use super::paper_mode::PaperColumns;
 use super::score::Score;
@@ -73,6 +73,8 @@ impl<T> Maps<T> {
 pub(super) struct MapOutcome {
     /// Loop closures.
     pub closures: usize,
+    /// How far it is from the truth.
+    pub error: MapError,
     /// Why it is not scored.
     pub exclusion: Option<Exclusion>,
 }
@@ -114,6 +116,7 @@ pub(super) fn run(case: &Case) -> anyhow::Result<Outcome> {
         visible_changes: laps.changes.iter().filter(|c| c.visible).count(),
         maps: maps.each(|mapped| MapOutcome {
             closures: mapped.closures.len(),
+            error: mapped.error,
             exclusion: mapped.exclusion,
         }),
         paper_columns: PaperMap::ALL.map(columns).into(),

@@ -6,8 +6,7 @@ use proptest::prelude::*;
 
 use super::super::given::GivenNode;
 use super::*;
-use crate::geometry::Information;
-use crate::geometry::Pose2;
+use crate::geometry::{Information, Pose2};
 use crate::ids::{StampNs, TripId};
 use crate::mapping::Weighting;
 use crate::solver::{SolveOptions, solve};

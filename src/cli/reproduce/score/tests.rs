@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::super::laps::RecordedScan;
-use super::super::mapped::MadeClosure;
+use super::super::mapped::{MadeClosure, MapError};
 use super::*;
 use crate::change::paper::ClosurePlace;
 use crate::geometry::{Information, Pose2, Vector2};
@@ -92,6 +92,7 @@ fn mapped(laps: &Laps) -> Mapped {
         map: RouteMap::new(Weighting::Robust),
         closures: (SCANS_A_LAP..laps.scans.len()).map(closure).collect(),
         findings: Vec::new(),
+        error: MapError::default(),
         exclusion: None,
     }
 }
