@@ -159,7 +159,7 @@ pub(super) fn measure_by_score(
     if !accepted {
         return None;
     }
-    let robust = alignment.align_from(&all_points.pose, sigma_m, None, &IcpParams::ROBUST);
+    let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     Some(ClosureMeasurement { robust, all_points })
 }
 

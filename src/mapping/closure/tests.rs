@@ -33,14 +33,9 @@ fn keyframe(node: i64, pose: &Pose2, things: &[Shape]) -> Keyframe {
     Keyframe::new(NodeId(node), trip, StampNs(node), *pose, scan)
 }
 
-/// Three cupboards round (2, 0): they hide more than a fifth of the room from there.
-fn cupboards() -> [Shape; 3] {
-    let at = |x, y, width_m, depth_m| Shape::rectangle(&Pose2::new(x, y, 0.0), width_m, depth_m);
-    [
-        at(3.5, 0.0, 0.4, 1.6),
-        at(2.0, 1.6, 1.6, 0.4),
-        at(0.8, -0.2, 0.3, 1.0),
-    ]
+/// A cupboard before (2, 0): seen from there, it hides more than a fifth of the room.
+fn cupboard() -> [Shape; 1] {
+    [Shape::rectangle(&Pose2::new(3.5, 0.0, 0.0), 0.4, 2.4)]
 }
 
 const SLACK: Slack = Slack {
@@ -59,11 +54,22 @@ fn with_score(score_min: f64) -> ClosureRule {
 #[test]
 fn the_score_keeps_what_the_comparison_with_free_space_refuses() {
     let pose = Pose2::new(2.0, 0.0, 0.0);
-    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboards()));
+    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboard()));
     let [old, new] = [&before, &after].map(|keyframe| Placed { pose, keyframe });
     let here = Pose2::IDENTITY;
-    let rule = ClosureRule::default();
+    // No threshold at all, so that only the other gates are left. Section 5.1 says it of one that is
+    // too high: it drops the closures of changes itself.
+    let rule = ClosureRule {
+        overlap_min: 0.0,
+        inlier_share_min: 0.0,
+    };
     assert_eq!(measure(&old, &new, &here, &SLACK, &rule), None);
+    // It is that comparison, and nothing else, that refuses it.
+    let trusting = Slack {
+        well_known: true,
+        ..SLACK
+    };
+    assert!(measure(&old, &new, &here, &trusting, &rule).is_some());
     let kept = measure_by_score(&old, &new, &here, &rule).unwrap();
     // The change pulls at the estimate from all points, and at that alone.
     let off_m = |estimate: &Estimate| estimate.pose.translation().norm();
@@ -74,13 +80,13 @@ fn the_score_keeps_what_the_comparison_with_free_space_refuses() {
 #[test]
 fn the_score_of_the_all_points_match_is_the_only_gate() {
     let pose = Pose2::new(2.0, 0.0, 0.0);
-    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboards()));
+    let (before, after) = (keyframe(1, &pose, &[]), keyframe(2, &pose, &cupboard()));
     let [old, new] = [&before, &after].map(|keyframe| Placed { pose, keyframe });
     let measured =
         |score_min: f64| measure_by_score(&old, &new, &Pose2::IDENTITY, &with_score(score_min));
     let all_points = measured(0.0).unwrap().all_points;
     let score = all_points.explained_share();
-    assert!(score > 0.2 && score < 0.95, "{score}");
+    assert!(score > 0.05 && score < 0.95, "{score}");
     assert_eq!(measured(score - 1e-9).unwrap().all_points, all_points);
     assert_eq!(measured(score + 1e-9), None);
 
