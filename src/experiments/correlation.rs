@@ -110,7 +110,10 @@ impl Correlation {
         let contradicts = |pass: &&Share| 2 * pass.hits > pass.of;
         let contradicting = counted().filter(contradicts).count();
         let hits: usize = passes.iter().map(|pass| pass.hits).sum();
-        if hits < HITS_MIN || counted().count() < PASSES_MIN || 2 * contradicting >= counted().count() {
+        if hits < HITS_MIN
+            || counted().count() < PASSES_MIN
+            || 2 * contradicting >= counted().count()
+        {
             return;
         }
         self.contradicting.hits += contradicting;
