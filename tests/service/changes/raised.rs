@@ -75,7 +75,9 @@ async fn parts_are_sound(client: &Client, alert: &Value, lap: usize) {
         .iter()
         .filter(|id| trips.iter().any(|t| t == trip_of(**id)));
     let views = alert["views"].as_i64().unwrap() as usize;
-    assert!(views >= 4 && showing.count() >= views, "{alert}");
+    // Every scan is a view; several may follow one node.
+    let showing = showing.count();
+    assert!(views >= 4 && showing >= 2, "{showing} nodes: {alert}");
     let edges = ids(alert, "edge_ids");
     assert!(!edges.is_empty());
     for id in edges {
@@ -98,8 +100,12 @@ async fn parts_are_sound(client: &Client, alert: &Value, lap: usize) {
         let nodes = state.nodes.iter().filter(move |n| n["trip_id"] == name);
         nodes.map(|node| time(node, "stamp"))
     };
-    assert!(of_trip(trip_name(CHANGED_LAP)).any(|stamp| stamp == since));
-    assert!(of_trip(trip_name(lap)).any(|stamp| stamp == last_seen));
+    let was_driven = |trip: String, at| {
+        let (first, last) = (of_trip(trip.clone()).min(), of_trip(trip).max());
+        first.is_some_and(|first| first <= at) && last.is_some_and(|last| at <= last)
+    };
+    assert!(was_driven(trip_name(CHANGED_LAP), since), "{alert}");
+    assert!(was_driven(trip_name(lap), last_seen), "{alert}");
     assert_eq!(alert["first_seen"], alert["since"]);
     assert_eq!(alert["until"], Value::Null);
     let confidence = alert["confidence"].as_f64().unwrap();

@@ -23,7 +23,7 @@ async fn a_receiver_is_told_what_comes_and_what_is_decided_in_order() {
     let client = &service.client;
     client.put_route(ROUTE, Value::Null).await;
     let mut receiver = Receiver::start().await;
-    let body = json!({"url": receiver.url, "route_id": ROUTE});
+    let body = json!({"url": receiver.url, "route_id": ROUTE, "include_tentative": true});
     let webhook = client.register_webhook(body).await;
     let secret = webhook["secret"].as_str().unwrap();
     for lap in 0..CHANGED_LAP {
