@@ -27,7 +27,7 @@ const POSE_STEP_M: f64 = 0.03;
 const POSE_STEP_RAD: f64 = 0.005;
 /// Observations of a trip within so many seconds are taken for one pass.
 const PASS_NS: i64 = 120_000_000_000;
-/// As the decision has it: nats of an observation, and of a pass at most.
+/// As `site/cluster.rs` has it: nats of an observation, and of a pass at most.
 const NATS_PER_OBSERVATION: f64 = 1.5;
 const NATS_PER_PASS: f64 = 10.0;
 /// A cell is counted once so many observations have a hit in it: one alone is noise.
@@ -288,7 +288,7 @@ impl Screen {
             .any(|(key, _)| is_near(*key, region))
     }
 
-    /// The observations from which a place may have been seen, with the place's half width.
+    /// The observations from which a site may have been seen, and some that are too far away.
     pub fn observations_near(&self, site: &CandidateSite) -> Vec<ObservationKey> {
         let mut near = BTreeSet::new();
         for cell in &site.cells {
