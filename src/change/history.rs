@@ -6,7 +6,11 @@
 use std::ops::Range;
 
 /// What a change of state costs, in nats: changes are rare.
-const CHANGE_COST: f64 = 4.6;
+pub const CHANGE_COST: f64 = 4.6;
+/// log p(hit | occupied) − log p(hit | free) of one cell, and the reverse for a miss, in nats.
+pub const NATS_PER_OBSERVATION: f64 = 1.5;
+/// What a pass can say about one cell at most, in nats.
+pub const NATS_PER_PASS: f64 = 10.0;
 
 /// Whether something stands there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,38 +6,34 @@
 //! what was moved or removed in between. Whether something changed is decided elsewhere: here
 //! nothing may be missed, and what is named too often costs time.
 
+mod counted_cell;
+
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::history::{History, limited};
+use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey, Signature};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
+use super::site::SURROUNDINGS_M;
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::observation::{Cell, Observation, Outcome, REACH_M};
+use crate::observation::{Observation, Outcome, REACH_M};
 use crate::scan::LaserScan;
 
 /// Width of a cell, metres.
 const CELL_M: f64 = 0.08;
 /// Cells along a tile.
 const TILE_CELLS: i32 = 16;
-const TILE_M: f64 = CELL_M * TILE_CELLS as f64;
 /// Observations are found by tiles of this width, metres.
 const EYE_TILE_M: f64 = 4.0;
 /// Poses are taken to whole steps of these, so that what a solve moves by a hair stays where it
 /// is: metres, radians.
 const POSE_STEP_M: f64 = 0.03;
 const POSE_STEP_RAD: f64 = 0.005;
-/// Observations of a trip within so many seconds are taken for one pass.
-const PASS_NS: i64 = 120_000_000_000;
-/// As `site/cluster.rs` has it: nats of an observation, and of a pass at most.
-const NATS_PER_OBSERVATION: f64 = 1.5;
-const NATS_PER_PASS: f64 = 10.0;
-/// A cell is counted once so many observations have a hit in it: one alone is noise.
-const MAKERS_MIN: u32 = 2;
-/// A pass that says something so often has said all it can.
-const SAID_OFTEN: u32 = 16;
-/// Hits and misses that a cell needs.
-const ANSWERS_MIN: u32 = 2;
-/// How much the share of hits must differ between the two states: the decision wants more.
-const CONTRAST_MIN: f64 = 0.5;
+/// What a trip observed within so many seconds is counted together: far less than a pass may last,
+/// so that what changes while it is looked at shows.
+const SPAN_NS: i64 = 30_000_000_000;
+/// Spans of a trip that are so near to each other are of one pass: they err together.
+const SPANS_OF_A_PASS: i64 = 4;
+/// One in so many cells is asked whether an observation agrees with the other passes.
+const AGREEMENT_EVERY: i32 = 4;
 /// Candidates this near to each other belong to one site, metres.
 const LINK_M: f64 = 0.25;
 /// A site reaches no farther than this from its first cell, metres.
@@ -75,9 +71,6 @@ pub struct Screen {
     touched: BTreeMap<CellKey, Signature>,
 }
 
-/// What a cell's passes say, in steps of what matters to a decision.
-type Signature = u64;
-
 /// An observation that has gone through the grid.
 struct Recorded {
     pose: PoseSteps,
@@ -90,13 +83,7 @@ type PoseSteps = [i64; 3];
 /// A cell, in cells from the map's origin.
 type CellKey = (i32, i32);
 
-/// Passes sort by time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct PassKey {
-    span: i64,
-    trip: u32,
-}
-
+/// The counted cells of a square.
 #[derive(Default)]
 struct Tile {
     /// Ascending by key.
@@ -113,21 +100,13 @@ impl Tile {
     }
 }
 
-struct CountedCell {
-    key: CellKey,
-    /// Observations that have a hit in it.
-    makers: u32,
-    /// Ascending by pass.
-    passes: Vec<PassCounts>,
-    /// Whether its history has a change.
-    candidate: bool,
-}
-
-#[derive(Clone, Copy)]
-struct PassCounts {
-    pass: PassKey,
-    hits: u32,
-    misses: u32,
+/// How an observation fits what the other passes found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Agreement {
+    /// Cells that other passes call solid and that it says something about.
+    pub asked: u32,
+    /// Those of them that it hits.
+    pub hits: u32,
 }
 
 /// Candidate cells that lie together.
@@ -135,6 +114,8 @@ struct PassCounts {
 pub struct CandidateSite {
     /// Centres of the cells, map frame, metres.
     pub cells: Vec<Vector2<f64>>,
+    /// Centres of all candidates in its surroundings, its own among them.
+    pub around: Vec<Vector2<f64>>,
 }
 
 impl Screen {
@@ -174,7 +155,7 @@ impl Screen {
     fn add(&mut self, screened: &Screened<'_>, pose: PoseSteps) {
         let observation = Observation::new(screened.scan, &pose_of(&pose));
         let pass = PassKey {
-            span: screened.stamp.0.div_euclid(PASS_NS),
+            span: screened.stamp.0.div_euclid(SPAN_NS),
             trip: hash_of(screened.trip),
         };
         for key in hit_cells(&observation) {
@@ -239,13 +220,10 @@ impl Screen {
 
     /// Counts what an observation says about every cell within reach, or takes that back.
     fn count_all(&mut self, observation: &Observation, pass: PassKey, adds: bool) {
-        let (eye, reach_m) = (observation.eye(), observation.reach_m());
-        let first = ((eye.x - reach_m) / TILE_M).floor() as i32;
-        let last = ((eye.x + reach_m) / TILE_M).floor() as i32;
-        let low = ((eye.y - reach_m) / TILE_M).floor() as i32;
-        let high = ((eye.y + reach_m) / TILE_M).floor() as i32;
-        for column in first..=last {
-            for (_, tile) in self.tiles.range_mut((column, low)..=(column, high)) {
+        let (low, high) = tiles_in_reach(observation);
+        for column in low.0..=high.0 {
+            let tiles = self.tiles.range_mut((column, low.1)..=(column, high.1));
+            for (_, tile) in tiles {
                 for cell in tile.cells.iter_mut().filter(|cell| cell.is_counted()) {
                     let outcome = observation.test(&cell.geometry());
                     if matches!(outcome, Outcome::Hit | Outcome::Miss) {
@@ -295,6 +273,34 @@ impl Screen {
             near.extend(keys_near(&self.eyes, cell));
         }
         near.into_iter().collect()
+    }
+
+    /// How well an observation fits what other passes found solid, over all that it saw: one whose
+    /// pose is wrong does not.
+    pub fn agreement(&self, key: &ObservationKey) -> Agreement {
+        let mut agreement = Agreement::default();
+        let Some(Recorded {
+            pass, observation, ..
+        }) = self.observations.get(key)
+        else {
+            return agreement;
+        };
+        let is_other = |other: &PassKey| {
+            other.trip != pass.trip || (other.span - pass.span).abs() > SPANS_OF_A_PASS
+        };
+        let (low, high) = tiles_in_reach(observation);
+        let columns = low.0..=high.0;
+        let tiles = columns.flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
+        for cell in tiles.flat_map(|(_, tile)| &tile.cells) {
+            let (x, y) = cell.key;
+            if (x + 2 * y).rem_euclid(AGREEMENT_EVERY) != 0 || !cell.is_solid_to(is_other) {
+                continue;
+            }
+            let outcome = observation.test(&cell.geometry());
+            agreement.asked += u32::from(matches!(outcome, Outcome::Hit | Outcome::Miss));
+            agreement.hits += u32::from(outcome == Outcome::Hit);
+        }
+        agreement
     }
 
     /// About how much memory it takes, bytes.
@@ -348,11 +354,26 @@ impl Screen {
             if cells.len() >= SITE_CELLS_MIN {
                 cells.sort_unstable();
                 sites.push(CandidateSite {
+                    around: self.candidates_around(&cells),
                     cells: cells.into_iter().map(centre_of).collect(),
                 });
             }
         }
         sites
+    }
+
+    fn candidates_around(&self, cells: &[CellKey]) -> Vec<Vector2<f64>> {
+        let reach = (SURROUNDINGS_M / CELL_M).ceil() as i32;
+        let first = (i32::MAX, i32::MAX, i32::MIN, i32::MIN);
+        let (x, y, to_x, to_y) = cells.iter().fold(first, |(x, y, to_x, to_y), key| {
+            (x.min(key.0), y.min(key.1), to_x.max(key.0), to_y.max(key.1))
+        });
+        let low = tile_of((x.saturating_sub(reach), y.saturating_sub(reach)));
+        let high = tile_of((to_x.saturating_add(reach), to_y.saturating_add(reach)));
+        let tiles = (low.0..=high.0).flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
+        let cells = tiles.flat_map(|(_, tile)| &tile.cells);
+        let candidates = cells.filter(|cell| cell.candidate);
+        candidates.map(|cell| centre_of(cell.key)).collect()
     }
 
     fn candidates_round(&self, key: CellKey) -> impl Iterator<Item = CellKey> + '_ {
@@ -374,113 +395,6 @@ impl Screen {
 
 /// An observation in the indices; its ranges are the map's.
 const OBSERVATION_BYTES: usize = 128;
-
-impl CountedCell {
-    fn new(key: CellKey) -> Self {
-        Self {
-            key,
-            makers: 0,
-            passes: Vec::new(),
-            candidate: false,
-        }
-    }
-
-    fn is_counted(&self) -> bool {
-        self.makers >= MAKERS_MIN
-    }
-
-    fn geometry(&self) -> Cell {
-        Cell::of_grid(centre_of(self.key), 0.5 * CELL_M)
-    }
-
-    /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
-    /// again and again says no more, unless it makes the cell a candidate, or none any more.
-    fn signature(&self) -> Signature {
-        let mut signature = 0xcbf2_9ce4_8422_2325;
-        let mut mix = |value: u64| signature = (signature ^ value).wrapping_mul(0x0100_0000_01b3);
-        mix(u64::from(self.candidate));
-        for counts in &self.passes {
-            mix(counts.pass.span.cast_unsigned());
-            mix(u64::from(counts.pass.trip));
-            mix(u64::from(
-                counts
-                    .hits
-                    .min(SAID_OFTEN)
-                    .checked_ilog2()
-                    .map_or(0, |log| log + 1),
-            ));
-            mix(u64::from(
-                counts
-                    .misses
-                    .min(SAID_OFTEN)
-                    .checked_ilog2()
-                    .map_or(0, |log| log + 1),
-            ));
-            mix(u64::from(counts.hits > counts.misses));
-        }
-        signature
-    }
-
-    /// Counts an answer, or takes it back.
-    fn count(&mut self, pass: PassKey, outcome: Outcome, adds: bool) {
-        let (hits, misses) = match outcome {
-            Outcome::Hit => (1, 0),
-            Outcome::Miss => (0, 1),
-            Outcome::NoReturn | Outcome::Unknown => return,
-        };
-        let at = match self.passes.binary_search_by_key(&pass, |p| p.pass) {
-            Ok(at) => at,
-            Err(at) if adds => {
-                let counts = PassCounts {
-                    pass,
-                    hits: 0,
-                    misses: 0,
-                };
-                self.passes.insert(at, counts);
-                at
-            }
-            Err(_) => return,
-        };
-        let counts = &mut self.passes[at];
-        if adds {
-            counts.hits += hits;
-            counts.misses += misses;
-        } else {
-            counts.hits -= hits;
-            counts.misses -= misses;
-            if counts.hits + counts.misses == 0 {
-                self.passes.remove(at);
-            }
-        }
-    }
-
-    fn has_change(&self) -> bool {
-        let (hits, misses) = self.passes.iter().fold((0, 0), |(hits, misses), p| {
-            (hits + p.hits, misses + p.misses)
-        });
-        if hits < ANSWERS_MIN || misses < ANSWERS_MIN {
-            return false;
-        }
-        let evidence = self.passes.iter().map(|p| {
-            let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - f64::from(p.misses));
-            limited(sum, NATS_PER_PASS)
-        });
-        let history = History::of(evidence);
-        let Some(change) = history.last_change() else {
-            return false;
-        };
-        let share_of_hits = |counts: &mut dyn Iterator<Item = &PassCounts>| {
-            let (hits, misses) = counts.fold((0, 0), |(h, m), p| (h + p.hits, m + p.misses));
-            f64::from(hits) / f64::from((hits + misses).max(1))
-        };
-        let within = share_of_hits(&mut self.passes[change].iter());
-        // An earlier episode of the new state is no witness of the old one.
-        let of_passes = self.passes.iter().zip(&history.states);
-        let old = of_passes.filter(|(_, state)| Some(**state) == history.baseline());
-        let outside = share_of_hits(&mut old.map(|(counts, _)| counts));
-        (within - outside).abs() >= CONTRAST_MIN
-    }
-}
 
 /// The corners of the box round a region and its margin; `None` without a region.
 fn bounds(region: &[Vector2<f64>]) -> Option<(Vector2<f64>, Vector2<f64>)> {
@@ -514,6 +428,13 @@ fn keys_near<'a>(
     let columns = low.0..=high.0;
     let tiles = columns.flat_map(move |x| eyes.range((x, low.1)..=(x, high.1)));
     tiles.flat_map(|(_, keys)| keys.iter().copied())
+}
+
+/// The first and the last tile that an observation may say something about.
+fn tiles_in_reach(observation: &Observation) -> ((i32, i32), (i32, i32)) {
+    let (eye, reach) = (observation.eye(), Vector2::repeat(observation.reach_m()));
+    let tile = |corner: Vector2<f64>| tile_of(key_of(&corner));
+    (tile(eye - reach), tile(eye + reach))
 }
 
 fn hit_cells(observation: &Observation) -> BTreeSet<CellKey> {

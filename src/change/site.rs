@@ -11,6 +11,7 @@ mod cluster;
 mod pooled;
 mod shift;
 mod surroundings;
+mod timeline;
 mod void;
 
 use std::collections::BTreeSet;
@@ -24,13 +25,13 @@ use self::surroundings::Surroundings;
 use super::history::State;
 use super::pass::Standpoint;
 use super::region::{centroid, region_round};
-use super::{AcceptedChange, ChangeKind, Finding, Tier};
+use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
 
 /// Surroundings this far from the candidates tell whether an observation's pose is right, metres.
-const SURROUNDINGS_M: f64 = 3.0;
+pub const SURROUNDINGS_M: f64 = 3.0;
 /// Cells this near to a candidate are judged with it, metres.
 const JUDGED_WITHIN_M: f64 = 0.5;
 /// How far the outline stays away from the cells' centres, metres: half a cell.
@@ -43,6 +44,8 @@ const POSE_SIGMA_M: f64 = 0.02;
 pub struct Observed {
     /// The keyframe that it is of, or follows.
     pub node: NodeId,
+    /// Which: the keyframe's own (0), or its first, second … intermediate scan.
+    pub place: u32,
     /// Number of its trip.
     pub trip: usize,
     /// When it was taken.
@@ -65,12 +68,16 @@ impl Observed {
 pub struct Site<'a> {
     /// Centres of the cells that may have changed, map frame, metres.
     pub candidates: &'a [Vector2<f64>],
+    /// Centres of all cells in the surroundings that may have changed.
+    pub changed_around: &'a [Vector2<f64>],
     /// Every observation within reach, in the order of trip and time.
     pub observations: &'a [&'a Observed],
     /// Accepted changes: in their regions what was observed before them is out of date.
     pub accepted: &'a [AcceptedChange],
     /// Names of the trips that observations number.
     pub trips: &'a [TripId],
+    /// How well an observation fits what other passes found, wherever it looked.
+    pub agreement: &'a dyn Fn(&Observed) -> Agreement,
     /// How much better a change must explain the passes than none, in nats: [`support_min`].
     pub support_min: f64,
 }
@@ -85,36 +92,35 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     let is_promising = |cluster: &Cluster| {
         Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
     };
-    if !clusters(site, &cells, &answers).iter().any(is_promising) {
+    if !clusters(&cells, &answers).iter().any(is_promising) {
         return Vec::new();
     }
-    // 2. Observations that do not fit their surroundings have a wrong pose: they say nothing.
-    let witnesses = answers.witnesses();
-    let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
-    let mut answers_around = Answers::of(site, &around, witnesses.iter().copied());
-    let void = void::void_observations(&around, &answers_around);
+    // 2. Observations that do not fit what other passes found have a wrong pose: they say nothing.
+    let mut witnesses = answers.witnesses();
+    let void = void::void_observations(site, &witnesses);
     answers.drop_void(&void);
-    answers_around.drop_void(&void);
+    witnesses.retain(|&k| !void[k]);
+    let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
+    let answers_around = Answers::of(site, &around, witnesses.iter().copied());
     answers.weigh_no_returns(site, &answers_around);
     // 3. The history of each cell over its passes; 4. cells that changed alike at one time.
-    let clusters = clusters(site, &cells, &answers);
-    let findings = clusters.iter().filter_map(|cluster| {
+    let clusters = pooled::settled(&answers, clusters(&cells, &answers));
+    let findings = clusters.iter().filter_map(|(cluster, pooled)| {
         // 5. What all observations of a cluster say together.
-        let pooled = Pooled::of(&answers, cluster)?;
         if !pooled.is_clear(cluster, site.support_min) {
             return None;
         }
         // 6. The surroundings must be the same to those who saw the old state and to those who
         //    saw the new; 7. and no shift may explain the difference.
         let surroundings =
-            Surroundings::of(&around, &answers_around, &centres(&cells, cluster), &pooled);
+            Surroundings::of(site, &around, &answers_around, &centres(&cells, cluster), pooled);
         if !pooled.is_sure()
-            && (!surroundings.agree(&pooled)
-                || shift::explains(site, &cells, cluster, &pooled, &surroundings))
+            && (!surroundings.agree()
+                || shift::explains(site, &cells, cluster, pooled, &surroundings))
         {
             return None;
         }
-        Some(finding_of(site, &cells, cluster, &pooled))
+        Some(finding_of(site, &cells, cluster, pooled))
     });
     findings.collect()
 }

@@ -1,11 +1,12 @@
 //! The map's observations as evidence of changes.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, CandidateSite, Finding, ObservationKey, Observed, Screened, Site, TiedPose,
+    AcceptedChange, Agreement, CandidateSite, Finding, ObservationKey, Observed, Screened, Site, TiedPose,
     TripPose, join_counterparts, mismatches, state_changes, support_min, suspect_vehicle,
 };
 use crate::geometry::Pose2;
@@ -94,9 +95,15 @@ impl RouteMap {
             Sites::All => self.screen.all_sites(),
         };
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
+        let known: RefCell<BTreeMap<ObservationKey, Agreement>> = RefCell::default();
+        let agreement = |observed: &Observed| {
+            let key = (observed.node, observed.place);
+            let mut known = known.borrow_mut();
+            *known.entry(key).or_insert_with(|| self.screen.agreement(&key))
+        };
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
-            for found in self.judge(site, &trips, scope) {
+            for found in self.judge(site, &trips, scope, &agreement) {
                 let is_same = |other: &&mut Finding| {
                     other.kind == found.kind
                         && (other.location - found.location).norm() <= SAME_FINDING_M
@@ -115,7 +122,13 @@ impl RouteMap {
         join_counterparts(findings)
     }
 
-    fn judge(&self, site: &CandidateSite, trips: &[TripId], scope: &Scope<'_>) -> Vec<Finding> {
+    fn judge(
+        &self,
+        site: &CandidateSite,
+        trips: &[TripId],
+        scope: &Scope<'_>,
+        agreement: &dyn Fn(&Observed) -> Agreement,
+    ) -> Vec<Finding> {
         let near = self.screen.observations_near(site);
         let mut observed: Vec<Observed> = near
             .into_iter()
@@ -129,9 +142,11 @@ impl RouteMap {
         let observations: Vec<&Observed> = observed.iter().collect();
         let mut findings = state_changes(&Site {
             candidates: &site.cells,
+            changed_around: &site.around,
             observations: &observations,
             accepted: scope.accepted,
             trips,
+            agreement,
             support_min: support_min(scope.false_alerts_per_lap),
         });
         for finding in &mut findings {
@@ -148,6 +163,7 @@ impl RouteMap {
             observations_of(keyframe, pose).find(|(at, ..)| *at == place)?;
         Some(Observed {
             node,
+            place,
             trip: trips.binary_search(&keyframe.trip).ok()?,
             stamp,
             observation: Observation::new(scan, &map_from_base),

@@ -1,19 +1,15 @@
 //! Cells that changed alike at one time.
 
-use super::Site;
 use super::answers::Answers;
 use super::cells::SiteCells;
-use crate::change::history::{History, State, limited};
-use crate::change::pass::{Standpoint, weights};
+use super::timeline::Timeline;
+use crate::change::history::{NATS_PER_OBSERVATION, NATS_PER_PASS, State};
+use crate::change::pass::Standpoint;
 use crate::ids::StampNs;
 
 /// Hits and misses that a cell needs before its history is asked for.
 const HITS_MIN: usize = 2;
 const MISSES_MIN: f64 = 2.0;
-/// log p(hit | occupied) − log p(hit | free), and the reverse for a miss, in nats.
-const NATS_PER_OBSERVATION: f64 = 1.5;
-/// What a pass can say about one cell at most, in nats.
-const NATS_PER_PASS: f64 = 10.0;
 /// Cells this near to each other belong together, metres.
 const LINK_M: f64 = 0.25;
 /// A change is at least two neighbouring cells.
@@ -36,9 +32,9 @@ struct CellChange {
 }
 
 /// The clusters of a site, by their first cells.
-pub fn clusters(site: &Site<'_>, cells: &SiteCells, answers: &Answers) -> Vec<Cluster> {
+pub fn clusters(cells: &SiteCells, answers: &Answers) -> Vec<Cluster> {
     let changes: Vec<CellChange> = (0..cells.len())
-        .filter_map(|cell| change_of(site, answers, cell))
+        .filter_map(|cell| change_of(answers, cell))
         .collect();
     let mut group_of: Vec<usize> = (0..changes.len()).collect();
     for (k, change) in changes.iter().enumerate() {
@@ -79,7 +75,7 @@ fn root(group_of: &[usize], mut k: usize) -> usize {
     k
 }
 
-fn change_of(site: &Site<'_>, answers: &Answers, cell: usize) -> Option<CellChange> {
+fn change_of(answers: &Answers, cell: usize) -> Option<CellChange> {
     let about = answers.about(cell);
     let (hits, misses) = about.iter().fold((0.0, 0.0), |(hits, misses), answer| {
         let (hit, miss) = answers.counts(answer);
@@ -88,26 +84,16 @@ fn change_of(site: &Site<'_>, answers: &Answers, cell: usize) -> Option<CellChan
     if hits < HITS_MIN as f64 || misses < MISSES_MIN {
         return None;
     }
-    let observations: Vec<u32> = about.iter().map(|answer| answer.observation).collect();
-    let passes = answers.passes_of(&observations);
-    let evidence = passes.iter().map(|pass| {
-        let standpoints = observations[pass.clone()].iter();
-        let standpoints: Vec<Standpoint> = standpoints
-            .map(|&k| answers.standpoints[k as usize])
-            .collect();
-        let answers_of_pass = about[pass.clone()].iter();
-        let sum: f64 = answers_of_pass
-            .zip(weights(&standpoints))
-            .map(|(answer, weight)| {
-                let (hit, miss) = answers.counts(answer);
-                weight * NATS_PER_OBSERVATION * (hit - miss)
-            })
-            .sum();
-        limited(sum, NATS_PER_PASS)
+    let standpoints = about.iter().map(|a| answers.standpoints[a.observation as usize]);
+    let standpoints: Vec<Standpoint> = standpoints.collect();
+    let nats = about.iter().map(|answer| {
+        let (hit, miss) = answers.counts(answer);
+        NATS_PER_OBSERVATION * (hit - miss)
     });
-    let history = History::of(evidence);
+    let nats: Vec<f64> = nats.collect();
+    let Timeline { passes, history } = Timeline::of(&standpoints, &nats, NATS_PER_PASS);
     let change = history.last_change()?;
-    let stamp = |k: usize| site.observations[observations[k] as usize].stamp;
+    let stamp = |k: usize| standpoints[k].stamp;
     Some(CellChange {
         cell,
         baseline: history.baseline()?,

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use super::answers::Answers;
 use super::cluster::Cluster;
-use crate::change::history::{History, State, limited};
-use crate::change::pass::{Standpoint, weights};
+use super::timeline::Timeline;
+use crate::change::history::State;
+use crate::change::pass::Standpoint;
 
 /// What an observation that only hits (or only misses) the cluster's cells is worth, in nats.
 const NATS_PER_OBSERVATION: f64 = 2.0;
@@ -16,6 +17,8 @@ const NATS_PER_PASS: f64 = 12.0;
 const CELLS_FOR_FULL_WEIGHT: f64 = 2.0;
 /// How much the share of hits must differ between the two states.
 const CONTRAST_MIN: f64 = 0.75;
+/// A cell whose shares differ by less has not changed with its cluster.
+const CELL_CONTRAST_MIN: f64 = 0.5;
 /// As much may be hidden by observations whose pose is wrong.
 const PROMISING_CONTRAST_MIN: f64 = 0.55;
 /// How much better the change must explain the passes, in nats, where [`FALSE_ALERTS_PER_LAP`] is allowed:
@@ -40,6 +43,26 @@ const SUPPORT_SURE: f64 = 20.0;
 /// allowed: a tenth of them asks for ten times the odds.
 pub fn support_min(false_alerts_per_lap: f64) -> f64 {
     (SUPPORT_MIN + (FALSE_ALERTS_PER_LAP / false_alerts_per_lap).ln()).max(SUPPORT_LEAST)
+}
+
+/// Clusters with what is said of each, without cells that have another history than the rest of
+/// theirs: those are clusters of their own.
+pub fn settled(answers: &Answers, clusters: Vec<Cluster>) -> Vec<(Cluster, Pooled)> {
+    let mut settled = Vec::new();
+    let mut left: Vec<Cluster> = clusters.into_iter().rev().collect();
+    while let Some(cluster) = left.pop() {
+        let Some(pooled) = Pooled::of(answers, &cluster) else {
+            continue;
+        };
+        let (own, other) = pooled.split(answers, cluster);
+        if other.cells.is_empty() {
+            settled.push((own, pooled));
+        } else if !own.cells.is_empty() {
+            let parts = [other, own].into_iter();
+            left.extend(parts.filter(|part| part.cells.len() >= SMALL_CELLS_MIN));
+        }
+    }
+    settled
 }
 
 /// What one observation says about a cluster.
@@ -96,24 +119,15 @@ impl Pooled {
         }
         counts.retain(|_, (hits, misses)| *hits + *misses > 0.0);
         let observations: Vec<u32> = counts.keys().copied().collect();
-        let passes = answers.passes_of(&observations);
-        let evidence = passes.iter().map(|pass| {
-            let of_pass = &observations[pass.clone()];
-            let standpoints = of_pass.iter().map(|&k| answers.standpoints[k as usize]);
-            let standpoints: Vec<Standpoint> = standpoints.collect();
-            let sum: f64 = of_pass
-                .iter()
-                .zip(weights(&standpoints))
-                .map(|(k, weight)| {
-                    let (hits, misses) = counts[k];
-                    let cells = hits + misses;
-                    let weight = weight * (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
-                    weight * NATS_PER_OBSERVATION * (hits - misses) / cells
-                })
-                .sum();
-            limited(sum, NATS_PER_PASS)
+        let standpoints = observations.iter().map(|&k| answers.standpoints[k as usize]);
+        let standpoints: Vec<Standpoint> = standpoints.collect();
+        let nats = counts.values().map(|(hits, misses)| {
+            let cells = hits + misses;
+            let weight = (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
+            weight * NATS_PER_OBSERVATION * (hits - misses) / cells
         });
-        let history = History::of(evidence);
+        let nats: Vec<f64> = nats.collect();
+        let Timeline { passes, history } = Timeline::of(&standpoints, &nats, NATS_PER_PASS);
         let change = history.last_change()?;
         let baseline = history.baseline().filter(|b| *b == cluster.baseline)?;
         let mut views = Vec::with_capacity(observations.len());
@@ -151,6 +165,34 @@ impl Pooled {
             stands: change.end == passes.len(),
             contrast,
         })
+    }
+
+    /// A cluster without the cells whose own history is another one, and those cells: two things
+    /// that stand beside each other may hang together.
+    pub fn split(&self, answers: &Answers, cluster: Cluster) -> (Cluster, Cluster) {
+        let new_of = |k: u32| {
+            let at = self.views.binary_search_by_key(&(k as usize), |v| v.observation);
+            at.is_ok_and(|at| self.views[at].in_change)
+        };
+        let shares = |cell: &usize| {
+            let mut counts = [(0.0, 0.0); 2];
+            for answer in answers.about(*cell) {
+                let (hit, miss) = answers.counts(answer);
+                let (hits, all) = &mut counts[usize::from(new_of(answer.observation))];
+                *hits += hit;
+                *all += hit + miss;
+            }
+            let [old, new] = counts.map(|(hits, all)| hits / f64::max(all, f64::MIN_POSITIVE));
+            let towards = match self.baseline {
+                State::Free => new - old,
+                State::Occupied => old - new,
+            };
+            towards >= CELL_CONTRAST_MIN
+        };
+        let baseline = cluster.baseline;
+        let (own, other) = cluster.cells.into_iter().partition(shares);
+        let of_cells = |cells| Cluster { baseline, cells };
+        (of_cells(own), of_cells(other))
     }
 
     /// Whether it is worth asking about the surroundings: without observations whose pose is wrong

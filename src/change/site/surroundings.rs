@@ -1,6 +1,7 @@
 //! Whether the surroundings of a change are the same to those who saw the old state and to those
 //! who saw the new one.
 
+use super::Site;
 use super::answers::Answers;
 use super::cells::SiteCells;
 use super::pooled::Pooled;
@@ -11,6 +12,8 @@ use crate::observation::Outcome;
 /// if too few cells lie there.
 const FROM_M: f64 = 0.15;
 const NEAR_M: f64 = 1.5;
+/// What is nearer than this to a cell that may have changed may have changed with it, metres.
+const CHANGED_M: f64 = 0.12;
 /// Fewest cells that tell.
 const ASKED_MIN: usize = 8;
 /// Share of one side's solid cells that must be solid to the other.
@@ -68,6 +71,7 @@ pub struct Surroundings {
 impl Surroundings {
     /// Of cells that changed.
     pub fn of(
+        site: &Site<'_>,
         cells: &SiteCells,
         answers: &Answers,
         changed: &[Vector2<f64>],
@@ -79,7 +83,8 @@ impl Surroundings {
         }
         let witnesses = (0..cells.len()).filter_map(|cell| {
             let to_cluster_m = distance_m(changed, &cells[cell].centre);
-            if to_cluster_m <= FROM_M {
+            let centre = &cells[cell].centre;
+            if to_cluster_m <= FROM_M || distance_m(site.changed_around, centre) <= CHANGED_M {
                 return None;
             }
             let mut seen = [(0_u32, 0_u32); 2];
@@ -110,23 +115,16 @@ impl Surroundings {
         confirmed(near.filter_map(|w| w.agrees[side]))
     }
 
-    /// Whether both sides know the place; where there is nothing to know it by, two passes on both
-    /// sides.
-    pub fn agree(&self, pooled: &Pooled) -> bool {
+    /// Whether both sides know the place, as far as there is anything to know it by.
+    pub fn agree(&self) -> bool {
         let near = [0, 1].map(|side| self.confirmed(side, NEAR_M));
         let of_sides = if near.iter().any(|side| side.asked < ASKED_MIN) {
             [0, 1].map(|side| self.confirmed(side, f64::INFINITY))
         } else {
             near
         };
-        let shares: Vec<f64> = of_sides
-            .iter()
-            .filter_map(|side| side.share(ASKED_MIN))
-            .collect();
-        if shares.is_empty() {
-            return pooled.passes_in_change >= 2 && pooled.passes_outside >= 2;
-        }
-        shares.iter().all(|share| *share >= AGREEING_SHARE_MIN)
+        let mut shares = of_sides.iter().filter_map(|side| side.share(ASKED_MIN));
+        shares.all(|share| share >= AGREEING_SHARE_MIN)
     }
 
     /// How well the surroundings fix where the observations of both sides lie.

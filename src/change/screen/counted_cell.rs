@@ -1,0 +1,176 @@
+//! A cell of the screen, and what each pass has said about it.
+
+use super::{CELL_M, CellKey, centre_of};
+use crate::change::history::{History, NATS_PER_OBSERVATION, NATS_PER_PASS, limited};
+use crate::observation::{Cell, Outcome};
+
+/// A cell is counted once so many observations have a hit in it: one alone is noise.
+pub const MAKERS_MIN: u32 = 2;
+/// A pass that says something so often has said all it can.
+const SAID_OFTEN: u32 = 16;
+/// Hits and misses that a cell needs.
+const ANSWERS_MIN: u32 = 2;
+/// How much the share of hits must differ between the two states: the decision wants more.
+const CONTRAST_MIN: f64 = 0.5;
+/// A cell is solid to a pass of which a larger share hits it, …
+const SOLID_SHARE_MIN: f64 = 0.7;
+/// … and free to one of which a smaller share does.
+const FREE_SHARE_MAX: f64 = 0.3;
+
+/// What a cell's passes say, in steps of what matters to a decision.
+pub type Signature = u64;
+
+/// A span of time of one trip: about a pass. They sort by time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PassKey {
+    /// Number of the span.
+    pub span: i64,
+    /// Hash of the trip.
+    pub trip: u32,
+}
+
+/// A place that is counted once something was hit in it twice.
+pub struct CountedCell {
+    /// Where it is.
+    pub key: CellKey,
+    /// Observations that have a hit in it.
+    pub makers: u32,
+    /// Whether its history has a change.
+    pub candidate: bool,
+    /// Ascending by pass.
+    pub passes: Vec<PassCounts>,
+}
+
+/// How often one pass hit and missed a cell.
+#[derive(Clone, Copy)]
+pub struct PassCounts {
+    /// The pass.
+    pub pass: PassKey,
+    /// Observations that hit the cell.
+    pub hits: u32,
+    /// Observations that missed it.
+    pub misses: u32,
+}
+
+impl PassCounts {
+    /// 1 where the pass found the cell solid, -1 where free, 0 in doubt.
+    fn vote(&self) -> i32 {
+        let share = f64::from(self.hits) / f64::from((self.hits + self.misses).max(1));
+        i32::from(share > SOLID_SHARE_MIN) - i32::from(share < FREE_SHARE_MAX)
+    }
+}
+
+impl CountedCell {
+    /// A cell that nothing was hit in.
+    pub fn new(key: CellKey) -> Self {
+        Self {
+            key,
+            makers: 0,
+            candidate: false,
+            passes: Vec::new(),
+        }
+    }
+
+    /// Whether enough was hit in it.
+    pub fn is_counted(&self) -> bool {
+        self.makers >= MAKERS_MIN
+    }
+
+    /// What observations are asked about.
+    pub fn geometry(&self) -> Cell {
+        Cell::of_grid(centre_of(self.key), 0.5 * CELL_M)
+    }
+
+    /// Whether more of the passes that `counts` found it solid than free.
+    pub fn is_solid_to(&self, counts: impl Fn(&PassKey) -> bool) -> bool {
+        let votes = self.passes.iter().filter(|p| counts(&p.pass));
+        votes.map(PassCounts::vote).sum::<i32>() > 0
+    }
+
+    /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
+    /// again and again says no more, unless it makes the cell a candidate, or none any more.
+    pub fn signature(&self) -> Signature {
+        let mut signature = 0xcbf2_9ce4_8422_2325;
+        let mut mix = |value: u64| signature = (signature ^ value).wrapping_mul(0x0100_0000_01b3);
+        let doublings = |count: u32| {
+            let log = count.min(SAID_OFTEN).checked_ilog2();
+            u64::from(log.map_or(0, |log| log + 1))
+        };
+        mix(u64::from(self.candidate));
+        for counts in &self.passes {
+            mix(counts.pass.span.cast_unsigned());
+            mix(u64::from(counts.pass.trip));
+            mix(doublings(counts.hits));
+            mix(doublings(counts.misses));
+            mix(u64::from(counts.hits > counts.misses));
+        }
+        signature
+    }
+
+    /// Counts an answer, or takes it back.
+    pub fn count(&mut self, pass: PassKey, outcome: Outcome, adds: bool) {
+        let (hits, misses) = match outcome {
+            Outcome::Hit => (1, 0),
+            Outcome::Miss => (0, 1),
+            Outcome::NoReturn | Outcome::Unknown => return,
+        };
+        let at = match self.passes.binary_search_by_key(&pass, |p| p.pass) {
+            Ok(at) => at,
+            Err(at) if adds => {
+                let counts = PassCounts {
+                    pass,
+                    hits: 0,
+                    misses: 0,
+                };
+                self.passes.insert(at, counts);
+                at
+            }
+            Err(_) => return,
+        };
+        let counts = &mut self.passes[at];
+        if adds {
+            counts.hits += hits;
+            counts.misses += misses;
+        } else {
+            counts.hits -= hits;
+            counts.misses -= misses;
+            if counts.hits + counts.misses == 0 {
+                self.passes.remove(at);
+            }
+        }
+    }
+
+    /// Whether its passes tell of a change.
+    pub fn has_change(&self) -> bool {
+        let (hits, misses) = counts_of(self.passes.iter());
+        if hits < ANSWERS_MIN || misses < ANSWERS_MIN {
+            return false;
+        }
+        let evidence = self.passes.iter().map(|p| {
+            let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - f64::from(p.misses));
+            limited(sum, NATS_PER_PASS)
+        });
+        let history = History::of(evidence);
+        let Some(change) = history.last_change() else {
+            return false;
+        };
+        let within = share_of_hits(self.passes[change].iter());
+        // An earlier episode of the new state is no witness of the old one.
+        let of_passes = self.passes.iter().zip(&history.states);
+        let old = of_passes.filter(|(_, state)| Some(**state) == history.baseline());
+        let outside = share_of_hits(old.map(|(counts, _)| counts));
+        (within - outside).abs() >= CONTRAST_MIN
+    }
+}
+
+/// Hits and misses of some passes together.
+fn counts_of<'a>(passes: impl Iterator<Item = &'a PassCounts>) -> (u32, u32) {
+    passes.fold((0, 0), |(hits, misses), p| {
+        (hits + p.hits, misses + p.misses)
+    })
+}
+
+fn share_of_hits<'a>(passes: impl Iterator<Item = &'a PassCounts>) -> f64 {
+    let (hits, misses) = counts_of(passes);
+    f64::from(hits) / f64::from((hits + misses).max(1))
+}

@@ -1,0 +1,108 @@
+//! What observations say in the order of time: passes, and the states that they tell of.
+
+use std::ops::Range;
+
+use crate::change::history::{History, limited};
+use crate::change::pass::{Standpoint, passes, weights};
+
+/// A pass is cut where it saw a change: if what it says before and after is worth so much, in nats,
+/// …
+const CUT_NATS: f64 = 6.0;
+/// … and so nearly the same each time, as a share.
+const CUT_UNANIMITY: f64 = 0.8;
+
+/// Passes over a place and its history.
+pub struct Timeline {
+    /// Places among the observations, in the order of time.
+    pub passes: Vec<Range<usize>>,
+    /// A state for each pass.
+    pub history: History,
+}
+
+impl Timeline {
+    /// Of observations in the order of trip and time. `nats` has what each says for "occupied"
+    /// over "free"; one that repeats the one before counts less, and a pass no more than
+    /// `nats_per_pass`.
+    pub fn of(standpoints: &[Standpoint], nats: &[f64], nats_per_pass: f64) -> Self {
+        let mut cut = Vec::new();
+        for pass in passes(standpoints) {
+            let weights = weights(&standpoints[pass.clone()]);
+            let weighted = nats[pass.clone()].iter().zip(weights);
+            let weighted: Vec<f64> = weighted.map(|(nats, weight)| nats * weight).collect();
+            for part in cut_at_changes(&weighted) {
+                let sum: f64 = weighted[part.clone()].iter().sum();
+                cut.push((pass.start + part.start..pass.start + part.end, sum));
+            }
+        }
+        cut.sort_by_key(|(pass, _)| (standpoints[pass.start].stamp, pass.start));
+        let evidence = cut.iter().map(|(_, sum)| limited(*sum, nats_per_pass));
+        Self {
+            history: History::of(evidence),
+            passes: cut.into_iter().map(|(pass, _)| pass).collect(),
+        }
+    }
+}
+
+/// Cuts a pass where it plainly says one thing up to there and the other from there on.
+fn cut_at_changes(nats: &[f64]) -> Vec<Range<usize>> {
+    let mut parts = Vec::new();
+    let mut uncut = vec![0..nats.len()];
+    while let Some(part) = uncut.pop() {
+        match best_cut(&nats[part.clone()]) {
+            Some(at) => {
+                uncut.push(part.start + at..part.end);
+                uncut.push(part.start..part.start + at);
+            }
+            None => parts.push(part),
+        }
+    }
+    parts
+}
+
+fn best_cut(nats: &[f64]) -> Option<usize> {
+    let total = Said::of(nats);
+    let mut before = Said::default();
+    let mut best: Option<(f64, usize)> = None;
+    for (k, nats) in nats.iter().enumerate() {
+        let after = Said {
+            sum: total.sum - before.sum,
+            most: total.most - before.most,
+        };
+        let worth = before.sum.abs().min(after.sum.abs());
+        let differ = before.sum * after.sum < 0.0;
+        if differ
+            && before.is_plain()
+            && after.is_plain()
+            && best.is_none_or(|(most, _)| worth > most)
+        {
+            best = Some((worth, k));
+        }
+        before.add(*nats);
+    }
+    best.map(|(_, at)| at)
+}
+
+/// What a part of a pass says.
+#[derive(Clone, Copy, Default)]
+struct Said {
+    sum: f64,
+    /// The sum if all said the same.
+    most: f64,
+}
+
+impl Said {
+    fn of(nats: &[f64]) -> Self {
+        let mut said = Self::default();
+        nats.iter().for_each(|nats| said.add(*nats));
+        said
+    }
+
+    fn add(&mut self, nats: f64) {
+        self.sum += nats;
+        self.most += nats.abs();
+    }
+
+    fn is_plain(self) -> bool {
+        self.sum.abs() >= CUT_NATS && self.sum.abs() >= CUT_UNANIMITY * self.most
+    }
+}
