@@ -21,6 +21,8 @@ use crate::scan::LaserScan;
 const CELL_M: f64 = 0.08;
 /// Cells along a tile.
 const TILE_CELLS: i32 = 16;
+/// From a tile's middle to the middles of its cells, metres, at most.
+const TILE_RADIUS_M: f64 = 0.5 * std::f64::consts::SQRT_2 * TILE_CELLS as f64 * CELL_M;
 /// Observations are found by tiles of this width, metres.
 const EYE_TILE_M: f64 = 4.0;
 /// Poses are taken to whole steps of these, so that what a solve moves by a hair stays where it
@@ -63,9 +65,10 @@ pub struct Screened<'a> {
 /// The grid.
 #[derive(Default)]
 pub struct Screen {
-    observations: BTreeMap<ObservationKey, Recorded>,
-    /// Observations by where the lidar was.
-    eyes: BTreeMap<(i32, i32), BTreeSet<ObservationKey>>,
+    /// Where each observation stands in `eyes`.
+    poses: BTreeMap<ObservationKey, RecordedPose>,
+    /// Observations by where the lidar was, in no order.
+    eyes: BTreeMap<(i32, i32), Vec<Recorded>>,
     tiles: BTreeMap<(i32, i32), Tile>,
     /// Cells that were counted anew, with what they said before.
     touched: BTreeMap<CellKey, Signature>,
@@ -73,9 +76,14 @@ pub struct Screen {
 
 /// An observation that has gone through the grid.
 struct Recorded {
-    pose: PoseSteps,
+    key: ObservationKey,
     pass: PassKey,
     observation: Observation,
+}
+
+struct RecordedPose {
+    pose: PoseSteps,
+    eye_tile: (i32, i32),
 }
 
 /// A pose in whole steps.
@@ -121,11 +129,11 @@ pub struct CandidateSite {
 impl Screen {
     /// Brings the grid up to date with all observations of a map.
     pub fn update<'a>(&mut self, observations: impl Iterator<Item = Screened<'a>>) {
-        let mut gone: BTreeSet<ObservationKey> = self.observations.keys().copied().collect();
+        let mut gone: BTreeSet<ObservationKey> = self.poses.keys().copied().collect();
         let mut come = Vec::new();
         for screened in observations {
             let pose = steps_of(&screened.map_from_base);
-            let known = self.observations.get(&screened.key);
+            let known = self.poses.get(&screened.key);
             if known.is_some_and(|known| known.pose == pose) {
                 gone.remove(&screened.key);
             } else {
@@ -166,35 +174,25 @@ impl Screen {
                 self.touched.insert(key, cell.signature());
                 // What came before answers for the new cell.
                 let geometry = cell.geometry();
-                for key in keys_near(&self.eyes, &geometry.centre) {
-                    if let Some(before) = self.observations.get(&key) {
-                        cell.count(before.pass, before.observation.test(&geometry), true);
-                    }
+                for before in recorded_near(&self.eyes, &geometry.centre) {
+                    cell.count(before.pass, before.observation.test(&geometry), true);
                 }
             }
         }
         self.count_all(&observation, pass, true);
-        let eye = eye_tile(&observation.eye());
-        self.eyes.entry(eye).or_default().insert(screened.key);
-        let recorded = Recorded {
-            pose,
+        let eye_tile = eye_tile(&observation.eye());
+        self.poses.insert(screened.key, RecordedPose { pose, eye_tile });
+        self.eyes.entry(eye_tile).or_default().push(Recorded {
+            key: screened.key,
             pass,
             observation,
-        };
-        self.observations.insert(screened.key, recorded);
+        });
     }
 
     fn remove(&mut self, key: ObservationKey) {
-        let Some(recorded) = self.observations.remove(&key) else {
+        let Some(recorded) = self.take(&key) else {
             return;
         };
-        let eye = eye_tile(&recorded.observation.eye());
-        if let Some(keys) = self.eyes.get_mut(&eye) {
-            keys.remove(&key);
-            if keys.is_empty() {
-                self.eyes.remove(&eye);
-            }
-        }
         self.count_all(&recorded.observation, recorded.pass, false);
         for key in hit_cells(&recorded.observation) {
             let Some(tile) = self.tiles.get_mut(&tile_of(key)) else {
@@ -218,12 +216,31 @@ impl Screen {
         }
     }
 
+    fn take(&mut self, key: &ObservationKey) -> Option<Recorded> {
+        let eye_tile = self.poses.remove(key)?.eye_tile;
+        let there = self.eyes.get_mut(&eye_tile)?;
+        let at = there.iter().position(|recorded| recorded.key == *key)?;
+        let recorded = there.swap_remove(at);
+        if there.is_empty() {
+            self.eyes.remove(&eye_tile);
+        }
+        Some(recorded)
+    }
+
+    fn recorded(&self, key: &ObservationKey) -> Option<&Recorded> {
+        let there = self.eyes.get(&self.poses.get(key)?.eye_tile)?;
+        there.iter().find(|recorded| recorded.key == *key)
+    }
+
     /// Counts what an observation says about every cell within reach, or takes that back.
     fn count_all(&mut self, observation: &Observation, pass: PassKey, adds: bool) {
         let (low, high) = tiles_in_reach(observation);
         for column in low.0..=high.0 {
             let tiles = self.tiles.range_mut((column, low.1)..=(column, high.1));
-            for (_, tile) in tiles {
+            for (tile_key, tile) in tiles {
+                if observation.is_blind_to(&middle_of(*tile_key), TILE_RADIUS_M, 0.5 * CELL_M) {
+                    continue;
+                }
                 for cell in tile.cells.iter_mut().filter(|cell| cell.is_counted()) {
                     let outcome = observation.test(&cell.geometry());
                     if matches!(outcome, Outcome::Hit | Outcome::Miss) {
@@ -270,7 +287,7 @@ impl Screen {
     pub fn observations_near(&self, site: &CandidateSite) -> Vec<ObservationKey> {
         let mut near = BTreeSet::new();
         for cell in &site.cells {
-            near.extend(keys_near(&self.eyes, cell));
+            near.extend(recorded_near(&self.eyes, cell).map(|recorded| recorded.key));
         }
         near.into_iter().collect()
     }
@@ -281,7 +298,7 @@ impl Screen {
         let mut agreement = Agreement::default();
         let Some(Recorded {
             pass, observation, ..
-        }) = self.observations.get(key)
+        }) = self.recorded(key)
         else {
             return agreement;
         };
@@ -309,7 +326,7 @@ impl Screen {
         let cells: usize = cells
             .map(|cell| size_of::<CountedCell>() + cell.passes.capacity() * size_of::<PassCounts>())
             .sum();
-        cells + self.observations.len() * (size_of::<Recorded>() + OBSERVATION_BYTES)
+        cells + self.poses.len() * (size_of::<Recorded>() + OBSERVATION_BYTES)
     }
 
     fn cells_near(&self, region: &[Vector2<f64>]) -> Vec<CellKey> {
@@ -419,15 +436,15 @@ fn cell_mut(tiles: &mut BTreeMap<(i32, i32), Tile>, key: CellKey) -> Option<&mut
 }
 
 /// Observations whose eye is within reach of a place, ascending by tiles.
-fn keys_near<'a>(
-    eyes: &'a BTreeMap<(i32, i32), BTreeSet<ObservationKey>>,
+fn recorded_near<'a>(
+    eyes: &'a BTreeMap<(i32, i32), Vec<Recorded>>,
     place: &Vector2<f64>,
-) -> impl Iterator<Item = ObservationKey> + 'a {
+) -> impl Iterator<Item = &'a Recorded> + 'a {
     let low = eye_tile(&(place - Vector2::repeat(REACH_M)));
     let high = eye_tile(&(place + Vector2::repeat(REACH_M)));
     let columns = low.0..=high.0;
     let tiles = columns.flat_map(move |x| eyes.range((x, low.1)..=(x, high.1)));
-    tiles.flat_map(|(_, keys)| keys.iter().copied())
+    tiles.flat_map(|(_, there)| there)
 }
 
 /// The first and the last tile that an observation may say something about.
@@ -449,6 +466,12 @@ fn key_of(point: &Vector2<f64>) -> CellKey {
 fn centre_of(key: CellKey) -> Vector2<f64> {
     let centre = |k: i32| (f64::from(k) + 0.5) * CELL_M;
     Vector2::new(centre(key.0), centre(key.1))
+}
+
+/// The middle of a tile, map frame, metres.
+fn middle_of(tile: (i32, i32)) -> Vector2<f64> {
+    let middle = |k: i32| (f64::from(k) + 0.5) * f64::from(TILE_CELLS) * CELL_M;
+    Vector2::new(middle(tile.0), middle(tile.1))
 }
 
 fn tile_of(key: CellKey) -> (i32, i32) {

@@ -1,10 +1,11 @@
 //! One scan at its pose, asked about a cell.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use super::cell::Cell;
 use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
-use crate::scan::{LaserScan, Lidar, Reading};
+use crate::scan::{INVALID_TICK, LaserScan, Lidar, NO_RETURN_TICK};
 
 /// Farther than this from the lidar no cell is asked about, metres: the error of a heading is too
 /// large.
@@ -137,16 +138,8 @@ impl Observation {
             (floor(bearing - half), floor(bearing + half) + 1)
         };
         let centre = *centre;
-        // Those before the first beam, within the scan, and after the last one: they are less than
-        // a turn in all.
-        let turn = self.beams_a_turn;
-        let beams = [
-            (first + turn).max(0)..=(last.min(-1) + turn).min(count - 1),
-            first.max(0)..=last.min(count - 1),
-            (first.max(count) - turn).max(0)..=(last - turn).min(count - 1),
-        ];
-        let hits = beams.into_iter().flatten().filter_map(|beam| {
-            let index = beam as usize;
+        let beams = self.parts(first, last).into_iter().flatten().flatten();
+        let hits = beams.filter_map(move |index| {
             let range_m = self.scan.range_m(index).filter(|r| *r < self.reach_m)?;
             let (sin, cos) = self.scan.lidar().beam_angle_rad(index).sin_cos();
             Some(
@@ -178,30 +171,17 @@ impl Observation {
             hit_to_m: range_m + hit_within_m,
             miss_from_m: range_m + miss_beyond_m,
         };
-        let (mut blocked, mut passed) = (false, false);
-        let (mut beams_tested, mut without_return, mut outside) = (0u32, 0u32, 0u32);
-        let mut nearest_m = f64::INFINITY;
-        for beam in beams.first..=beams.last {
-            beams_tested += 1;
-            let reading = self.index_of(beam).map(|index| self.scan.reading(index));
-            match reading {
-                Some(Reading::Range(measured_m)) => {
-                    if depth.is_hit(measured_m) {
-                        return Outcome::Hit;
-                    }
-                    nearest_m = nearest_m.min(measured_m);
-                    blocked |= measured_m < depth.miss_from_m;
-                    passed |= (beam as f64 - beams.bearing).abs() <= 1.0;
-                }
-                Some(Reading::NoReturn) => without_return += 1,
-                Some(Reading::Invalid) | None => outside += 1,
-            }
+        let seen = self.readings(&beams, &depth);
+        if seen.is_hit {
+            return Outcome::Hit;
         }
-        let nearest_behind_m = nearest_m - range_m;
-        if blocked {
+        if seen.nearest_m < depth.miss_from_m {
             return Outcome::Unknown;
         }
-        if passed && 2 * (without_return + outside) <= beams_tested {
+        let asked = beams.last - beams.first + 1;
+        let outside = asked - seen.ranges - seen.without_return;
+        if 2 * (asked - seen.ranges) <= asked && self.has_central_range(&beams) {
+            let nearest_behind_m = seen.nearest_m - range_m;
             let in_doubt = self.may_pass_by(cell, &towards, range_m, nearest_behind_m);
             return if in_doubt {
                 Outcome::Unknown
@@ -209,10 +189,91 @@ impl Observation {
                 Outcome::Miss
             };
         }
-        if outside == 0 && without_return == beams_tested {
+        if outside == 0 && seen.without_return == asked {
             return Outcome::NoReturn;
         }
         Outcome::Unknown
+    }
+
+    /// What the beams towards a cell read.
+    fn readings(&self, beams: &Beams, depth: &Depth) -> Readings {
+        let per_m = 1.0 / self.scan.tick_m();
+        let tick = |range_m: f64| (range_m * per_m).clamp(1.0, f64::from(INVALID_TICK - 1));
+        let hit_from = tick(depth.hit_from_m).ceil() as u16;
+        let hit_to = tick(depth.hit_to_m) as u16;
+        let width = hit_to.saturating_sub(hit_from);
+        // Sums of one width and without branches: several beams at a time.
+        let (mut hits, mut nearest, mut without_return, mut ranges) = (0_u16, INVALID_TICK, 0, 0);
+        for part in self.parts(beams.first, beams.last).into_iter().flatten() {
+            for &tick in &self.scan.ticks()[part] {
+                hits |= u16::from(tick.wrapping_sub(hit_from) <= width);
+                without_return += u16::from(tick == NO_RETURN_TICK);
+                ranges += u16::from(is_range(tick));
+                nearest = nearest.min(if is_range(tick) { tick } else { INVALID_TICK });
+            }
+        }
+        Readings {
+            is_hit: hits != 0 && hit_from <= hit_to,
+            nearest_m: match ranges {
+                0 => f64::INFINITY,
+                _ => f64::from(nearest) * self.scan.tick_m(),
+            },
+            without_return: i64::from(without_return),
+            ranges: i64::from(ranges),
+        }
+    }
+
+    /// Whether one of the beams next to a cell's bearing reads a range.
+    fn has_central_range(&self, beams: &Beams) -> bool {
+        let first = (-floor(1.0 - beams.bearing)).max(beams.first);
+        let last = floor(beams.bearing + 1.0).min(beams.last);
+        let parts = self.parts(first, last).into_iter().flatten();
+        let mut ticks = parts.flat_map(|part| &self.scan.ticks()[part]);
+        ticks.any(|tick| is_range(*tick))
+    }
+
+    /// Beams of the scan between two places, which may lie before its first and after its last:
+    /// across the seam of a full turn.
+    fn parts(&self, first: i64, last: i64) -> [Option<Range<usize>>; 3] {
+        let (count, turn) = (self.scan.beam_count() as i64, self.beams_a_turn);
+        let part = |from: i64, to: i64| {
+            let (from, to) = (from.max(0), to.min(count - 1));
+            (from <= to).then(|| from as usize..to as usize + 1)
+        };
+        [
+            part(first, last),
+            (first < 0).then(|| part(first + turn, last.min(-1) + turn)).flatten(),
+            (last >= count).then(|| part(first.max(count) - turn, last - turn)).flatten(),
+        ]
+    }
+
+    /// Whether it can neither have hit nor have missed any cell (of this half width) in a circle:
+    /// all beams towards it ended before it, or gave no range.
+    pub fn is_blind_to(&self, centre: &Vector2<f64>, radius_m: f64, half_width_m: f64) -> bool {
+        let towards = centre - self.eye;
+        let range_m = towards.norm();
+        let nearest_m = range_m - radius_m;
+        if nearest_m > self.reach_m {
+            return true;
+        }
+        if nearest_m < NEAREST_M {
+            return false;
+        }
+        let across_m = BEARING_TOLERANCE_M + 0.5 * half_width_m;
+        let half_rad = (radius_m / range_m).asin() + BEARING_TOLERANCE_RAD + across_m / nearest_m;
+        let half = (half_rad * self.beams_per_rad).max(1.0) + 1.0;
+        let bearing = self.bearing(&self.lidar_from_map.turn(&towards));
+        let hit_within_m = self.tolerances_m.0
+            + half_width_m
+            + HIT_TOLERANCE_PER_RANGE * (range_m + radius_m);
+        let hit_from_m = nearest_m - hit_within_m;
+        let mut longest = 0;
+        for part in self.parts(floor(bearing - half), floor(bearing + half) + 1).into_iter().flatten() {
+            for &tick in &self.scan.ticks()[part] {
+                longest = longest.max(if is_range(tick) { tick } else { 0 });
+            }
+        }
+        f64::from(longest) * self.scan.tick_m() < hit_from_m
     }
 
     /// Whether a surface may stand there although beams went by.
@@ -247,20 +308,6 @@ impl Observation {
         let turns = if from_first_rad < 0.0 { TAU } else { 0.0 };
         (from_first_rad + turns) * self.beams_per_rad
     }
-
-    /// A beam's place in the scan, across the seam of a full turn too.
-    fn index_of(&self, beam: i64) -> Option<usize> {
-        let count = self.scan.beam_count() as i64;
-        if (0..count).contains(&beam) {
-            return Some(beam as usize);
-        }
-        let wrapped = if beam < 0 {
-            beam + self.beams_a_turn
-        } else {
-            beam - self.beams_a_turn
-        };
-        (0..count).contains(&wrapped).then_some(wrapped as usize)
-    }
 }
 
 /// Ranges by which a beam answers for a cell, metres.
@@ -270,10 +317,16 @@ struct Depth {
     miss_from_m: f64,
 }
 
-impl Depth {
-    fn is_hit(&self, measured_m: f64) -> bool {
-        (self.hit_from_m..=self.hit_to_m).contains(&measured_m)
-    }
+/// What some beams read.
+struct Readings {
+    /// Whether one of them ended at the depth asked for.
+    is_hit: bool,
+    /// Shortest range, metres.
+    nearest_m: f64,
+    /// Beams without a return.
+    without_return: i64,
+    /// Beams with a range.
+    ranges: i64,
 }
 
 /// Beams that answer for a cell.
@@ -282,6 +335,10 @@ struct Beams {
     bearing: f64,
     first: i64,
     last: i64,
+}
+
+fn is_range(tick: u16) -> bool {
+    tick != NO_RETURN_TICK && tick != INVALID_TICK
 }
 
 /// Without a call into a library, as `f64::floor` is on older machines.

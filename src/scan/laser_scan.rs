@@ -29,9 +29,9 @@ pub enum Reading {
 }
 
 /// The tick of a beam without a return.
-const NO_RETURN: u16 = 0;
+pub const NO_RETURN_TICK: u16 = 0;
 /// The tick of an invalid reading; the longest range is one less.
-const INVALID: u16 = u16::MAX;
+pub const INVALID_TICK: u16 = u16::MAX;
 
 /// Why a sweep was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -62,10 +62,10 @@ impl LaserScan {
         let tick_m = lidar.tick_m();
         let to_tick = |range: Option<f64>| match range {
             Some(r) if r >= lidar.range_min_m && r < lidar.range_max_m => {
-                (r / tick_m).round().clamp(1.0, f64::from(INVALID - 1)) as u16
+                (r / tick_m).round().clamp(1.0, f64::from(INVALID_TICK - 1)) as u16
             }
-            Some(r) if r.is_nan() || r < lidar.range_min_m => INVALID,
-            _ => NO_RETURN,
+            Some(r) if r.is_nan() || r < lidar.range_min_m => INVALID_TICK,
+            _ => NO_RETURN_TICK,
         };
         let ticks: Vec<u16> = ranges_m.into_iter().map(to_tick).collect();
         Self::from_ticks(lidar, ticks)
@@ -100,6 +100,11 @@ impl LaserScan {
         &self.lidar
     }
 
+    /// Length of a tick, metres.
+    pub fn tick_m(&self) -> f64 {
+        self.tick_m
+    }
+
     /// Ranges in ticks: 0 for no return, the last for an invalid reading.
     pub fn ticks(&self) -> &[u16] {
         &self.ticks
@@ -113,8 +118,8 @@ impl LaserScan {
     /// What a beam says; a beam that is not there says nothing.
     pub fn reading(&self, beam: usize) -> Reading {
         match self.ticks.get(beam) {
-            None | Some(&INVALID) => Reading::Invalid,
-            Some(&NO_RETURN) => Reading::NoReturn,
+            None | Some(&INVALID_TICK) => Reading::Invalid,
+            Some(&NO_RETURN_TICK) => Reading::NoReturn,
             Some(&ticks) => Reading::Range(f64::from(ticks) * self.tick_m),
         }
     }
@@ -134,7 +139,7 @@ impl LaserScan {
 
     /// Beams with a measurement.
     pub fn return_count(&self) -> usize {
-        let measured = |tick: &&u16| !matches!(**tick, NO_RETURN | INVALID);
+        let measured = |tick: &&u16| !matches!(**tick, NO_RETURN_TICK | INVALID_TICK);
         self.ticks.iter().filter(measured).count()
     }
 }

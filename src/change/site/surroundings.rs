@@ -82,11 +82,6 @@ impl Surroundings {
             side_of[view.observation] = Some(usize::from(view.in_change));
         }
         let witnesses = (0..cells.len()).filter_map(|cell| {
-            let to_cluster_m = distance_m(changed, &cells[cell].centre);
-            let centre = &cells[cell].centre;
-            if to_cluster_m <= FROM_M || distance_m(site.changed_around, centre) <= CHANGED_M {
-                return None;
-            }
             let mut seen = [(0_u32, 0_u32); 2];
             for answer in answers.about(cell) {
                 let Some(side) = side_of[answer.observation as usize] else {
@@ -99,6 +94,11 @@ impl Surroundings {
                 }
             }
             let agrees = agreement(&seen)?;
+            let centre = &cells[cell].centre;
+            let to_cluster_m = distance_m(changed, centre);
+            if to_cluster_m <= FROM_M || distance_m(site.changed_around, centre) <= CHANGED_M {
+                return None;
+            }
             Some(Witness {
                 normal: cells[cell].normal,
                 to_cluster_m,

@@ -7,9 +7,9 @@ use crate::change::pass::{Standpoint, passes, weights};
 
 /// A pass is cut where it saw a change: if what it says before and after is worth so much, in nats,
 /// …
-const CUT_NATS: f64 = 6.0;
+const CUT_NATS: f64 = 9.0;
 /// … and so nearly the same each time, as a share.
-const CUT_UNANIMITY: f64 = 0.8;
+const CUT_UNANIMITY: f64 = 0.95;
 
 /// Passes over a place and its history.
 pub struct Timeline {
