@@ -8,6 +8,7 @@
 mod answers;
 mod cells;
 mod cluster;
+mod nearness;
 mod pooled;
 mod shift;
 mod surroundings;

@@ -3,6 +3,7 @@
 use std::ops::Index;
 
 use super::Site;
+use super::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::{Cell, CellBuilder};
 
@@ -43,7 +44,7 @@ impl SiteCells {
             to_candidate_m: Vec::new(),
         };
         for (place, builder) in grid.hit() {
-            let to_candidate_m = near.distance_m(&builder.mean());
+            let to_candidate_m = near.distance_m(&builder.mean(), within_m);
             if to_candidate_m <= within_m && grid.is_taken(place, every) {
                 kept.cells.push(builder.build(grid.around(place)));
                 kept.to_candidate_m.push(to_candidate_m);
@@ -81,10 +82,11 @@ struct Grid {
 
 impl Grid {
     /// Cells are those of the map's grid, so that sites that overlap have the same ones.
-    fn over(near: &Nearness<'_>, margin_m: f64) -> Self {
+    fn over(near: &Nearness, margin_m: f64) -> Self {
         let margin = Vector2::repeat(margin_m);
-        let low = ((near.low - margin) / CELL_M).map(f64::floor);
-        let high = ((near.high + margin) / CELL_M).map(f64::ceil);
+        let (low, high) = near.bounds();
+        let low = ((low - margin) / CELL_M).map(f64::floor);
+        let high = ((high + margin) / CELL_M).map(f64::ceil);
         let size = (high - low).map(|cells| cells.max(0.0) as usize);
         Self {
             origin: low * CELL_M,
@@ -129,34 +131,5 @@ impl Grid {
             &self.builders[first + rows.start..first + rows.end]
         });
         near.filter(|builder| builder.is_hit())
-    }
-}
-
-/// Distances to a set of points.
-struct Nearness<'a> {
-    points: &'a [Vector2<f64>],
-    low: Vector2<f64>,
-    high: Vector2<f64>,
-}
-
-impl<'a> Nearness<'a> {
-    fn to(points: &'a [Vector2<f64>]) -> Self {
-        let unbounded = Vector2::repeat(f64::INFINITY);
-        Self {
-            points,
-            low: points.iter().fold(unbounded, |low, p| low.inf(p)),
-            high: points.iter().fold(-unbounded, |high, p| high.sup(p)),
-        }
-    }
-
-    /// A circle that holds everything within a distance of the points.
-    fn circle(&self, within_m: f64) -> (Vector2<f64>, f64) {
-        let half = 0.5 * (self.high - self.low);
-        (self.low + half, half.norm() + within_m)
-    }
-
-    fn distance_m(&self, point: &Vector2<f64>) -> f64 {
-        let squares = self.points.iter().map(|p| (p - point).norm_squared());
-        squares.fold(f64::INFINITY, f64::min).sqrt()
     }
 }

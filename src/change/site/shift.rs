@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use super::Site;
 use super::cells::SiteCells;
 use super::cluster::Cluster;
+use super::nearness::Nearness;
 use super::pooled::Pooled;
 use super::surroundings::{Fixing, Surroundings};
 use crate::change::history::State;
@@ -23,6 +24,8 @@ const STEPS_ALONG: i32 = 30;
 const STEPS_ACROSS: i32 = 1;
 /// A hit this near to another has met the same thing, metres.
 const SAME_M: f64 = 0.07;
+/// Which is told to within a square of this width, metres.
+const PIXEL_M: f64 = 0.02;
 /// Fewest hits of the old and the new side that tell.
 const OLD_HITS_MIN: usize = 30;
 const NEW_HITS_MIN: usize = 8;
@@ -52,13 +55,14 @@ pub fn explains(
         Fixing::Loose(loose) => loose,
     };
     let own: Vec<Vector2<f64>> = cluster.cells.iter().map(|&c| cells[c].centre).collect();
-    let old = PointSet::of(hits_near(site, &own, pooled.side(false)));
-    let new = hits_near(site, &own, pooled.side(true));
-    let is_own = |hit: &Vector2<f64>| own.iter().any(|c| (c - hit).norm() < OWN_M);
-    let new = thinned(new.into_iter().filter(|hit| !is_own(hit)));
+    let old = hits_near(site, &own, pooled.side(false));
+    let mut new = hits_near(site, &own, pooled.side(true));
+    let to_own = Nearness::to(&own);
+    new.retain(|hit| !to_own.holds(hit, OWN_M));
     if old.len() < OLD_HITS_MIN || new.len() < NEW_HITS_MIN {
         return seen_once;
     }
+    let old = Raster::of(&old);
     let across = Vector2::new(-loose.y, loose.x);
     let fit = |shift: &Vector2<f64>| {
         let laid = new.iter().filter(|hit| old.holds(&(*hit + shift)));
@@ -98,44 +102,60 @@ fn hits_near(
 fn thinned(points: impl Iterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
     let mut taken = BTreeSet::new();
     points
-        .filter(|point| taken.insert(key_of(point, STEP_M)))
+        .filter(|point| {
+            let key = |v: f64| (v / STEP_M).floor() as i32;
+            taken.insert((key(point.x), key(point.y)))
+        })
         .collect()
 }
 
-fn key_of(point: &Vector2<f64>, width_m: f64) -> (i32, i32) {
-    let key = |v: f64| (v / width_m).floor() as i32;
-    (key(point.x), key(point.y))
+/// Where points are laid onto others: squares of [`PIXEL_M`], set within [`SAME_M`] of a point.
+struct Raster {
+    origin: Vector2<f64>,
+    columns: usize,
+    rows: usize,
+    near: Vec<bool>,
 }
 
-/// Points that others are laid onto.
-struct PointSet {
-    /// By squares of [`SAME_M`].
-    points: Vec<((i32, i32), Vector2<f64>)>,
-}
-
-impl PointSet {
-    fn of(points: Vec<Vector2<f64>>) -> Self {
-        let keyed = points
-            .into_iter()
-            .map(|point| (key_of(&point, SAME_M), point));
-        let mut points: Vec<_> = keyed.collect();
-        points.sort_by_key(|(key, _)| *key);
-        Self { points }
+impl Raster {
+    fn of(points: &[Vector2<f64>]) -> Self {
+        let margin = Vector2::repeat(SAME_M + PIXEL_M);
+        let (low, high) = Nearness::to(points).bounds();
+        let origin = low - margin;
+        let size = ((high + margin - origin) / PIXEL_M).map(|pixels| pixels.ceil() as usize + 1);
+        let mut raster = Self {
+            origin,
+            columns: size.x,
+            rows: size.y,
+            near: vec![false; size.x * size.y],
+        };
+        let reach = (SAME_M / PIXEL_M).ceil() as usize;
+        for point in points {
+            let Some((column, row)) = raster.pixel(point) else {
+                continue;
+            };
+            for column in column.saturating_sub(reach)..=(column + reach).min(raster.columns - 1) {
+                for row in row.saturating_sub(reach)..=(row + reach).min(raster.rows - 1) {
+                    let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * PIXEL_M;
+                    let offset = raster.origin + middle - point;
+                    raster.near[column * raster.rows + row] |=
+                        offset.norm_squared() < SAME_M * SAME_M;
+                }
+            }
+        }
+        raster
     }
 
-    fn len(&self) -> usize {
-        self.points.len()
+    fn pixel(&self, point: &Vector2<f64>) -> Option<(usize, usize)> {
+        let at = (point - self.origin) / PIXEL_M;
+        let (column, row) = (at.x as usize, at.y as usize);
+        let is_inside = at.x >= 0.0 && at.y >= 0.0 && column < self.columns && row < self.rows;
+        is_inside.then_some((column, row))
     }
 
     fn holds(&self, at: &Vector2<f64>) -> bool {
-        let (x, y) = key_of(at, SAME_M);
-        (x - 1..=x + 1).any(|x| {
-            let first = self.points.partition_point(|(key, _)| *key < (x, y - 1));
-            let column = self.points[first..].iter();
-            column
-                .take_while(|(key, _)| *key <= (x, y + 1))
-                .any(|(_, point)| (point - at).norm_squared() < SAME_M * SAME_M)
-        })
+        let pixel = self.pixel(at);
+        pixel.is_some_and(|(column, row)| self.near[column * self.rows + row])
     }
 }
 

@@ -4,6 +4,7 @@
 use super::Site;
 use super::answers::Answers;
 use super::cells::SiteCells;
+use super::nearness::Nearness;
 use super::pooled::Pooled;
 use crate::geometry::Vector2;
 use crate::observation::Outcome;
@@ -47,7 +48,7 @@ impl Confirmed {
 /// A cell that one side calls solid and the other one saw.
 struct Witness {
     normal: Option<Vector2<f64>>,
-    to_cluster_m: f64,
+    is_near: bool,
     /// Solid to the old side, or to the new one: whether the other side agrees.
     agrees: [Option<bool>; 2],
 }
@@ -81,6 +82,7 @@ impl Surroundings {
         for view in &pooled.views {
             side_of[view.observation] = Some(usize::from(view.in_change));
         }
+        let (to_cluster, to_changed) = (Nearness::to(changed), Nearness::to(site.changed_around));
         let witnesses = (0..cells.len()).filter_map(|cell| {
             let mut seen = [(0_u32, 0_u32); 2];
             for answer in answers.about(cell) {
@@ -95,13 +97,12 @@ impl Surroundings {
             }
             let agrees = agreement(&seen)?;
             let centre = &cells[cell].centre;
-            let to_cluster_m = distance_m(changed, centre);
-            if to_cluster_m <= FROM_M || distance_m(site.changed_around, centre) <= CHANGED_M {
+            if to_cluster.holds(centre, FROM_M) || to_changed.holds(centre, CHANGED_M) {
                 return None;
             }
             Some(Witness {
                 normal: cells[cell].normal,
-                to_cluster_m,
+                is_near: to_cluster.holds(centre, NEAR_M),
                 agrees,
             })
         });
@@ -110,16 +111,16 @@ impl Surroundings {
         }
     }
 
-    fn confirmed(&self, side: usize, within_m: f64) -> Confirmed {
-        let near = self.witnesses.iter().filter(|w| w.to_cluster_m <= within_m);
+    fn confirmed(&self, side: usize, only_near: bool) -> Confirmed {
+        let near = self.witnesses.iter().filter(|w| w.is_near || !only_near);
         confirmed(near.filter_map(|w| w.agrees[side]))
     }
 
     /// Whether both sides know the place, as far as there is anything to know it by.
     pub fn agree(&self) -> bool {
-        let near = [0, 1].map(|side| self.confirmed(side, NEAR_M));
+        let near = [0, 1].map(|side| self.confirmed(side, true));
         let of_sides = if near.iter().any(|side| side.asked < ASKED_MIN) {
-            [0, 1].map(|side| self.confirmed(side, f64::INFINITY))
+            [0, 1].map(|side| self.confirmed(side, false))
         } else {
             near
         };
@@ -161,7 +162,7 @@ impl Surroundings {
     pub fn are_known(&self) -> bool {
         [0, 1]
             .iter()
-            .any(|&side| self.confirmed(side, f64::INFINITY).asked >= ASKED_MIN)
+            .any(|&side| self.confirmed(side, false).asked >= ASKED_MIN)
     }
 }
 
@@ -185,11 +186,6 @@ fn agreement(seen: &[(u32, u32); 2]) -> Option<[Option<bool>; 2]> {
         is_solid.then(|| shares[1 - side] > AGREES_SHARE)
     });
     agrees.iter().any(Option::is_some).then_some(agrees)
-}
-
-fn distance_m(points: &[Vector2<f64>], place: &Vector2<f64>) -> f64 {
-    let squares = points.iter().map(|point| (point - place).norm_squared());
-    squares.fold(f64::INFINITY, f64::min).sqrt()
 }
 
 /// The direction that surfaces with these normals fix least.
