@@ -20,11 +20,12 @@ use std::collections::BTreeSet;
 use self::answers::Answers;
 use self::cells::SiteCells;
 use self::cluster::{Cluster, clusters};
+use self::nearness::Nearness;
 use self::pooled::Pooled;
 pub use self::pooled::{FALSE_ALERTS_PER_LAP, support_min};
 use self::surroundings::Surroundings;
 use super::history::State;
-use super::pass::Standpoint;
+use super::pass::{Standpoint, passes};
 use super::region::{centroid, region_round};
 use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
 use crate::geometry::Vector2;
@@ -35,6 +36,8 @@ use crate::observation::Observation;
 pub const SURROUNDINGS_M: f64 = 3.0;
 /// Cells this near to a candidate are judged with it, metres.
 const JUDGED_WITHIN_M: f64 = 0.5;
+/// Observations of a pass that are asked, at most: more say the same again.
+const ASKED_MAX: usize = 48;
 /// How far the outline stays away from the cells' centres, metres: half a cell.
 const REGION_MARGIN_M: f64 = 0.03;
 /// What is known of a pose, metres: no location is better.
@@ -87,9 +90,10 @@ pub struct Site<'a> {
 pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
     //    observation says hit, miss or unknown.
-    let all = || 0..site.observations.len();
-    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
-    let mut answers = Answers::of(site, &cells, all());
+    let asked = asked(site);
+    let asked = || asked.iter().copied();
+    let cells = SiteCells::of(site, asked(), JUDGED_WITHIN_M, 1);
+    let mut answers = Answers::of(site, &cells, asked());
     let is_promising = |cluster: &Cluster| {
         Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
     };
@@ -124,6 +128,25 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
         Some(finding_of(site, &cells, cluster, pooled))
     });
     findings.collect()
+}
+
+/// The observations that see some of the site, at most [`ASKED_MAX`] of each pass, evenly chosen.
+fn asked(site: &Site<'_>) -> Vec<usize> {
+    let (centre, radius_m) = Nearness::to(site.candidates).circle(JUDGED_WITHIN_M);
+    let sees = |k: &usize| {
+        let observation = &site.observations[*k].observation;
+        !observation.is_blind_to(&centre, radius_m, 0.0)
+    };
+    let seeing: Vec<usize> = (0..site.observations.len()).filter(sees).collect();
+    let standpoints = seeing.iter().map(|&k| site.observations[k].standpoint());
+    let standpoints: Vec<Standpoint> = standpoints.collect();
+    let mut asked = Vec::new();
+    for pass in passes(&standpoints) {
+        let of_pass = &seeing[pass];
+        let kept = of_pass.len().min(ASKED_MAX);
+        asked.extend((0..kept).map(|k| of_pass[k * of_pass.len() / kept]));
+    }
+    asked
 }
 
 fn centres(cells: &SiteCells, cluster: &Cluster) -> Vec<Vector2<f64>> {

@@ -248,7 +248,7 @@ impl Observation {
     }
 
     /// Whether it can neither have hit nor have missed any cell (of this half width) in a circle:
-    /// all beams towards it ended before it, or gave no range.
+    /// all beams towards it ended before it, or gave no range. What no-returns say is left out.
     pub fn is_blind_to(&self, centre: &Vector2<f64>, radius_m: f64, half_width_m: f64) -> bool {
         let towards = centre - self.eye;
         let range_m = towards.norm();

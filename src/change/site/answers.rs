@@ -1,11 +1,9 @@
 //! What every observation says about every cell.
 
-use std::ops::Range;
-
 use super::Site;
 use super::cells::SiteCells;
 use crate::change::AcceptedChange;
-use crate::change::pass::{Standpoint, passes};
+use crate::change::pass::Standpoint;
 use crate::observation::Outcome;
 
 /// An answer other than "unknown".
@@ -22,8 +20,6 @@ pub struct Answer {
 const LOST_SHARE_MAX: f64 = 0.03;
 /// … and so does one of which fewer answers are known.
 const ANSWERS_MIN: usize = 200;
-/// Observations of a pass that are asked about the surroundings, at most.
-const WITNESSES_MAX: usize = 48;
 /// What a no-return is worth, in misses, where the lidar earns it.
 const NO_RETURN_WORTH: f64 = 0.3;
 /// A cell that was hit by at least so many …
@@ -73,20 +69,13 @@ impl Answers {
         }
     }
 
-    /// Of those who hit or missed anything at most [`WITNESSES_MAX`] in each pass, evenly chosen:
-    /// they are asked about the surroundings.
+    /// Those who hit or missed anything: they are asked about the surroundings.
     pub fn witnesses(&self) -> Vec<usize> {
         let mut speaks = vec![false; self.standpoints.len()];
         for answer in self.of_cells.iter().flatten() {
             speaks[answer.observation as usize] |= answer.outcome != Outcome::NoReturn;
         }
-        let mut witnesses = Vec::new();
-        for pass in passes(&self.standpoints) {
-            let speaking: Vec<usize> = pass.filter(|&k| speaks[k]).collect();
-            let kept = speaking.len().min(WITNESSES_MAX);
-            witnesses.extend((0..kept).map(|k| speaking[k * speaking.len() / kept]));
-        }
-        witnesses
+        (0..speaks.len()).filter(|&k| speaks[k]).collect()
     }
 
     /// Takes back what some observations said.
@@ -139,14 +128,5 @@ impl Answers {
             Outcome::NoReturn => (0.0, self.no_return_worth[answer.observation as usize]),
             Outcome::Unknown => (0.0, 0.0),
         }
-    }
-
-    /// The passes of some observations, given in their order, in the order of time.
-    pub fn passes_of(&self, observations: &[u32]) -> Vec<Range<usize>> {
-        let standpoints = observations.iter().map(|&k| self.standpoints[k as usize]);
-        let standpoints: Vec<Standpoint> = standpoints.collect();
-        let mut passes = passes(&standpoints);
-        passes.sort_by_key(|pass| (standpoints[pass.start].stamp, pass.start));
-        passes
     }
 }
