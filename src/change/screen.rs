@@ -7,9 +7,11 @@
 //! nothing may be missed, and what is named too often costs time.
 
 mod counted_cell;
+mod fit;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+pub use self::fit::{Agreement, Fit};
 use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey, Signature};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use super::site::SURROUNDINGS_M;
@@ -32,10 +34,6 @@ const POSE_STEP_RAD: f64 = 0.005;
 /// What a trip observed within so many seconds is counted together: far less than a pass may last,
 /// so that what changes while it is looked at shows.
 const SPAN_NS: i64 = 30_000_000_000;
-/// Spans of a trip that are so near to each other are of one pass: they err together.
-const SPANS_OF_A_PASS: i64 = 4;
-/// One in so many cells is asked whether an observation agrees with the other passes.
-const AGREEMENT_EVERY: i32 = 4;
 /// Candidates this near to each other belong to one site, metres.
 const LINK_M: f64 = 0.25;
 /// A site reaches no farther than this from its first cell, metres.
@@ -106,15 +104,6 @@ impl Tile {
         }
         &mut self.cells[at]
     }
-}
-
-/// How an observation fits what the other passes found.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Agreement {
-    /// Cells that other passes call solid and that it says something about.
-    pub asked: u32,
-    /// Those of them that it hits.
-    pub hits: u32,
 }
 
 /// Candidate cells that lie together.
@@ -290,34 +279,6 @@ impl Screen {
             near.extend(recorded_near(&self.eyes, cell).map(|recorded| recorded.key));
         }
         near.into_iter().collect()
-    }
-
-    /// How well an observation fits what other passes found solid, over all that it saw: one whose
-    /// pose is wrong does not.
-    pub fn agreement(&self, key: &ObservationKey) -> Agreement {
-        let mut agreement = Agreement::default();
-        let Some(Recorded {
-            pass, observation, ..
-        }) = self.recorded(key)
-        else {
-            return agreement;
-        };
-        let is_other = |other: &PassKey| {
-            other.trip != pass.trip || (other.span - pass.span).abs() > SPANS_OF_A_PASS
-        };
-        let (low, high) = tiles_in_reach(observation);
-        let columns = low.0..=high.0;
-        let tiles = columns.flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
-        for cell in tiles.flat_map(|(_, tile)| &tile.cells) {
-            let (x, y) = cell.key;
-            if (x + 2 * y).rem_euclid(AGREEMENT_EVERY) != 0 || !cell.is_solid_to(is_other) {
-                continue;
-            }
-            let outcome = observation.test(&cell.geometry());
-            agreement.asked += u32::from(matches!(outcome, Outcome::Hit | Outcome::Miss));
-            agreement.hits += u32::from(outcome == Outcome::Hit);
-        }
-        agreement
     }
 
     /// About how much memory it takes, bytes.

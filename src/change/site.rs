@@ -28,7 +28,7 @@ use super::history::State;
 use super::pass::{Standpoint, passes};
 use super::region::{centroid, region_round};
 use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
-use crate::geometry::Vector2;
+use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
 
@@ -54,8 +54,12 @@ pub struct Observed {
     pub trip: usize,
     /// When it was taken.
     pub stamp: StampNs,
-    /// The scan at its pose.
+    /// Where the base was, as the map has it.
+    pub map_from_base: Pose2,
+    /// The scan at its pose, or where it fits what other passes found.
     pub observation: Observation,
+    /// How well it fits what other passes found, wherever it looked.
+    pub agreement: Agreement,
 }
 
 impl Observed {
@@ -74,14 +78,12 @@ pub struct Site<'a> {
     pub candidates: &'a [Vector2<f64>],
     /// Centres of all cells in the surroundings that may have changed.
     pub changed_around: &'a [Vector2<f64>],
-    /// Every observation within reach, in the order of trip and time.
+    /// Those who are asked ([`asked_about`]), in the order of trip and time.
     pub observations: &'a [&'a Observed],
     /// Accepted changes: in their regions what was observed before them is out of date.
     pub accepted: &'a [AcceptedChange],
     /// Names of the trips that observations number.
     pub trips: &'a [TripId],
-    /// How well an observation fits what other passes found, wherever it looked.
-    pub agreement: &'a dyn Fn(&Observed) -> Agreement,
     /// How much better a change must explain the passes than none, in nats: [`support_min`].
     pub support_min: f64,
 }
@@ -90,10 +92,9 @@ pub struct Site<'a> {
 pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
     //    observation says hit, miss or unknown.
-    let asked = asked(site);
-    let asked = || asked.iter().copied();
-    let cells = SiteCells::of(site, asked(), JUDGED_WITHIN_M, 1);
-    let mut answers = Answers::of(site, &cells, asked());
+    let all = || 0..site.observations.len();
+    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
+    let mut answers = Answers::of(site, &cells, all());
     let is_promising = |cluster: &Cluster| {
         Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
     };
@@ -102,7 +103,7 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     }
     // 2. Observations that do not fit what other passes found have a wrong pose: they say nothing.
     let mut witnesses = answers.witnesses();
-    let void = void::void_observations(site, &witnesses);
+    let void = void::void_observations(site.observations);
     answers.drop_void(&void);
     witnesses.retain(|&k| !void[k]);
     let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
@@ -130,15 +131,16 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     findings.collect()
 }
 
-/// The observations that see some of the site, at most [`ASKED_MAX`] of each pass, evenly chosen.
-fn asked(site: &Site<'_>) -> Vec<usize> {
-    let (centre, radius_m) = Nearness::to(site.candidates).circle(JUDGED_WITHIN_M);
+/// Of observations in the order of trip and time: those that see some of a site's candidates, at
+/// most [`ASKED_MAX`] of each pass, evenly chosen.
+pub fn asked_about(candidates: &[Vector2<f64>], observations: &[Observed]) -> Vec<usize> {
+    let (centre, radius_m) = Nearness::to(candidates).circle(JUDGED_WITHIN_M);
     let sees = |k: &usize| {
-        let observation = &site.observations[*k].observation;
+        let observation = &observations[*k].observation;
         !observation.is_blind_to(&centre, radius_m, 0.0)
     };
-    let seeing: Vec<usize> = (0..site.observations.len()).filter(sees).collect();
-    let standpoints = seeing.iter().map(|&k| site.observations[k].standpoint());
+    let seeing: Vec<usize> = (0..observations.len()).filter(sees).collect();
+    let standpoints = seeing.iter().map(|&k| observations[k].standpoint());
     let standpoints: Vec<Standpoint> = standpoints.collect();
     let mut asked = Vec::new();
     for pass in passes(&standpoints) {

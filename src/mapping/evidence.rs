@@ -1,13 +1,12 @@
 //! The map's observations as evidence of changes.
 
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, ObservationKey, Observed, Screened, Site, TiedPose,
-    TripPose, join_counterparts, mismatches, state_changes, support_min, suspect_vehicle,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, Screened, Site, TiedPose,
+    TripPose, asked_about, join_counterparts, mismatches, state_changes, support_min, suspect_vehicle,
 };
 use crate::geometry::Pose2;
 use crate::graph::EdgeKind;
@@ -95,15 +94,10 @@ impl RouteMap {
             Sites::All => self.screen.all_sites(),
         };
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
-        let known: RefCell<BTreeMap<ObservationKey, Agreement>> = RefCell::default();
-        let agreement = |observed: &Observed| {
-            let key = (observed.node, observed.place);
-            let mut known = known.borrow_mut();
-            *known.entry(key).or_insert_with(|| self.screen.agreement(&key))
-        };
+        let mut fits = BTreeMap::new();
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
-            for found in self.judge(site, &trips, scope, &agreement) {
+            for found in self.judge(site, &trips, scope, &mut fits) {
                 let is_same = |other: &&mut Finding| {
                     other.kind == found.kind
                         && (other.location - found.location).norm() <= SAME_FINDING_M
@@ -127,7 +121,7 @@ impl RouteMap {
         site: &CandidateSite,
         trips: &[TripId],
         scope: &Scope<'_>,
-        agreement: &dyn Fn(&Observed) -> Agreement,
+        fits: &mut BTreeMap<ObservationKey, Fit>,
     ) -> Vec<Finding> {
         let near = self.screen.observations_near(site);
         let mut observed: Vec<Observed> = near
@@ -139,20 +133,36 @@ impl RouteMap {
             })
             .collect();
         observed.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));
-        let observations: Vec<&Observed> = observed.iter().collect();
+        let asked = asked_about(&site.cells, &observed);
+        for &k in &asked {
+            self.fit(&mut observed[k], fits);
+        }
+        let observations: Vec<&Observed> = asked.iter().map(|&k| &observed[k]).collect();
         let mut findings = state_changes(&Site {
             candidates: &site.cells,
             changed_around: &site.around,
             observations: &observations,
             accepted: scope.accepted,
             trips,
-            agreement,
             support_min: support_min(scope.false_alerts_per_lap),
         });
         for finding in &mut findings {
             finding.edges = self.closures_across(finding);
         }
         findings
+    }
+
+    /// Asks how an observation fits the others, and moves it to where it does.
+    fn fit(&self, observed: &mut Observed, fits: &mut BTreeMap<ObservationKey, Fit>) {
+        let key = (observed.node, observed.place);
+        let scan = observed.observation.scan();
+        let given = observed.map_from_base;
+        let fit = fits.entry(key);
+        let fit = *fit.or_insert_with(|| self.screen.fit(&key, scan, &given));
+        if fit.map_from_base != given {
+            observed.observation = Observation::new(&scan.clone(), &fit.map_from_base);
+        }
+        observed.agreement = fit.agreement;
     }
 
     fn observed(&self, (node, place): ObservationKey, trips: &[TripId]) -> Option<Observed> {
@@ -166,7 +176,9 @@ impl RouteMap {
             place,
             trip: trips.binary_search(&keyframe.trip).ok()?,
             stamp,
+            map_from_base,
             observation: Observation::new(scan, &map_from_base),
+            agreement: Agreement::default(),
         })
     }
 

@@ -315,3 +315,45 @@ proptest! {
         }
     }
 }
+
+/// Of the fit of an observation that is held to have been taken elsewhere.
+fn fit_of_misplaced(x: f64, y: f64, turn_rad: f64) -> (Fit, Pose2) {
+    let observations: Vec<Kept> = (0..3).flat_map(|k| pass(k, &room())).collect();
+    let screen = fresh(&observations);
+    let kept = &observations[14];
+    let right = kept.map_from_base;
+    let given = Pose2::new(right.x + x, right.y + y, right.theta + turn_rad);
+    (screen.fit(&kept.key, &kept.scan, &given), right)
+}
+
+#[test]
+fn an_observation_that_fits_stays_where_it_is() {
+    let (fit, right) = fit_of_misplaced(0.0, 0.0, 0.0);
+    assert_eq!(fit.map_from_base, right);
+    assert!(fit.agreement.tells() && !fit.agreement.is_wrong(), "{fit:?}");
+}
+
+#[test]
+fn a_wrong_pose_near_the_right_one_is_mended() {
+    for (x, y, turn_rad) in [(0.2, -0.1, 0.0), (0.0, 0.25, 0.03), (-0.1, 0.1, -0.08)] {
+        let (fit, right) = fit_of_misplaced(x, y, turn_rad);
+        let off = right.between(&fit.map_from_base);
+        assert!(!fit.agreement.is_wrong(), "{fit:?}");
+        assert!(off.translation().norm() < 0.08 && off.theta.abs() < 0.03, "{off:?}");
+    }
+}
+
+#[test]
+fn a_pose_that_is_far_off_is_wrong_and_stays() {
+    let (fit, right) = fit_of_misplaced(1.1, 0.9, 0.6);
+    assert!(fit.agreement.is_wrong(), "{fit:?}");
+    assert_eq!(fit.map_from_base, Pose2::new(right.x + 1.1, right.y + 0.9, right.theta + 0.6));
+}
+
+#[test]
+fn what_only_its_own_pass_saw_says_nothing_about_an_observation() {
+    let observations = pass(0, &room());
+    let kept = &observations[3];
+    let fit = fresh(&observations).fit(&kept.key, &kept.scan, &kept.map_from_base);
+    assert_eq!(fit.agreement, Agreement::default());
+}

@@ -45,6 +45,20 @@ struct Taken {
     scan: LaserScan,
 }
 
+impl Taken {
+    fn observed(&self) -> Observed {
+        Observed {
+            node: self.node,
+            place: 0,
+            trip: self.trip,
+            stamp: self.stamp,
+            map_from_base: self.map_from_base,
+            observation: Observation::new(&self.scan, &self.map_from_base),
+            agreement: Agreement::default(),
+        }
+    }
+}
+
 fn take(world: &World, trip: usize, seconds: f64, map_from_base: &Pose2) -> Taken {
     let stamp = StampNs((seconds * 1e9) as i64);
     let mut rng = ChaCha8Rng::seed_from_u64(stamp.0 as u64);
@@ -116,18 +130,12 @@ fn judge_with(scans: &[Taken], accepted: &[AcceptedChange]) -> Vec<Finding> {
         map_from_base: taken.map_from_base,
         scan: &taken.scan,
     }));
-    let observed = |taken: &Taken| Observed {
-        node: taken.node,
-        trip: taken.trip,
-        stamp: taken.stamp,
-        observation: Observation::new(&taken.scan, &taken.map_from_base),
-    };
     let mut findings = Vec::new();
     for candidates in screen.all_sites() {
         let near: BTreeSet<ObservationKey> =
             screen.observations_near(&candidates).into_iter().collect();
         let near = scans.iter().filter(|taken| near.contains(&(taken.node, 0)));
-        let mut near: Vec<Observed> = near.map(observed).collect();
+        let mut near: Vec<Observed> = near.map(Taken::observed).collect();
         near.retain(|o| {
             let eye = o.observation.eye();
             candidates
@@ -136,9 +144,18 @@ fn judge_with(scans: &[Taken], accepted: &[AcceptedChange]) -> Vec<Finding> {
                 .any(|cell| (cell - eye).norm() <= REACH_M)
         });
         near.sort_by_key(|o| (o.trip, o.stamp));
+        let asked = asked_about(&candidates.cells, &near);
+        for &k in &asked {
+            let observed = &mut near[k];
+            let scan = observed.observation.scan().clone();
+            let fit = screen.fit(&(observed.node, 0), &scan, &observed.map_from_base);
+            observed.observation = Observation::new(&scan, &fit.map_from_base);
+            observed.agreement = fit.agreement;
+        }
         findings.extend(state_changes(&Site {
             candidates: &candidates.cells,
-            observations: &near.iter().collect::<Vec<_>>(),
+            changed_around: &candidates.around,
+            observations: &asked.iter().map(|&k| &near[k]).collect::<Vec<_>>(),
             accepted,
             trips: &trips,
             support_min: support_min(FALSE_ALERTS_PER_LAP),
@@ -451,18 +468,11 @@ fn a_no_return_counts_only_where_the_lidar_rarely_loses_a_surface() {
         let ranges: Vec<_> = ranges.map(|(beam, r)| r.filter(|_| !lost(beam))).collect();
         taken.scan = LaserScan::new(taken.scan.lidar().clone(), ranges).unwrap();
     }
-    let observed: Vec<Observed> = scans
-        .iter()
-        .map(|taken| Observed {
-            node: taken.node,
-            trip: taken.trip,
-            stamp: taken.stamp,
-            observation: Observation::new(&taken.scan, &taken.map_from_base),
-        })
-        .collect();
+    let observed: Vec<Observed> = scans.iter().map(Taken::observed).collect();
     let trips: Vec<TripId> = (0..3).map(trip_name).collect();
     let site = Site {
         candidates: &[Vector2::new(3.0, 0.0)],
+        changed_around: &[],
         observations: &observed.iter().collect::<Vec<_>>(),
         accepted: &[],
         trips: &trips,

@@ -106,3 +106,46 @@ impl Said {
         self.sum.abs() >= CUT_NATS && self.sum.abs() >= CUT_UNANIMITY * self.most
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::change::history::State::{Free, Occupied};
+    use crate::geometry::Vector2;
+    use crate::ids::StampNs;
+
+    /// One view a second, 1 m apart.
+    fn timeline(nats: &[f64]) -> Timeline {
+        let standpoint = |k: usize| Standpoint {
+            trip: 0,
+            stamp: StampNs(k as i64 * 1_000_000_000),
+            eye: Vector2::new(k as f64, 0.0),
+        };
+        let standpoints: Vec<Standpoint> = (0..nats.len()).map(standpoint).collect();
+        Timeline::of(&standpoints, nats, 10.0)
+    }
+
+    fn views(parts: &[(usize, f64)]) -> Vec<f64> {
+        let parts = parts.iter();
+        parts.flat_map(|&(count, nats)| vec![nats; count]).collect()
+    }
+
+    #[test]
+    fn a_change_that_a_pass_saw_cuts_it() {
+        let seen = timeline(&views(&[(8, -1.5), (8, 1.5), (8, -1.5)]));
+        assert_eq!(seen.passes, [0..8, 8..16, 16..24]);
+        assert_eq!(seen.history.states, [Free, Occupied, Free]);
+    }
+
+    #[test]
+    fn a_pass_in_doubt_is_not_cut() {
+        // Too little on one side; now this, now that; and a third that says the contrary.
+        for nats in [
+            views(&[(12, -1.5), (5, 1.5)]),
+            views(&[(1, -1.5), (1, 1.5)]).repeat(12),
+            views(&[(12, -1.5), (8, 1.5), (4, -1.5), (8, 1.5)]),
+        ] {
+            assert_eq!(timeline(&nats).passes, [0..nats.len()]);
+        }
+    }
+}
