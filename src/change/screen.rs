@@ -11,10 +11,10 @@ mod fit;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-pub use self::fit::{Agreement, Fit};
 use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey, Signature};
-use crate::geometry::{Pose2, Vector2, distance_to_polygon};
+pub use self::fit::{Agreement, Fit};
 use super::site::SURROUNDINGS_M;
+use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::{Observation, Outcome, REACH_M};
 use crate::scan::LaserScan;
@@ -170,7 +170,8 @@ impl Screen {
         }
         self.count_all(&observation, pass, true);
         let eye_tile = eye_tile(&observation.eye());
-        self.poses.insert(screened.key, RecordedPose { pose, eye_tile });
+        self.poses
+            .insert(screened.key, RecordedPose { pose, eye_tile });
         self.eyes.entry(eye_tile).or_default().push(Recorded {
             key: screened.key,
             pass,

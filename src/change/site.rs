@@ -118,8 +118,13 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
         }
         // 6. The surroundings must be the same to those who saw the old state and to those who
         //    saw the new; 7. and no shift may explain the difference.
-        let surroundings =
-            Surroundings::of(site, &around, &answers_around, &centres(&cells, cluster), pooled);
+        let surroundings = Surroundings::of(
+            site,
+            &around,
+            &answers_around,
+            &centres(&cells, cluster),
+            pooled,
+        );
         if !pooled.is_sure()
             && (!surroundings.agree()
                 || shift::explains(site, &cells, cluster, pooled, &surroundings))

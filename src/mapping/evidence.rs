@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, Screened, Site, TiedPose,
-    TripPose, asked_about, join_counterparts, mismatches, state_changes, support_min, suspect_vehicle,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, Screened,
+    Site, TiedPose, TripPose, asked_about, join_counterparts, mismatches, state_changes,
+    support_min, suspect_vehicle,
 };
 use crate::geometry::Pose2;
 use crate::graph::EdgeKind;

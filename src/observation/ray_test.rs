@@ -242,8 +242,12 @@ impl Observation {
         };
         [
             part(first, last),
-            (first < 0).then(|| part(first + turn, last.min(-1) + turn)).flatten(),
-            (last >= count).then(|| part(first.max(count) - turn, last - turn)).flatten(),
+            (first < 0)
+                .then(|| part(first + turn, last.min(-1) + turn))
+                .flatten(),
+            (last >= count)
+                .then(|| part(first.max(count) - turn, last - turn))
+                .flatten(),
         ]
     }
 
@@ -263,12 +267,15 @@ impl Observation {
         let half_rad = (radius_m / range_m).asin() + BEARING_TOLERANCE_RAD + across_m / nearest_m;
         let half = (half_rad * self.beams_per_rad).max(1.0) + 1.0;
         let bearing = self.bearing(&self.lidar_from_map.turn(&towards));
-        let hit_within_m = self.tolerances_m.0
-            + half_width_m
-            + HIT_TOLERANCE_PER_RANGE * (range_m + radius_m);
+        let hit_within_m =
+            self.tolerances_m.0 + half_width_m + HIT_TOLERANCE_PER_RANGE * (range_m + radius_m);
         let hit_from_m = nearest_m - hit_within_m;
         let mut longest = 0;
-        for part in self.parts(floor(bearing - half), floor(bearing + half) + 1).into_iter().flatten() {
+        for part in self
+            .parts(floor(bearing - half), floor(bearing + half) + 1)
+            .into_iter()
+            .flatten()
+        {
             for &tick in &self.scan.ticks()[part] {
                 longest = longest.max(if is_range(tick) { tick } else { 0 });
             }

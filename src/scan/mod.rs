@@ -8,6 +8,6 @@ mod points;
 
 pub use codec::{CodecError, decode_scan, encode_scan};
 pub use keyframe::{KeyframeRule, is_standing};
-pub use laser_scan::{INVALID_TICK, NO_RETURN_TICK, LaserScan, Reading, ScanError};
+pub use laser_scan::{INVALID_TICK, LaserScan, NO_RETURN_TICK, Reading, ScanError};
 pub use lidar::{BEAMS_MAX, Lidar, LidarError, RANGE_MAX_M, RANGE_SIGMA_DEFAULT_M};
 pub use points::{SurfacePoint, surface_points};

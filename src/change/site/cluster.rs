@@ -84,7 +84,9 @@ fn change_of(answers: &Answers, cell: usize) -> Option<CellChange> {
     if hits < HITS_MIN as f64 || misses < MISSES_MIN {
         return None;
     }
-    let standpoints = about.iter().map(|a| answers.standpoints[a.observation as usize]);
+    let standpoints = about
+        .iter()
+        .map(|a| answers.standpoints[a.observation as usize]);
     let standpoints: Vec<Standpoint> = standpoints.collect();
     let nats = about.iter().map(|answer| {
         let (hit, miss) = answers.counts(answer);

@@ -119,7 +119,9 @@ impl Pooled {
         }
         counts.retain(|_, (hits, misses)| *hits + *misses > 0.0);
         let observations: Vec<u32> = counts.keys().copied().collect();
-        let standpoints = observations.iter().map(|&k| answers.standpoints[k as usize]);
+        let standpoints = observations
+            .iter()
+            .map(|&k| answers.standpoints[k as usize]);
         let standpoints: Vec<Standpoint> = standpoints.collect();
         let nats = counts.values().map(|(hits, misses)| {
             let cells = hits + misses;
@@ -171,7 +173,9 @@ impl Pooled {
     /// that stand beside each other may hang together.
     pub fn split(&self, answers: &Answers, cluster: Cluster) -> (Cluster, Cluster) {
         let new_of = |k: u32| {
-            let at = self.views.binary_search_by_key(&(k as usize), |v| v.observation);
+            let at = self
+                .views
+                .binary_search_by_key(&(k as usize), |v| v.observation);
             at.is_ok_and(|at| self.views[at].in_change)
         };
         let shares = |cell: &usize| {
