@@ -40,7 +40,9 @@ pub use pass::{Standpoint, passes};
 pub use region::region_round;
 pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
-pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Screen, Screened};
-pub use site::{FALSE_ALERTS_PER_LAP, Observed, Site, asked_about, state_changes, support_min};
+pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Screen, Screened};
+pub use site::{
+    FALSE_ALERTS_PER_LAP, Observed, Site, asked_about, state_changes, support_for_rate, support_min,
+};
 pub use tier::Tier;
 pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};

@@ -8,11 +8,13 @@
 
 mod counted_cell;
 mod fit;
+mod reliability;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey, Signature};
 pub use self::fit::{Agreement, Fit};
+pub use self::reliability::Reliability;
 use super::site::SURROUNDINGS_M;
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::ids::{NodeId, StampNs, TripId};

@@ -22,7 +22,7 @@ use self::cells::SiteCells;
 use self::cluster::{Cluster, clusters};
 use self::nearness::Nearness;
 use self::pooled::Pooled;
-pub use self::pooled::{FALSE_ALERTS_PER_LAP, support_min};
+pub use self::pooled::{FALSE_ALERTS_PER_LAP, support_for_rate, support_min};
 use self::surroundings::Surroundings;
 use super::history::State;
 use super::pass::{Standpoint, passes};

@@ -6,7 +6,7 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
     AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, Screened,
-    Site, TiedPose, TripPose, asked_about, join_counterparts, mismatches, state_changes,
+    Site, TiedPose, Tier, TripPose, asked_about, join_counterparts, mismatches, state_changes,
     support_min, suspect_vehicle,
 };
 use crate::geometry::Pose2;
@@ -108,6 +108,17 @@ impl RouteMap {
                     Some(same) => *same = found,
                     None => findings.push(found),
                 }
+            }
+        }
+        let regions: Vec<_> = findings
+            .iter()
+            .map(|f| f.region.clone())
+            .chain(regions)
+            .collect();
+        let reliability = self.screen.reliability(&regions);
+        for finding in &mut findings {
+            if !reliability.confirms(finding.laps, scope.false_alerts_per_lap) {
+                finding.tier = Tier::Tentative;
             }
         }
         if scope.sites == Sites::Touched {

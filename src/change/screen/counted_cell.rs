@@ -17,6 +17,11 @@ const SOLID_SHARE_MIN: f64 = 0.7;
 /// … and free to one of which a smaller share does.
 const FREE_SHARE_MAX: f64 = 0.3;
 
+/// A pass says much about a cell if it answers so often …
+const TELLING_MIN: u32 = 6;
+/// … and so many such passes tell which of them is wrong.
+const VOTES_MIN: usize = 3;
+
 /// What a cell's passes say, in steps of what matters to a decision.
 pub type Signature = u64;
 
@@ -85,6 +90,30 @@ impl CountedCell {
     pub fn is_solid_to(&self, counts: impl Fn(&PassKey) -> bool) -> bool {
         let votes = self.passes.iter().filter(|p| counts(&p.pass));
         votes.map(PassCounts::vote).sum::<i32>() > 0
+    }
+
+    /// Of the passes that said much about it: how many contradict most of the others, and how many
+    /// there are. None, if they are too few to tell who is right.
+    pub fn contradictions(&self) -> (u32, u32) {
+        let votes = || {
+            let telling = self
+                .passes
+                .iter()
+                .filter(|p| p.hits + p.misses >= TELLING_MIN);
+            telling.map(PassCounts::vote).filter(|vote| *vote != 0)
+        };
+        let sum: i32 = votes().sum();
+        if votes().count() < VOTES_MIN {
+            return (0, 0);
+        }
+        votes().fold((0, 0), |(contradicting, passes), vote| {
+            let others = sum - vote;
+            let contradicts = vote * others < 0;
+            (
+                contradicting + u32::from(contradicts),
+                passes + u32::from(others != 0),
+            )
+        })
     }
 
     /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said

@@ -42,7 +42,12 @@ const SUPPORT_SURE: f64 = 20.0;
 /// How much better a change must explain the passes, in nats, if so many false alerts per lap are
 /// allowed: a tenth of them asks for ten times the odds.
 pub fn support_min(false_alerts_per_lap: f64) -> f64 {
-    (SUPPORT_MIN + (FALSE_ALERTS_PER_LAP / false_alerts_per_lap).ln()).max(SUPPORT_LEAST)
+    (SUPPORT_MIN + support_for_rate(false_alerts_per_lap)).max(SUPPORT_LEAST)
+}
+
+/// How much more a change must be supported than at [`FALSE_ALERTS_PER_LAP`], in nats.
+pub fn support_for_rate(false_alerts_per_lap: f64) -> f64 {
+    (FALSE_ALERTS_PER_LAP / false_alerts_per_lap).ln()
 }
 
 /// Clusters with what is said of each, without cells that have another history than the rest of

@@ -1,0 +1,89 @@
+//! What a pass is worth on this route: how often one contradicts the others where nothing changed.
+
+use super::{Screen, is_near};
+use crate::change::support_for_rate;
+use crate::geometry::Vector2;
+
+/// A pass that contradicts the others about an unchanged cell, as fleets do: so many …
+const PRIOR_CONTRADICTING: f64 = 4.0;
+/// … of so many. A route's own passes count beside these.
+const PRIOR_PASSES: f64 = 100.0;
+/// Passes of a fleet that confirm a change.
+const CONFIRMING_PASSES: f64 = 2.0;
+/// However noisy a route is, a pass is worth something, in nats.
+const NATS_MIN: f64 = 0.5;
+
+/// How often passes contradict the others about cells that did not change.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Reliability {
+    /// Passes over a cell that find it otherwise than most others.
+    pub contradicting: u64,
+    /// Passes over a cell that found it solid or free, as others did or not.
+    pub passes: u64,
+}
+
+impl Reliability {
+    /// Whether so many passes that show a change confirm it: as much as two passes of a fleet do,
+    /// and more where fewer false alerts are allowed.
+    pub fn confirms(self, passes: usize, false_alerts_per_lap: f64) -> bool {
+        let needed = CONFIRMING_PASSES * Self::default().nats_per_pass();
+        let needed = needed + support_for_rate(false_alerts_per_lap);
+        passes as f64 * self.nats_per_pass() >= needed
+    }
+
+    /// log p(a pass shows it | it changed) − log p(a pass shows it | it did not), in nats.
+    fn nats_per_pass(self) -> f64 {
+        let passes = self.passes as f64 + PRIOR_PASSES;
+        let share = (self.contradicting as f64 + PRIOR_CONTRADICTING) / passes;
+        ((1.0 - share) / share).ln().max(NATS_MIN)
+    }
+}
+
+impl Screen {
+    /// Of the route's cells outside of some regions, where changes are known.
+    pub fn reliability(&self, changed: &[Vec<Vector2<f64>>]) -> Reliability {
+        let mut reliability = Reliability::default();
+        let cells = self.tiles.values().flat_map(|tile| &tile.cells);
+        for cell in cells {
+            let (contradicting, passes) = cell.contradictions();
+            if contradicting > 0 && changed.iter().any(|region| is_near(cell.key, region)) {
+                continue;
+            }
+            reliability.contradicting += u64::from(contradicting);
+            reliability.passes += u64::from(passes);
+        }
+        reliability
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(contradicting: u64, passes: u64) -> Reliability {
+        Reliability {
+            contradicting,
+            passes,
+        }
+    }
+
+    #[test]
+    fn two_passes_confirm_and_more_are_needed_where_passes_err() {
+        let rate = 0.01;
+        assert!(!of(0, 0).confirms(1, rate) && of(0, 0).confirms(2, rate));
+        assert!(of(40, 1_000).confirms(2, rate));
+        assert!(!of(100, 1_000).confirms(2, rate) && of(100, 1_000).confirms(3, rate));
+        assert!(of(0, 1_000_000).confirms(1, rate));
+    }
+
+    #[test]
+    fn fewer_false_alerts_need_more_passes() {
+        assert!(!of(0, 0).confirms(2, 0.001) && of(0, 0).confirms(3, 0.001));
+        assert!(!of(0, 0).confirms(1, 0.1) && of(0, 0).confirms(2, 0.1));
+    }
+
+    #[test]
+    fn where_every_pass_errs_no_number_of_passes_is_infinite() {
+        assert!(of(1_000, 1_000).confirms(20, 0.01) && !of(1_000, 1_000).confirms(10, 0.01));
+    }
+}
