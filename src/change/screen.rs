@@ -15,7 +15,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey, Signature};
 pub use self::fit::{Agreement, Fit};
 pub use self::reliability::Reliability;
-use super::site::SURROUNDINGS_M;
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::{Observation, Outcome, REACH_M};
@@ -42,6 +41,8 @@ const LINK_M: f64 = 0.25;
 const SITE_REACH_M: f64 = 4.0;
 /// Fewest candidates of a site.
 const SITE_CELLS_MIN: usize = 2;
+/// Surroundings of a site go this far from its cells, metres.
+pub const SURROUNDINGS_M: f64 = 3.0;
 /// What lies this near to an alert's region belongs to it, metres.
 const REGION_MARGIN_M: f64 = 0.3;
 

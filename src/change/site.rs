@@ -22,18 +22,17 @@ use self::cells::SiteCells;
 use self::cluster::{Cluster, clusters};
 use self::nearness::Nearness;
 use self::pooled::Pooled;
-pub use self::pooled::{FALSE_ALERTS_PER_LAP, support_for_rate, support_min};
+pub use self::pooled::support_min;
 use self::surroundings::Surroundings;
 use super::history::State;
 use super::pass::{Standpoint, passes};
 use super::region::{centroid, region_round};
+use super::screen::SURROUNDINGS_M;
 use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
 
-/// Surroundings this far from the candidates tell whether an observation's pose is right, metres.
-pub const SURROUNDINGS_M: f64 = 3.0;
 /// Cells this near to a candidate are judged with it, metres.
 const JUDGED_WITHIN_M: f64 = 0.5;
 /// Observations of a pass that are asked, at most: more say the same again.

@@ -90,7 +90,7 @@ impl Observation {
             beams_a_turn: (TAU / increment_rad).round() as i64,
             tolerances_m: (
                 HIT_TOLERANCE_M + HIT_SIGMAS * lidar.range_sigma_m,
-                MISS_TOLERANCE_M + MISS_SIGMAS * lidar.range_sigma_m,
+                miss_tolerance(lidar.range_sigma_m).0,
             ),
             scan: scan.clone(),
         }
@@ -109,6 +109,14 @@ impl Observation {
     /// How far from the lidar cells are asked about, metres.
     pub fn reach_m(&self) -> f64 {
         self.reach_m
+    }
+
+    /// Where a beam ended, map frame, metres; `None` without a range.
+    pub fn end_of(&self, beam: usize) -> Option<Vector2<f64>> {
+        let range_m = self.scan.range_m(beam)?;
+        let (sin, cos) = self.scan.lidar().beam_angle_rad(beam).sin_cos();
+        let in_lidar = range_m * Vector2::new(cos, sin);
+        Some(self.map_from_lidar.apply(&in_lidar))
     }
 
     /// Where its beams ended within reach, map frame, metres.
@@ -155,21 +163,14 @@ impl Observation {
     /// One beam that ends there makes a hit, all must go by for a miss: beams pass beside thin
     /// things, and a beam at a depth edge ends anywhere.
     pub fn test(&self, cell: &Cell) -> Outcome {
-        let towards = cell.centre - self.eye;
-        let range_squared = towards.norm_squared();
-        if !(NEAREST_M * NEAREST_M..=self.reach_m * self.reach_m).contains(&range_squared) {
+        let Some(Asked {
+            towards,
+            range_m,
+            beams,
+            depth,
+        }) = self.ask(cell)
+        else {
             return Outcome::Unknown;
-        }
-        let range_m = range_squared.sqrt();
-        let beams = self.beams_towards(&self.lidar_from_map.turn(&towards), range_m, cell);
-        let hit_within_m =
-            self.tolerances_m.0 + cell.half_width_m + HIT_TOLERANCE_PER_RANGE * range_m;
-        let miss_beyond_m =
-            self.tolerances_m.1 + cell.half_width_m + MISS_TOLERANCE_PER_RANGE * range_m;
-        let depth = Depth {
-            hit_from_m: range_m - hit_within_m,
-            hit_to_m: range_m + hit_within_m,
-            miss_from_m: range_m + miss_beyond_m,
         };
         let seen = self.readings(&beams, &depth);
         if seen.is_hit {
@@ -193,6 +194,38 @@ impl Observation {
             return Outcome::NoReturn;
         }
         Outcome::Unknown
+    }
+
+    /// Whether something nearer hides a cell.
+    pub fn hides(&self, cell: &Cell) -> bool {
+        self.ask(cell).is_some_and(|asked| {
+            let seen = self.readings(&asked.beams, &asked.depth);
+            !seen.is_hit && seen.nearest_m < asked.depth.hit_from_m
+        })
+    }
+
+    /// Which beams answer for a cell, and how; `None` if it is out of reach.
+    fn ask(&self, cell: &Cell) -> Option<Asked> {
+        let towards = cell.centre - self.eye;
+        let range_squared = towards.norm_squared();
+        if !(NEAREST_M * NEAREST_M..=self.reach_m * self.reach_m).contains(&range_squared) {
+            return None;
+        }
+        let range_m = range_squared.sqrt();
+        let hit_within_m =
+            self.tolerances_m.0 + cell.half_width_m + HIT_TOLERANCE_PER_RANGE * range_m;
+        let miss_beyond_m =
+            self.tolerances_m.1 + cell.half_width_m + MISS_TOLERANCE_PER_RANGE * range_m;
+        Some(Asked {
+            towards,
+            range_m,
+            beams: self.beams_towards(&self.lidar_from_map.turn(&towards), range_m, cell),
+            depth: Depth {
+                hit_from_m: range_m - hit_within_m,
+                hit_to_m: range_m + hit_within_m,
+                miss_from_m: range_m + miss_beyond_m,
+            },
+        })
     }
 
     /// What the beams towards a cell read.
@@ -317,6 +350,15 @@ impl Observation {
     }
 }
 
+/// What is asked of an observation about a cell.
+struct Asked {
+    /// From the lidar to the cell, map frame, metres.
+    towards: Vector2<f64>,
+    range_m: f64,
+    beams: Beams,
+    depth: Depth,
+}
+
 /// Ranges by which a beam answers for a cell, metres.
 struct Depth {
     hit_from_m: f64,
@@ -342,6 +384,13 @@ struct Beams {
     bearing: f64,
     first: i64,
     last: i64,
+}
+
+/// How far behind a surface a beam must end to have missed it, for a standard deviation of the
+/// ranges in metres: metres, and metres for each metre of range.
+pub fn miss_tolerance(range_sigma_m: f64) -> (f64, f64) {
+    let at_no_range_m = MISS_TOLERANCE_M + MISS_SIGMAS * range_sigma_m;
+    (at_no_range_m, MISS_TOLERANCE_PER_RANGE)
 }
 
 fn is_range(tick: u16) -> bool {

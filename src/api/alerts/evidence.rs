@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 use crate::api::ApiState;
 use crate::api::problem::Problem;
 use crate::api::residuals::{SeriesAround, series_around, vehicles_of};
-use crate::change::{BeamVerdict, DepthTolerance, JudgedBeam, PlacedScan, judge_beams};
+use crate::change::{BeamVerdict, JudgedBeam, judge_beams};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId};
+use crate::observation::Observation;
 use crate::scan::{LaserScan, decode_scan};
 use crate::store::{AlertRecord, EdgeRecord, NodeRecord, RouteRecord};
 
@@ -19,8 +20,6 @@ const PAIRS_MAX: usize = 16;
 const REGION_MARGIN_M: f64 = 0.1;
 /// Closures of the series to each side of the alert's.
 pub(super) const SERIES_REACH: usize = 40;
-/// How far depths may differ.
-pub(super) const TOLERANCE: DepthTolerance = DepthTolerance::MATCHED;
 
 /// What an alert rests on.
 #[derive(Debug)]
@@ -46,6 +45,8 @@ pub(super) struct LookBack {
     pub node: NodeRecord,
     pub map_from_lidar: Pose2,
     pub beams: Vec<JudgedBeam>,
+    /// Standard deviation of the lidar's ranges, metres.
+    pub range_sigma_m: f64,
 }
 
 /// Two nodes that may show the old and the new state.
@@ -218,16 +219,14 @@ fn judged(pair: &Pair, scans: &Scans) -> Option<[LookBack; 2]> {
     let look = |judged: &(NodeRecord, LaserScan), by: &(NodeRecord, LaserScan)| LookBack {
         node: judged.0.clone(),
         map_from_lidar: judged.0.pose.compose(&judged.1.lidar().mount),
-        beams: judge_beams(&placed(judged), &placed(by), &TOLERANCE),
+        beams: judge_beams(&observation(judged), &observation(by)),
+        range_sigma_m: judged.1.lidar().range_sigma_m,
     };
     Some([look(old, new), look(new, old)])
 }
 
-fn placed((node, scan): &(NodeRecord, LaserScan)) -> PlacedScan<'_> {
-    PlacedScan {
-        map_from_base: node.pose,
-        scan,
-    }
+fn observation((node, scan): &(NodeRecord, LaserScan)) -> Observation {
+    Observation::new(scan, &node.pose)
 }
 
 fn contradictions(looks: &[LookBack; 2], region: &[Vector2<f64>]) -> usize {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::body::{LocationBody, corners};
-use super::evidence::{Evidence, LookBack, TOLERANCE, gather};
+use super::evidence::{Evidence, LookBack, gather};
 use super::known_alert;
 use super::names::{AlertKindName, BeamVerdictName};
 use crate::api::ApiState;
@@ -17,6 +17,7 @@ use crate::api::problem::Problem;
 use crate::api::residuals::ResidualSeriesBody;
 use crate::api::types::{PoseBody, timestamp};
 use crate::ids::AlertId;
+use crate::observation::miss_tolerance;
 
 /// What an alert rests on, in the map as it stands now.
 #[derive(Debug, Serialize, ToSchema)]
@@ -130,6 +131,12 @@ impl From<&Evidence> for EvidenceBody {
     fn from(evidence: &Evidence) -> Self {
         let alert = &evidence.alert;
         let roles = [ScanRole::Old, ScanRole::New];
+        let sigmas_m = evidence
+            .looks
+            .iter()
+            .flatten()
+            .map(|look| look.range_sigma_m);
+        let (depth, depth_per_range) = miss_tolerance(sigmas_m.fold(0.0, f64::max));
         let looks = roles.into_iter().zip(evidence.looks.iter().flatten());
         Self {
             alert_id: alert.id.to_string(),
@@ -139,8 +146,8 @@ impl From<&Evidence> for EvidenceBody {
             region: corners(&alert.evidence.region),
             edge_id: evidence.edge_id.map(|id| id.0),
             tolerance: ToleranceBody {
-                depth: TOLERANCE.depth_m,
-                sigma_theta: TOLERANCE.sigma_theta_rad,
+                depth,
+                sigma_theta: depth_per_range / 3.0,
             },
             scans: looks
                 .map(|(role, look)| EvidenceScanBody::new(role, look))

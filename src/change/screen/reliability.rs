@@ -1,7 +1,7 @@
 //! What a pass is worth on this route: how often one contradicts the others where nothing changed.
 
 use super::{Screen, is_near};
-use crate::change::support_for_rate;
+use crate::change::false_alerts::support_for_rate;
 use crate::geometry::Vector2;
 
 /// A pass that contradicts the others about an unchanged cell, as fleets do: so many …

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::answers::Answers;
 use super::cluster::Cluster;
 use super::timeline::Timeline;
+use crate::change::false_alerts::support_for_rate;
 use crate::change::history::State;
 use crate::change::pass::Standpoint;
 
@@ -24,8 +25,6 @@ const PROMISING_CONTRAST_MIN: f64 = 0.55;
 /// How much better the change must explain the passes, in nats, where [`FALSE_ALERTS_PER_LAP`] is allowed:
 /// that value was found on recordings.
 const SUPPORT_MIN: f64 = 4.5;
-/// False alerts per lap that are allowed unless somebody says otherwise.
-pub const FALSE_ALERTS_PER_LAP: f64 = 0.01;
 /// However many false alerts are allowed, a change must explain the passes better than none.
 const SUPPORT_LEAST: f64 = 1.0;
 /// Fewest cells of a change; …
@@ -43,11 +42,6 @@ const SUPPORT_SURE: f64 = 20.0;
 /// allowed: a tenth of them asks for ten times the odds.
 pub fn support_min(false_alerts_per_lap: f64) -> f64 {
     (SUPPORT_MIN + support_for_rate(false_alerts_per_lap)).max(SUPPORT_LEAST)
-}
-
-/// How much more a change must be supported than at [`FALSE_ALERTS_PER_LAP`], in nats.
-pub fn support_for_rate(false_alerts_per_lap: f64) -> f64 {
-    (FALSE_ALERTS_PER_LAP / false_alerts_per_lap).ln()
 }
 
 /// Clusters with what is said of each, without cells that have another history than the rest of

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::answers::Answer;
 use super::*;
 use crate::change::testing::gaussian;
-use crate::change::{ObservationKey, Screen, Screened};
+use crate::change::{FALSE_ALERTS_PER_LAP, ObservationKey, Screen, Screened};
 use crate::geometry::{Pose2, distance_to_polygon};
 use crate::ids::{AlertId, EdgeId};
 use crate::observation::testing::{World, all_round};
