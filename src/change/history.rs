@@ -9,6 +9,8 @@ use std::ops::Range;
 pub const CHANGE_COST: f64 = 4.6;
 /// log p(hit | occupied) − log p(hit | free) of one cell, and the reverse for a miss, in nats.
 pub const NATS_PER_OBSERVATION: f64 = 1.5;
+/// What a no-return is worth, in misses, where the lidar earns it.
+pub const NO_RETURN_WORTH: f64 = 0.3;
 /// What a pass can say about one cell at most, in nats.
 pub const NATS_PER_PASS: f64 = 10.0;
 

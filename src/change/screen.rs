@@ -17,7 +17,7 @@ pub use self::fit::{Agreement, Fit};
 pub use self::reliability::Reliability;
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::observation::{Observation, Outcome, REACH_M};
+use crate::observation::{Observation, Outcome, REACH_M, Sight};
 use crate::scan::LaserScan;
 
 /// Width of a cell, metres.
@@ -231,12 +231,13 @@ impl Screen {
         for column in low.0..=high.0 {
             let tiles = self.tiles.range_mut((column, low.1)..=(column, high.1));
             for (tile_key, tile) in tiles {
-                if observation.is_blind_to(&middle_of(*tile_key), TILE_RADIUS_M, 0.5 * CELL_M) {
+                let middle = middle_of(*tile_key);
+                if observation.sight_of(&middle, TILE_RADIUS_M, 0.5 * CELL_M) == Sight::Blind {
                     continue;
                 }
                 for cell in tile.cells.iter_mut().filter(|cell| cell.is_counted()) {
                     let outcome = observation.test(&cell.geometry());
-                    if matches!(outcome, Outcome::Hit | Outcome::Miss) {
+                    if outcome != Outcome::Unknown {
                         let signature = || cell.signature();
                         self.touched.entry(cell.key).or_insert_with(signature);
                         cell.count(pass, outcome, adds);

@@ -31,12 +31,13 @@ use super::screen::SURROUNDINGS_M;
 use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::observation::Observation;
+use crate::observation::{Observation, Sight};
 
 /// Cells this near to a candidate are judged with it, metres.
 const JUDGED_WITHIN_M: f64 = 0.5;
 /// Observations of a pass that are asked, at most: more say the same again.
 const ASKED_MAX: usize = 48;
+const NO_RETURNS_MAX: usize = 16;
 /// How far the outline stays away from the cells' centres, metres: half a cell.
 const REGION_MARGIN_M: f64 = 0.03;
 /// What is known of a pose, metres: no location is better.
@@ -136,22 +137,32 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
 }
 
 /// Of observations in the order of trip and time: those that see some of a site's candidates, at
-/// most [`ASKED_MAX`] of each pass, evenly chosen.
+/// most [`ASKED_MAX`] of each pass, evenly chosen; and at most [`NO_RETURNS_MAX`] of which only
+/// beams without a return went there.
 pub fn asked_about(candidates: &[Vector2<f64>], observations: &[Observed]) -> Vec<usize> {
     let (centre, radius_m) = Nearness::to(candidates).circle(JUDGED_WITHIN_M);
-    let sees = |k: &usize| {
-        let observation = &observations[*k].observation;
-        !observation.is_blind_to(&centre, radius_m, 0.0)
-    };
-    let seeing: Vec<usize> = (0..observations.len()).filter(sees).collect();
-    let standpoints = seeing.iter().map(|&k| observations[k].standpoint());
-    let standpoints: Vec<Standpoint> = standpoints.collect();
+    let sights = observations.iter().map(|observed| {
+        let observation = &observed.observation;
+        observation.sight_of(&centre, radius_m, 0.0)
+    });
+    let sights: Vec<Sight> = sights.collect();
     let mut asked = Vec::new();
-    for pass in passes(&standpoints) {
-        let of_pass = &seeing[pass];
-        let kept = of_pass.len().min(ASKED_MAX);
-        asked.extend((0..kept).map(|k| of_pass[k * of_pass.len() / kept]));
+    let most = [
+        (Sight::Clear, ASKED_MAX),
+        (Sight::NoReturns, NO_RETURNS_MAX),
+    ];
+    for (sight, asked_max) in most {
+        let of_sight = (0..observations.len()).filter(|&k| sights[k] == sight);
+        let of_sight: Vec<usize> = of_sight.collect();
+        let standpoints = of_sight.iter().map(|&k| observations[k].standpoint());
+        let standpoints: Vec<Standpoint> = standpoints.collect();
+        for pass in passes(&standpoints) {
+            let of_pass = &of_sight[pass];
+            let kept = of_pass.len().min(asked_max);
+            asked.extend((0..kept).map(|k| of_pass[k * of_pass.len() / kept]));
+        }
     }
+    asked.sort_unstable();
     asked
 }
 

@@ -59,6 +59,17 @@ pub enum Outcome {
     Unknown,
 }
 
+/// What an observation may say about a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// Beams reached it: it may have hit or missed something.
+    Clear,
+    /// No beam reached it, but some gave no return.
+    NoReturns,
+    /// All beams ended before it, or it is out of reach: it says nothing.
+    Blind,
+}
+
 /// A scan with the pose of its lidar.
 #[derive(Debug, Clone)]
 pub struct Observation {
@@ -284,17 +295,16 @@ impl Observation {
         ]
     }
 
-    /// Whether it can neither have hit nor have missed any cell (of this half width) in a circle:
-    /// all beams towards it ended before it, or gave no range. What no-returns say is left out.
-    pub fn is_blind_to(&self, centre: &Vector2<f64>, radius_m: f64, half_width_m: f64) -> bool {
+    /// What it may say about cells (of this half width) in a circle.
+    pub fn sight_of(&self, centre: &Vector2<f64>, radius_m: f64, half_width_m: f64) -> Sight {
         let towards = centre - self.eye;
         let range_m = towards.norm();
         let nearest_m = range_m - radius_m;
         if nearest_m > self.reach_m {
-            return true;
+            return Sight::Blind;
         }
         if nearest_m < NEAREST_M {
-            return false;
+            return Sight::Clear;
         }
         let across_m = BEARING_TOLERANCE_M + 0.5 * half_width_m;
         let half_rad = (radius_m / range_m).asin() + BEARING_TOLERANCE_RAD + across_m / nearest_m;
@@ -303,7 +313,7 @@ impl Observation {
         let hit_within_m =
             self.tolerances_m.0 + half_width_m + HIT_TOLERANCE_PER_RANGE * (range_m + radius_m);
         let hit_from_m = nearest_m - hit_within_m;
-        let mut longest = 0;
+        let (mut longest, mut no_return) = (0, false);
         for part in self
             .parts(floor(bearing - half), floor(bearing + half) + 1)
             .into_iter()
@@ -311,9 +321,16 @@ impl Observation {
         {
             for &tick in &self.scan.ticks()[part] {
                 longest = longest.max(if is_range(tick) { tick } else { 0 });
+                no_return |= tick == NO_RETURN_TICK;
             }
         }
-        f64::from(longest) * self.scan.tick_m() < hit_from_m
+        if f64::from(longest) * self.scan.tick_m() >= hit_from_m {
+            Sight::Clear
+        } else if no_return {
+            Sight::NoReturns
+        } else {
+            Sight::Blind
+        }
     }
 
     /// Whether a surface may stand there although beams went by.

@@ -1,7 +1,9 @@
 //! A cell of the screen, and what each pass has said about it.
 
 use super::{CELL_M, CellKey, centre_of};
-use crate::change::history::{History, NATS_PER_OBSERVATION, NATS_PER_PASS, limited};
+use crate::change::history::{
+    History, NATS_PER_OBSERVATION, NATS_PER_PASS, NO_RETURN_WORTH, limited,
+};
 use crate::observation::{Cell, Outcome};
 
 /// A cell is counted once so many observations have a hit in it: one alone is noise.
@@ -9,7 +11,7 @@ pub const MAKERS_MIN: u32 = 2;
 /// A pass that says something so often has said all it can.
 const SAID_OFTEN: u32 = 16;
 /// Hits and misses that a cell needs.
-const ANSWERS_MIN: u32 = 2;
+const ANSWERS_MIN: f64 = 2.0;
 /// How much the share of hits must differ between the two states: the decision wants more.
 const CONTRAST_MIN: f64 = 0.5;
 /// A cell is solid to a pass of which a larger share hits it, …
@@ -55,13 +57,42 @@ pub struct PassCounts {
     pub hits: u32,
     /// Observations that missed it.
     pub misses: u32,
+    /// Observations whose beams towards it gave no return.
+    pub no_returns: u32,
 }
 
 impl PassCounts {
+    fn new(pass: PassKey) -> Self {
+        Self {
+            pass,
+            hits: 0,
+            misses: 0,
+            no_returns: 0,
+        }
+    }
+
+    fn count_mut(&mut self, outcome: Outcome) -> Option<&mut u32> {
+        match outcome {
+            Outcome::Hit => Some(&mut self.hits),
+            Outcome::Miss => Some(&mut self.misses),
+            Outcome::NoReturn => Some(&mut self.no_returns),
+            Outcome::Unknown => None,
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.hits + self.misses + self.no_returns == 0
+    }
+
+    /// Misses, and no-returns if one is worth so many of them.
+    fn free(&self, no_return_worth: f64) -> f64 {
+        f64::from(self.misses) + no_return_worth * f64::from(self.no_returns)
+    }
+
     /// 1 where the pass found the cell solid, -1 where free, 0 in doubt.
     fn vote(&self) -> i32 {
-        let share = f64::from(self.hits) / f64::from((self.hits + self.misses).max(1));
-        i32::from(share > SOLID_SHARE_MIN) - i32::from(share < FREE_SHARE_MAX)
+        let (hits, all) = (f64::from(self.hits), f64::from(self.hits + self.misses));
+        i32::from(hits > SOLID_SHARE_MIN * all) - i32::from(hits < FREE_SHARE_MAX * all)
     }
 }
 
@@ -131,6 +162,7 @@ impl CountedCell {
             mix(u64::from(counts.pass.trip));
             mix(doublings(counts.hits));
             mix(doublings(counts.misses));
+            mix(doublings(counts.no_returns));
             mix(u64::from(counts.hits > counts.misses));
         }
         signature
@@ -138,68 +170,63 @@ impl CountedCell {
 
     /// Counts an answer, or takes it back.
     pub fn count(&mut self, pass: PassKey, outcome: Outcome, adds: bool) {
-        let (hits, misses) = match outcome {
-            Outcome::Hit => (1, 0),
-            Outcome::Miss => (0, 1),
-            Outcome::NoReturn | Outcome::Unknown => return,
-        };
+        if outcome == Outcome::Unknown {
+            return;
+        }
         let at = match self.passes.binary_search_by_key(&pass, |p| p.pass) {
             Ok(at) => at,
             Err(at) if adds => {
-                let counts = PassCounts {
-                    pass,
-                    hits: 0,
-                    misses: 0,
-                };
-                self.passes.insert(at, counts);
+                self.passes.insert(at, PassCounts::new(pass));
                 at
             }
             Err(_) => return,
         };
         let counts = &mut self.passes[at];
-        if adds {
-            counts.hits += hits;
-            counts.misses += misses;
-        } else {
-            counts.hits -= hits;
-            counts.misses -= misses;
-            if counts.hits + counts.misses == 0 {
-                self.passes.remove(at);
-            }
+        if let Some(count) = counts.count_mut(outcome) {
+            *count = if adds { *count + 1 } else { *count - 1 };
+        }
+        if counts.is_empty() {
+            self.passes.remove(at);
         }
     }
 
-    /// Whether its passes tell of a change.
+    /// Whether its passes tell of a change, with or without what the no-returns say: whether the
+    /// lidar earns a word for them is asked where it is decided.
     pub fn has_change(&self) -> bool {
-        let (hits, misses) = counts_of(self.passes.iter());
-        if hits < ANSWERS_MIN || misses < ANSWERS_MIN {
+        let has_no_returns = || self.passes.iter().any(|p| p.no_returns > 0);
+        self.has_change_if(0.0) || (has_no_returns() && self.has_change_if(NO_RETURN_WORTH))
+    }
+
+    fn has_change_if(&self, no_return_worth: f64) -> bool {
+        let (hits, free) = counts_of(self.passes.iter(), no_return_worth);
+        if hits < ANSWERS_MIN || free < ANSWERS_MIN {
             return false;
         }
         let evidence = self.passes.iter().map(|p| {
-            let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - f64::from(p.misses));
+            let sum = NATS_PER_OBSERVATION * (f64::from(p.hits) - p.free(no_return_worth));
             limited(sum, NATS_PER_PASS)
         });
         let history = History::of(evidence);
         let Some(change) = history.last_change() else {
             return false;
         };
-        let within = share_of_hits(self.passes[change].iter());
+        let within = share_of_hits(self.passes[change].iter(), no_return_worth);
         // An earlier episode of the new state is no witness of the old one.
         let of_passes = self.passes.iter().zip(&history.states);
         let old = of_passes.filter(|(_, state)| Some(**state) == history.baseline());
-        let outside = share_of_hits(old.map(|(counts, _)| counts));
+        let outside = share_of_hits(old.map(|(counts, _)| counts), no_return_worth);
         (within - outside).abs() >= CONTRAST_MIN
     }
 }
 
-/// Hits and misses of some passes together.
-fn counts_of<'a>(passes: impl Iterator<Item = &'a PassCounts>) -> (u32, u32) {
-    passes.fold((0, 0), |(hits, misses), p| {
-        (hits + p.hits, misses + p.misses)
+/// Hits, and answers for free, of some passes together.
+fn counts_of<'a>(passes: impl Iterator<Item = &'a PassCounts>, no_return_worth: f64) -> (f64, f64) {
+    passes.fold((0.0, 0.0), |(hits, free), p| {
+        (hits + f64::from(p.hits), free + p.free(no_return_worth))
     })
 }
 
-fn share_of_hits<'a>(passes: impl Iterator<Item = &'a PassCounts>) -> f64 {
-    let (hits, misses) = counts_of(passes);
-    f64::from(hits) / f64::from((hits + misses).max(1))
+fn share_of_hits<'a>(passes: impl Iterator<Item = &'a PassCounts>, no_return_worth: f64) -> f64 {
+    let (hits, free) = counts_of(passes, no_return_worth);
+    hits / f64::max(hits + free, f64::MIN_POSITIVE)
 }

@@ -3,6 +3,7 @@
 use super::Site;
 use super::cells::SiteCells;
 use crate::change::AcceptedChange;
+use crate::change::history::NO_RETURN_WORTH;
 use crate::change::pass::Standpoint;
 use crate::observation::Outcome;
 
@@ -20,8 +21,6 @@ pub struct Answer {
 const LOST_SHARE_MAX: f64 = 0.03;
 /// … and so does one of which fewer answers are known.
 const ANSWERS_MIN: usize = 200;
-/// What a no-return is worth, in misses, where the lidar earns it.
-const NO_RETURN_WORTH: f64 = 0.3;
 /// A cell that was hit by at least so many …
 const SOLID_HITS_MIN: usize = 3;
 /// … and by a larger share of those who saw it is a surface that is there.
