@@ -147,8 +147,12 @@ mod tests {
             let observation = seen(&a, &[]);
             let judged = judge_beams(&observation, &observation);
             for beam in judged.iter().filter(|b| b.verdict != BeamVerdict::NoReturn) {
-                prop_assert_eq!(beam.verdict, BeamVerdict::Agrees);
                 let end = beam.end.unwrap();
+                let range_m = (end - observation.eye()).norm();
+                prop_assert_eq!(beam.verdict, match range_m <= observation.reach_m() {
+                    true => BeamVerdict::Agrees,
+                    false => BeamVerdict::Unseen,
+                });
                 prop_assert!((end.x.abs().max(end.y.abs()) - 5.0).abs() < 2e-3, "{}", end);
             }
         }

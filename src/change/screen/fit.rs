@@ -68,15 +68,23 @@ impl Screen {
     /// wrong and another one near by is right, that one is returned.
     pub fn fit(&self, key: &ObservationKey, scan: &LaserScan, map_from_base: &Pose2) -> Fit {
         let solid = self.solid_to_others(key, &Observation::new(scan, map_from_base));
-        let fit_at = |map_from_base: Pose2| Fit {
-            map_from_base,
-            agreement: agreement(&solid, &Observation::new(scan, &map_from_base)),
+        let agreement_at = |pose: &Pose2| agreement(&solid, &Observation::new(scan, pose));
+        let given = Fit {
+            map_from_base: *map_from_base,
+            agreement: agreement_at(map_from_base),
         };
-        let given = fit_at(*map_from_base);
         if !given.agreement.is_wrong() {
             return given;
         }
-        let moved = best_near(given, fit_at);
+        // The middles of the cells leave less room than the cells do.
+        let middles = solid.iter().map(|cell| Cell::of_grid(cell.centre, 0.0));
+        let middles: Vec<Cell> = middles.collect();
+        let score_at = |pose: &Pose2| agreement(&middles, &Observation::new(scan, pose)).score();
+        let map_from_base = best_near(map_from_base, score_at);
+        let moved = Fit {
+            map_from_base,
+            agreement: agreement_at(&map_from_base),
+        };
         match moved.agreement.tells() && moved.agreement.hits_share(MOVED_HIT_SHARE_MIN) {
             true => moved,
             false => given,
@@ -118,34 +126,31 @@ fn agreement(solid: &[Cell], observation: &Observation) -> Agreement {
 }
 
 /// Goes uphill from a pose, by steps along x, y and the heading that grow shorter.
-fn best_near(given: Fit, fit_at: impl Fn(Pose2) -> Fit) -> Fit {
-    let mut best = given;
+fn best_near(given: &Pose2, score_at: impl Fn(&Pose2) -> i64) -> Pose2 {
+    let mut best = (score_at(given), *given);
     for halvings in 0..=HALVINGS {
         let scale = 0.5_f64.powi(halvings.cast_signed());
         let (step_m, step_rad) = (scale * FIRST_STEP_M, scale * FIRST_STEP_RAD);
         for _ in 0..STEPS_MAX {
-            let steps = [
+            let (score, pose) = best;
+            for (x, y, turn_rad) in [
                 (step_m, 0.0, 0.0),
                 (-step_m, 0.0, 0.0),
                 (0.0, step_m, 0.0),
                 (0.0, -step_m, 0.0),
                 (0.0, 0.0, step_rad),
                 (0.0, 0.0, -step_rad),
-            ];
-            let pose = best.map_from_base;
-            let tried = steps.map(|(x, y, turn_rad)| {
-                fit_at(Pose2::new(pose.x + x, pose.y + y, pose.theta + turn_rad))
-            });
-            let before = best;
-            for fit in tried {
-                if fit.agreement.score() > best.agreement.score() {
-                    best = fit;
+            ] {
+                let tried = Pose2::new(pose.x + x, pose.y + y, pose.theta + turn_rad);
+                let tried_score = score_at(&tried);
+                if tried_score > best.0 {
+                    best = (tried_score, tried);
                 }
             }
-            if best == before {
+            if best.0 == score {
                 break;
             }
         }
     }
-    best
+    best.1
 }

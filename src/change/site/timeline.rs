@@ -1,5 +1,6 @@
 //! What observations say in the order of time: passes, and the states that they tell of.
 
+use std::iter;
 use std::ops::Range;
 
 use crate::change::history::{History, limited};
@@ -43,68 +44,51 @@ impl Timeline {
     }
 }
 
-/// Cuts a pass where it plainly says one thing up to there and the other from there on.
+/// Cuts a pass where it plainly says one thing up to there and the other from there on; one that
+/// is in doubt anywhere stays whole.
 fn cut_at_changes(nats: &[f64]) -> Vec<Range<usize>> {
-    let mut parts = Vec::new();
-    let mut uncut = vec![0..nats.len()];
-    while let Some(part) = uncut.pop() {
-        match best_cut(&nats[part.clone()]) {
-            Some(at) => {
-                uncut.push(part.start + at..part.end);
-                uncut.push(part.start..part.start + at);
-            }
-            None => parts.push(part),
-        }
+    let cuts = turns(nats);
+    let first = iter::once(0).chain(cuts.iter().copied());
+    let last = cuts.iter().copied().chain(iter::once(nats.len()));
+    let parts: Vec<Range<usize>> = first.zip(last).map(|(first, last)| first..last).collect();
+    match parts.iter().all(|part| is_plain(&nats[part.clone()])) {
+        true => parts,
+        false => iter::once(0..nats.len()).collect(),
     }
-    parts
 }
 
-fn best_cut(nats: &[f64]) -> Option<usize> {
-    let total = Said::of(nats);
-    let mut before = Said::default();
-    let mut best: Option<(f64, usize)> = None;
+/// Where the sum of what was said turns round by [`CUT_NATS`].
+fn turns(nats: &[f64]) -> Vec<usize> {
+    let mut turns = Vec::new();
+    let (mut low, mut high) = ((0.0, 0), (0.0, 0));
+    let mut rises = None;
+    let mut sum = 0.0;
     for (k, nats) in nats.iter().enumerate() {
-        let after = Said {
-            sum: total.sum - before.sum,
-            most: total.most - before.most,
-        };
-        let worth = before.sum.abs().min(after.sum.abs());
-        let differ = before.sum * after.sum < 0.0;
-        if differ
-            && before.is_plain()
-            && after.is_plain()
-            && best.is_none_or(|(most, _)| worth > most)
-        {
-            best = Some((worth, k));
+        sum += nats;
+        let here = (sum, k + 1);
+        if rises != Some(true) && sum - low.0 >= CUT_NATS {
+            turns.push(low.1);
+            (rises, high) = (Some(true), here);
+        } else if rises != Some(false) && high.0 - sum >= CUT_NATS {
+            turns.push(high.1);
+            (rises, low) = (Some(false), here);
         }
-        before.add(*nats);
+        if sum > high.0 {
+            high = here;
+        }
+        if sum < low.0 {
+            low = here;
+        }
     }
-    best.map(|(_, at)| at)
+    turns.retain(|at| *at > 0);
+    turns
 }
 
-/// What a part of a pass says.
-#[derive(Clone, Copy, Default)]
-struct Said {
-    sum: f64,
-    /// The sum if all said the same.
-    most: f64,
-}
-
-impl Said {
-    fn of(nats: &[f64]) -> Self {
-        let mut said = Self::default();
-        nats.iter().for_each(|nats| said.add(*nats));
-        said
-    }
-
-    fn add(&mut self, nats: f64) {
-        self.sum += nats;
-        self.most += nats.abs();
-    }
-
-    fn is_plain(self) -> bool {
-        self.sum.abs() >= CUT_NATS && self.sum.abs() >= CUT_UNANIMITY * self.most
-    }
+fn is_plain(nats: &[f64]) -> bool {
+    let (sum, most) = nats.iter().fold((0.0, 0.0), |(sum, most), nats| {
+        (sum + nats, most + nats.abs())
+    });
+    sum.abs() >= CUT_NATS && sum.abs() >= CUT_UNANIMITY * most
 }
 
 #[cfg(test)]
