@@ -1,6 +1,6 @@
 //! The place of a trip that does not say where it is.
 
-use super::closure::{self, ClosureRule, Slack};
+use super::closure::{self, CONTRADICTION_SHARE_MAX, ClosureRule, Slack};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::{self, Placed};
@@ -127,6 +127,7 @@ fn confirm(
         distance_m: 0.8,
         turn_rad: 0.3,
         well_known: false,
+        contradiction_share_max: CONTRADICTION_SHARE_MAX,
     };
     let rule = ClosureRule::default();
     let (mut compared, mut agreeing) = (0, 0);
@@ -165,11 +166,15 @@ const NEARBY: SearchParams = SearchParams {
     rival_share: 0.9,
 };
 const NEARBY_RESOLUTION_M: f64 = 0.05;
+/// A hit that lies nearer than this to the border of its window, metres, is the slope of a hill
+/// outside: such hits tied the maps of large buildings falsely.
+const BORDER_M: f64 = 0.1;
 
 /// The pose of a trip's newest keyframe among reference nodes, from its local map (frame: the
 /// newest keyframe's base), within a slack around the expected `map_from_base`.
 ///
-/// `None` if the place does not look like it, or if two poses within the slack do.
+/// `None` if the place does not look like it, if two poses within the slack do, or if the best one
+/// lies on the border of the slack.
 pub(super) fn relocate(
     local_map: &LocalMap<'_>,
     references: &[Placed<'_>],
@@ -187,5 +192,7 @@ pub(super) fn relocate(
         half_turn_rad: slack.turn_rad,
     };
     let hit = search(&grid, &points, &window, &NEARBY)?;
-    hit.rival.is_none().then_some(hit.pose)
+    let moved = hit.pose.translation() - expected.translation();
+    let is_inside = moved.amax() <= slack.distance_m - BORDER_M;
+    (is_inside && hit.rival.is_none()).then_some(hit.pose)
 }

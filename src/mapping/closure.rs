@@ -59,8 +59,11 @@ impl ClosureRule {
     }
 }
 
-/// Largest share of one scan's points in the other's free space, for any match, …
-const CONTRADICTION_SHARE_MAX: f64 = 0.2;
+/// Largest share of one scan's points in the other's free space, for a trip that is where it is
+/// expected, …
+pub(super) const CONTRADICTION_SHARE_MAX: f64 = 0.2;
+/// … for one that was found again after it had drifted: the first tie must be beyond doubt, …
+pub(super) const CONTRADICTION_SHARE_MAX_FROM_AFAR: f64 = 0.1;
 /// … and for one that ends where it was expected: then it is the place that differs.
 const CONTRADICTION_SHARE_MAX_IF_EXPECTED: f64 = 0.7;
 /// No farther than this from the expected place counts as that, metres …
@@ -85,6 +88,8 @@ pub(super) struct Slack {
     pub turn_rad: f64,
     /// Whether the expected place is known well enough to believe it against what the scans show.
     pub well_known: bool,
+    /// Largest share of one scan's points in the other's free space.
+    pub contradiction_share_max: f64,
 }
 
 /// Matches a new scan with an old one, expected at `old_from_new`.
@@ -121,7 +126,7 @@ pub(super) fn measure(
     let share_max = if is_expected {
         CONTRADICTION_SHARE_MAX_IF_EXPECTED
     } else {
-        CONTRADICTION_SHARE_MAX
+        slack.contradiction_share_max
     };
     let [old_look, new_look] = [(old, old_scan), (new, new_scan)].map(|(placed, scan)| Seen {
         points: &placed.keyframe.points,

@@ -1,7 +1,10 @@
 //! The walk of one drive through the map: this page is the method.
 
 use super::anchor::{self, AnchorError};
-use super::closure::{self, Closure, ClosureMeasurement, Slack};
+use super::closure::{
+    self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, Closure, ClosureMeasurement,
+    Slack,
+};
 use super::drive::{Drive, DriveScan, InitialPose};
 use super::front_end::{Motion, match_scans, measure_motion};
 use super::intermediate::IntermediateScan;
@@ -405,6 +408,10 @@ fn slack_small(is_tied: bool) -> Slack {
         distance_m: 0.45,
         turn_rad: 0.16,
         well_known: is_tied,
+        contradiction_share_max: match is_tied {
+            true => CONTRADICTION_SHARE_MAX,
+            false => CONTRADICTION_SHARE_MAX_FROM_AFAR,
+        },
     }
 }
 
@@ -415,6 +422,7 @@ fn slack_after(drift_m: f64) -> Slack {
         distance_m: (0.3 + 0.03 * drift_m).min(4.0),
         turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
         well_known: false,
+        contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
     }
 }
 

@@ -42,6 +42,7 @@ const SLACK: Slack = Slack {
     distance_m: 0.45,
     turn_rad: 0.16,
     well_known: false,
+    contradiction_share_max: CONTRADICTION_SHARE_MAX,
 };
 
 fn with_score(score_min: f64) -> ClosureRule {
