@@ -19,10 +19,8 @@ const SOLID_SHARE_MIN: f64 = 0.7;
 /// … and free to one of which a smaller share does.
 const FREE_SHARE_MAX: f64 = 0.3;
 
-/// A pass says much about a cell if it answers so often …
+/// A pass says much about a cell if it answers so often.
 const TELLING_MIN: u32 = 6;
-/// … and so many such passes tell which of them is wrong.
-const VOTES_MIN: usize = 3;
 
 /// What a cell's passes say, in steps of what matters to a decision.
 pub type Signature = u64;
@@ -123,28 +121,16 @@ impl CountedCell {
         votes.map(PassCounts::vote).sum::<i32>() > 0
     }
 
-    /// Of the passes that said much about it: how many contradict most of the others, and how many
-    /// there are. None, if they are too few to tell who is right.
+    /// Of the passes that said much about it, the first and the last aside: how many contradict
+    /// both the one before and the one after, and how many there are. What has changed and stays so
+    /// contradicts one of them alone.
     pub fn contradictions(&self) -> (u32, u32) {
-        let votes = || {
-            let telling = self
-                .passes
-                .iter()
-                .filter(|p| p.hits + p.misses >= TELLING_MIN);
-            telling.map(PassCounts::vote).filter(|vote| *vote != 0)
-        };
-        let sum: i32 = votes().sum();
-        if votes().count() < VOTES_MIN {
-            return (0, 0);
-        }
-        votes().fold((0, 0), |(contradicting, passes), vote| {
-            let others = sum - vote;
-            let contradicts = vote * others < 0;
-            (
-                contradicting + u32::from(contradicts),
-                passes + u32::from(others != 0),
-            )
-        })
+        let telling = self.passes.iter();
+        let telling = telling.filter(|p| p.hits + p.misses >= TELLING_MIN);
+        let votes: Vec<i32> = telling.map(PassCounts::vote).filter(|v| *v != 0).collect();
+        let threes = votes.windows(3);
+        let contradicting = threes.clone().filter(|v| v[1] != v[0] && v[1] != v[2]);
+        (contradicting.count() as u32, threes.count() as u32)
     }
 
     /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said

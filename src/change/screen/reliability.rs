@@ -1,10 +1,10 @@
-//! What a pass is worth on this route: how often one contradicts the others where nothing changed.
+//! What a pass is worth on this route: how often one contradicts those before and after it.
 
 use super::{Screen, is_near};
 use crate::change::false_alerts::support_for_rate;
 use crate::geometry::Vector2;
 
-/// A pass that contradicts the others about an unchanged cell, as fleets do: so many …
+/// Passes that contradict those before and after them, as fleets do: so many …
 const PRIOR_CONTRADICTING: f64 = 4.0;
 /// … of so many. A route's own passes count beside these.
 const PRIOR_PASSES: f64 = 100.0;
@@ -13,12 +13,12 @@ const CONFIRMING_PASSES: f64 = 2.0;
 /// However noisy a route is, a pass is worth something, in nats.
 const NATS_MIN: f64 = 0.5;
 
-/// How often passes contradict the others about cells that did not change.
+/// How often passes contradict those before and after them, about cells that did not change.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Reliability {
-    /// Passes over a cell that find it otherwise than most others.
+    /// Passes over a cell that find it otherwise than the one before and the one after.
     pub contradicting: u64,
-    /// Passes over a cell that found it solid or free, as others did or not.
+    /// Passes over a cell with one before and one after.
     pub passes: u64,
 }
 

@@ -346,7 +346,7 @@ fn an_observation_that_fits_stays_where_it_is() {
 
 #[test]
 fn a_wrong_pose_near_the_right_one_is_mended() {
-    for (x, y, turn_rad) in [(0.2, -0.1, 0.0), (0.0, 0.25, 0.03), (-0.1, 0.1, -0.08)] {
+    for (x, y, turn_rad) in [(0.28, 0.0, 0.0), (0.0, -0.28, 0.0), (0.0, 0.0, 0.12)] {
         let (fit, right) = fit_of_misplaced(x, y, turn_rad);
         let off = right.between(&fit.map_from_base);
         assert!(!fit.agreement.is_wrong(), "{fit:?}");
@@ -373,4 +373,26 @@ fn what_only_its_own_pass_saw_says_nothing_about_an_observation() {
     let kept = &observations[3];
     let fit = fresh(&observations).fit(&kept.key, &kept.scan, &kept.map_from_base);
     assert_eq!(fit.agreement, Agreement::default());
+}
+
+#[test]
+fn a_pass_that_contradicts_both_neighbours_errs_and_a_change_does_not() {
+    let contradictions = |hits_of_passes: &[u32]| {
+        let mut cell = CountedCell::new((0, 0));
+        let counts = |(span, &hits): (usize, &u32)| PassCounts {
+            pass: PassKey {
+                span: span as i64,
+                trip: 0,
+            },
+            hits,
+            misses: 8 - hits,
+            no_returns: 0,
+        };
+        cell.passes = hits_of_passes.iter().enumerate().map(counts).collect();
+        cell.contradictions()
+    };
+    assert_eq!(contradictions(&[8, 0, 8, 8]), (1, 2));
+    assert_eq!(contradictions(&[8, 8, 0, 0]), (0, 2));
+    // One that is undecided is no pass, and two tell nothing.
+    assert_eq!(contradictions(&[8, 4, 8]), (0, 0));
 }

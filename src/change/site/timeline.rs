@@ -116,8 +116,8 @@ mod tests {
 
     #[test]
     fn a_change_that_a_pass_saw_cuts_it() {
-        let seen = timeline(&views(&[(8, -1.5), (8, 1.5), (8, -1.5)]));
-        assert_eq!(seen.passes, [0..8, 8..16, 16..24]);
+        let seen = timeline(&views(&[(16, -1.5), (16, 1.5), (16, -1.5)]));
+        assert_eq!(seen.passes, [0..16, 16..32, 32..48]);
         assert_eq!(seen.history.states, [Free, Occupied, Free]);
     }
 
