@@ -18,10 +18,10 @@ const HIT_SHARE_MIN: f64 = 0.75;
 const MOVED_HIT_SHARE_MIN: f64 = 0.85;
 /// Poses are tried in steps of this at first, and then of half, a quarter, …, metres and radians,
 /// …
-const FIRST_STEP_M: f64 = 0.08;
-const FIRST_STEP_RAD: f64 = 0.03;
+const FIRST_STEP_M: f64 = 0.16;
+const FIRST_STEP_RAD: f64 = 0.06;
 /// … so often halved …
-const HALVINGS: u32 = 3;
+const HALVINGS: u32 = 4;
 /// … and at most so many of each length.
 const STEPS_MAX: usize = 4;
 
