@@ -32,6 +32,9 @@ pub struct Finding {
     pub tier: Tier,
     /// The other side of the same event, if there is one.
     pub counterpart: Option<Counterpart>,
+    /// The vector by which what its pass observed there would have to be moved to lie on the map,
+    /// map frame, metres: of a [`ChangeKind::MapMismatch`] that one shift explains.
+    pub shift: Option<Vector2<f64>>,
     /// The closures whose scans disagree there, ascending.
     pub edges: Vec<EdgeId>,
     /// The nodes whose scans show the old or the new state, ascending.

@@ -169,6 +169,10 @@ fn is_decided(status: AlertStatus) -> bool {
 }
 
 fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
+    if finding.shift.is_some() && alert.evidence.kind.is_of_state() {
+        return share_a_trip(&alert.evidence.trips, &finding.trips)
+            && polygon_gap(outline(&alert.evidence), outline(finding)) <= 0.0;
+    }
     let is_other_side = finding.counterpart.as_ref().is_some_and(|other| {
         other.kind == alert.evidence.kind
             && polygon_gap(outline(&alert.evidence), &other.region) <= SAME_PLACE_M
@@ -289,8 +293,13 @@ fn is_news(before: &Finding, now: &Finding) -> bool {
         (Some(a), Some(b)) => a.kind != b.kind || reshaped(&a.region, &b.region),
         (a, b) => a.is_some() != b.is_some(),
     };
+    let other_shift = match (&before.shift, &now.shift) {
+        (Some(a), Some(b)) => moved(a, b),
+        (a, b) => a.is_some() != b.is_some(),
+    };
     counted(before) != counted(now)
         || other_counterpart
+        || other_shift
         || before.edges != now.edges
         || before.nodes != now.nodes
         || before.trips != now.trips

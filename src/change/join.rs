@@ -1,5 +1,6 @@
 //! One event, one finding: what left one place and stands at another was moved.
 
+use super::region::centroid;
 use super::{ChangeKind, Counterpart, Finding};
 use crate::geometry::polygon_gap;
 
@@ -50,6 +51,21 @@ pub fn join_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
     joined.collect()
 }
 
+/// Takes findings that were joined apart again, each followed by its other side, so that they can be
+/// judged and joined together with others. The other side has the evidence of both.
+pub fn separate_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
+    let apart = findings.into_iter().flat_map(|mut finding| {
+        let other = finding.counterpart.take().map(|other| Finding {
+            kind: other.kind,
+            location: centroid(&other.region),
+            region: other.region,
+            ..finding.clone()
+        });
+        std::iter::once(finding).chain(other)
+    });
+    apart.collect()
+}
+
 /// Whether both began in one pass and both stand, or neither.
 fn is_one_event(a: &Finding, b: &Finding) -> bool {
     let shares_a_trip = a.trips.iter().any(|trip| b.trips.contains(trip));
@@ -94,6 +110,7 @@ mod tests {
             region: corners.map(|c| location + Vector2::from(c)).to_vec(),
             tier: Tier::Tentative,
             counterpart: None,
+            shift: None,
             edges: vec![EdgeId(since_s)],
             nodes: vec![NodeId(since_s)],
             trips: vec![TripId::new("monday").unwrap()],
@@ -121,6 +138,23 @@ mod tests {
         assert_eq!(other.kind, Disappeared);
         assert_eq!(joined[0].edges, [EdgeId(10), EdgeId(20)]);
         assert!(joined[1].counterpart.is_none());
+    }
+
+    #[test]
+    fn what_was_taken_apart_is_joined_to_the_same() {
+        let joined = join_counterparts(vec![
+            finding(Disappeared, 0.0, 20),
+            finding(Appeared, 0.9, 10),
+            finding(Appeared, 9.0, 10),
+        ]);
+        let apart = separate_counterparts(joined.clone());
+        let kinds: Vec<_> = apart.iter().map(|f| (f.kind, f.location.x)).collect();
+        assert_eq!(
+            kinds,
+            [(Appeared, 0.9), (Disappeared, 0.0), (Appeared, 9.0)]
+        );
+        assert!(apart.iter().all(|finding| finding.counterpart.is_none()));
+        assert_eq!(join_counterparts(apart), joined);
     }
 
     #[test]

@@ -60,6 +60,7 @@ fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
     Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind: ChangeKind::MapMismatch,
         location: centroid(&region),
         sigma_m: REGION_RADIUS_M,

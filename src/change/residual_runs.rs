@@ -143,6 +143,7 @@ fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> O
     Some(Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind: ChangeKind::Residual,
         location,
         sigma_m: spread_m.max(REGION_RADIUS_M),

@@ -206,6 +206,7 @@ fn finding_of(site: &Site<'_>, cells: &SiteCells, cluster: &Cluster, pooled: &Po
         region,
         tier,
         counterpart: None,
+        shift: None,
         edges: Vec::new(),
         nodes: nodes.into_iter().collect(),
         trips: trips.iter().map(|&trip| site.trips[trip].clone()).collect(),

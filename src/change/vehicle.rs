@@ -88,6 +88,7 @@ pub fn suspect_vehicle(trips: &[(&TripId, Vec<TripPose>)]) -> Option<Finding> {
     Some(Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind: ChangeKind::VehicleSuspect,
         location,
         sigma_m: REGION_RADIUS_M,

@@ -5,11 +5,12 @@ use std::collections::BTreeMap;
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, Screened,
-    Site, TiedPose, Tier, TripPose, asked_about, join_counterparts, mismatches, state_changes,
-    support_min, suspect_vehicle,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, SHIFT_MAX_M,
+    Screened, ShiftFit, Site, TiedPose, Tier, TripPose, asked_about, explain_by_shift,
+    join_counterparts, mismatches, separate_counterparts, state_changes, support_min,
+    suspect_vehicle,
 };
-use crate::geometry::Pose2;
+use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, StampNs, TripId, VehicleId};
 use crate::observation::{Observation, REACH_M};
@@ -18,11 +19,15 @@ use crate::scan::LaserScan;
 /// Two findings of one kind this near to each other are one, found from two sides, metres.
 const SAME_FINDING_M: f64 = 0.3;
 
+/// What a pass observed this near to a segment tells by which shift it fits, metres.
+const SEGMENT_MARGIN_M: f64 = 1.0;
+
 /// What findings are asked for.
 pub struct Scope<'a> {
     /// Sites that were touched since the last time, or every one.
     pub sites: Sites,
-    /// The findings that alerts wait with: where nothing was touched they stand as they are.
+    /// The findings that alerts wait with, and those that a shift explains, whatever became of
+    /// their alerts: where nothing was touched they stand as they are.
     pub pending: &'a [Finding],
     /// How many false alerts a lap may raise.
     pub false_alerts_per_lap: f64,
@@ -88,8 +93,13 @@ impl RouteMap {
     }
 
     fn state_changes(&self, scope: &Scope<'_>) -> Vec<Finding> {
-        let pending = || scope.pending.iter().filter(|f| f.kind.is_of_state());
-        let regions: Vec<_> = pending().map(|finding| finding.region.clone()).collect();
+        // Each side of a change is kept or judged anew on its own, and a segment that a shift
+        // explains as a whole: what it was found by is not kept.
+        let of_state = scope.pending.iter().filter(|f| f.kind.is_of_state());
+        let of_state = separate_counterparts(of_state.cloned().collect());
+        let shifted = || scope.pending.iter().filter(|f| f.shift.is_some());
+        let pending = of_state.iter().chain(shifted());
+        let regions: Vec<_> = pending.map(|finding| finding.region.clone()).collect();
         let sites = match scope.sites {
             Sites::Touched => self.screen.touched_sites(&regions),
             Sites::All => self.screen.all_sites(),
@@ -99,11 +109,7 @@ impl RouteMap {
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
             for found in self.judge(site, &trips, scope, &mut fits) {
-                let is_same = |other: &&mut Finding| {
-                    other.kind == found.kind
-                        && (other.location - found.location).norm() <= SAME_FINDING_M
-                };
-                match findings.iter_mut().find(is_same) {
+                match findings.iter_mut().find(|other| is_same(other, &found)) {
                     Some(same) if same.confidence >= found.confidence => {}
                     Some(same) => *same = found,
                     None => findings.push(found),
@@ -121,11 +127,50 @@ impl RouteMap {
                 finding.tier = Tier::Tentative;
             }
         }
-        if scope.sites == Sites::Touched {
-            let untouched = pending().filter(|finding| !self.screen.is_touched(&finding.region));
-            findings.extend(untouched.cloned());
+        let is_kept = |finding: &&Finding| {
+            scope.sites == Sites::Touched && !self.screen.is_touched(&finding.region)
+        };
+        for kept in of_state.iter().filter(is_kept) {
+            if !findings.iter().any(|found| is_same(found, kept)) {
+                findings.push(kept.clone());
+            }
         }
-        join_counterparts(findings)
+        // What one shift explains is no change; then what left one place for another is one event.
+        let findings = explain_by_shift(findings, |mismatch| self.shift_fit(mismatch));
+        let mut findings = join_counterparts(findings);
+        findings.extend(shifted().filter(is_kept).cloned());
+        findings
+    }
+
+    /// By which shift what a trip observed in a mismatch's region fits what others did, and the
+    /// trip itself before.
+    fn shift_fit(&self, mismatch: &Finding) -> Option<ShiftFit> {
+        let expected = mismatch.shift?;
+        let near = |margin_m: f64| {
+            let is_near =
+                move |at: &Vector2<f64>| distance_to_polygon(at, &mismatch.region) <= margin_m;
+            move |observation: &Observation| -> Vec<Vector2<f64>> {
+                observation.hits().filter(is_near).collect()
+            }
+        };
+        let (mut old, mut new) = (Vec::new(), Vec::new());
+        let keyframes = self.keyframes.iter().zip(self.graph.nodes());
+        for (keyframe, node) in keyframes {
+            let is_own = mismatch.trips.contains(&keyframe.trip);
+            for (_, stamp, map_from_base, scan) in observations_of(keyframe, node.pose) {
+                let eye = map_from_base.translation();
+                if distance_to_polygon(&eye, &mismatch.region) > REACH_M {
+                    continue;
+                }
+                let observation = Observation::new(scan, &map_from_base);
+                if !is_own || stamp < mismatch.since {
+                    old.extend(near(SEGMENT_MARGIN_M + SHIFT_MAX_M)(&observation));
+                } else if stamp <= mismatch.last_seen {
+                    new.extend(near(SEGMENT_MARGIN_M)(&observation));
+                }
+            }
+        }
+        ShiftFit::of(old.into_iter(), new.into_iter(), &expected)
     }
 
     fn judge(
@@ -277,6 +322,10 @@ impl RouteMap {
     }
 }
 
+fn is_same(a: &Finding, b: &Finding) -> bool {
+    a.kind == b.kind && (a.location - b.location).norm() <= SAME_FINDING_M
+}
+
 /// A keyframe's own scan and those that follow it: place, stamp, `map_from_base`, scan.
 fn observations_of(
     keyframe: &Keyframe,
@@ -291,3 +340,6 @@ fn observations_of(
     });
     own.into_iter().chain(following)
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,9 +7,10 @@ use super::stage::references;
 use super::workspace::Workspace;
 use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
 use crate::change::series::{ClosureSample, residual_series};
-use crate::change::{ChangeKind, Detector, Finding, Tier, region_round};
+use crate::change::{AlertStatus, ChangeKind, Detector, Finding, Tier, region_round};
 use crate::ids::{EdgeId, NodeId, TripId};
 use crate::mapping::{Scope, Sites};
+use crate::store::AlertRecord;
 
 /// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
 /// the rule does not say where.
@@ -29,7 +30,7 @@ pub(super) fn findings(workspace: &mut Workspace) -> Vec<Finding> {
 }
 
 fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
-    let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
+    let pending = workspace.alerts.iter().filter(|alert| stays(alert));
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
     workspace.map.findings(&Scope {
         sites: Sites::Touched,
@@ -38,6 +39,14 @@ fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
     })
+}
+
+/// Whether an alert's finding is kept where nothing was touched. One that a shift explains is kept
+/// also when its alert was decided about or has ended: else what it explains would be raised as
+/// changes, once some of it is judged anew.
+fn stays(alert: &AlertRecord) -> bool {
+    let is_refuted = alert.status == AlertStatus::Resolved && alert.evidence.until.is_none();
+    alert.status.is_pending() || (alert.evidence.shift.is_some() && !is_refuted)
 }
 
 /// The changes that the series of each sub-graph shows (paper, section 4.2).
@@ -99,6 +108,7 @@ fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Opti
     Some(Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind: ChangeKind::Residual,
         location: change.first.place.position,
         sigma_m: PAPER_REGION_M,

@@ -81,6 +81,10 @@ fn check(alert: &AlertRecord) -> Result<(), StoreError> {
     {
         return Err(invalid(alert, "has a region that is not finite"));
     }
+    let shift = alert.evidence.shift;
+    if shift.is_some_and(|shift| !shift.iter().all(|v| v.is_finite())) {
+        return Err(invalid(alert, "has a shift that is not finite"));
+    }
     if alert.history.last().map(|last| last.status) != Some(alert.status) {
         return Err(invalid(alert, "has a history that ends otherwise"));
     }
@@ -132,6 +136,8 @@ async fn upsert(
         .bind(evidence.tier.text())
         .bind(counterpart.map(|counterpart| counterpart.kind.text()))
         .bind(counterpart.map(|counterpart| polygon_bytes(&counterpart.region)))
+        .bind(evidence.shift.map(|shift| shift.x))
+        .bind(evidence.shift.map(|shift| shift.y))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -142,10 +148,11 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      x, y, sigma_m, region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns, \
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
-     updated_at_us, tier, counterpart_kind, counterpart_region, confirmed_revision) \
+     updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, \
+     confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
      ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     iif(?31 = 'confirmed', ?3, NULL) \
+     ?34, ?35, iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -160,7 +167,8 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      residual_seed_rule = excluded.residual_seed_rule, map_version = excluded.map_version, \
      related = excluded.related, updated_at_us = excluded.updated_at_us, tier = excluded.tier, \
      counterpart_kind = excluded.counterpart_kind, \
-     counterpart_region = excluded.counterpart_region, \
+     counterpart_region = excluded.counterpart_region, shift_x = excluded.shift_x, \
+     shift_y = excluded.shift_y, \
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \

@@ -200,6 +200,7 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
     Ok(Finding {
         tier: text(row, "tier")?,
         counterpart: counterpart_of(row)?,
+        shift: shift_of(row)?,
         kind: text(row, "kind")?,
         location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
         sigma_m: row.try_get("sigma_m")?,
@@ -225,6 +226,11 @@ fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
         kind: text(row, "counterpart_kind")?,
         region: polygon(row, "counterpart_region")?,
     }))
+}
+
+fn shift_of(row: &SqliteRow) -> Result<Option<Vector2<f64>>, StoreError> {
+    let (x, y): (Option<f64>, Option<f64>) = (row.try_get("shift_x")?, row.try_get("shift_y")?);
+    Ok(x.zip(y).map(|(x, y)| Vector2::new(x, y)))
 }
 
 fn residual_of(row: &SqliteRow) -> Result<Option<AlertResidual>, StoreError> {

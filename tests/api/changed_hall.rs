@@ -217,6 +217,7 @@ fn appeared(route: &RouteId) -> AlertRecord {
         evidence: Finding {
             tier: Tier::Confirmed,
             counterpart: None,
+            shift: None,
             kind: ChangeKind::Appeared,
             location: Vector2::new(1.8, 1.0),
             sigma_m: 0.06,

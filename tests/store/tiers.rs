@@ -43,6 +43,7 @@ fn alert(number: u128, tier: Tier) -> AlertRecord {
             region: corners.map(Vector2::from).to_vec(),
             tier,
             counterpart: None,
+            shift: None,
             edges: Vec::new(),
             nodes: vec![NodeId(1)],
             trips: vec![TripId::new("t").unwrap()],
@@ -137,6 +138,37 @@ async fn tier_and_counterpart_are_read_back_to_the_bit() {
     });
     let refused = write(&fixture, "b4", &broken).await;
     assert!(matches!(refused, Err(StoreError::InvalidResult(_))));
+}
+
+#[tokio::test]
+async fn a_shift_is_read_back_to_the_bit() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    let mut shifted = alert(1, Tier::Tentative);
+    shifted.evidence.kind = ChangeKind::MapMismatch;
+    shifted.evidence.shift = Some(Vector2::new(0.1 + 0.2, -1.0 / 3.0));
+    write(&fixture, "b0", &shifted).await.unwrap();
+    assert_eq!(
+        store.alert(shifted.id).await.unwrap(),
+        Some(shifted.clone())
+    );
+    let mut other = next(&shifted, Tier::Tentative);
+    other.evidence.shift = Some(Vector2::new(1e-300, -0.0));
+    write(&fixture, "b1", &other).await.unwrap();
+    assert_eq!(store.alert(other.id).await.unwrap(), Some(other.clone()));
+    let mut without = next(&other, Tier::Tentative);
+    without.evidence.shift = None;
+    write(&fixture, "b2", &without).await.unwrap();
+    assert_eq!(store.alert(without.id).await.unwrap(), Some(without));
+
+    let mut broken = alert(2, Tier::Tentative);
+    broken.evidence.shift = Some(Vector2::new(f64::NAN, 0.0));
+    let refused = write(&fixture, "b3", &broken).await;
+    assert!(matches!(refused, Err(StoreError::InvalidResult(_))));
+    // Half a shift is refused by the table itself.
+    let mut raw = fixture.raw().await;
+    let half = sqlx::query("UPDATE alerts SET shift_x = 0.5").execute(&mut raw);
+    assert!(half.await.is_err());
 }
 
 #[tokio::test]

@@ -17,7 +17,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
-    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null,
+    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null,
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
     "views": 9, "laps": 2,
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
@@ -53,6 +53,10 @@ pub(super) struct AlertBody {
     /// is known.
     #[schema(required)]
     counterpart: Option<CounterpartBody>,
+    /// Of a `map_mismatch` that one shift explains: the vector by which what the pass observed there
+    /// would have to be moved to lie on the map, map frame, metres. Null for all other alerts.
+    #[schema(required)]
+    shift: Option<ShiftBody>,
     /// The loop closures whose scans disagree there.
     edge_ids: Vec<i64>,
     /// The nodes whose scans show the old or the new state.
@@ -115,6 +119,16 @@ struct CounterpartBody {
     /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
+}
+
+/// A vector in the map frame.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertShift)]
+pub(super) struct ShiftBody {
+    /// Metres.
+    x: f64,
+    /// Metres.
+    y: f64,
 }
 
 /// A closure's place in the residual series of its sub-graph.
@@ -196,6 +210,7 @@ impl From<AlertRecord> for AlertBody {
             location,
             region: corners(&evidence.region),
             counterpart: evidence.counterpart.map(CounterpartBody::from),
+            shift: evidence.shift.map(ShiftBody::from),
             edge_ids: evidence.edges.iter().map(|id| id.0).collect(),
             node_ids: evidence.nodes.iter().map(|id| id.0).collect(),
             vehicle_ids: alert.vehicles.iter().map(ToString::to_string).collect(),
@@ -221,6 +236,15 @@ impl From<Counterpart> for CounterpartBody {
         Self {
             kind: counterpart.kind.into(),
             region: corners(&counterpart.region),
+        }
+    }
+}
+
+impl From<Vector2<f64>> for ShiftBody {
+    fn from(shift: Vector2<f64>) -> Self {
+        Self {
+            x: shift.x,
+            y: shift.y,
         }
     }
 }

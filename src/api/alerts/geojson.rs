@@ -9,6 +9,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::body::ShiftBody;
 use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use super::page;
 use super::query::AlertQuery;
@@ -78,6 +79,11 @@ struct Properties {
     /// The other side of the same event; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartProperty>,
+    /// Of a `map_mismatch` that one shift explains: the vector by which what the pass observed there
+    /// would have to be moved to lie on the map. In the map frame, metres, not on the Earth. Null
+    /// for all other alerts.
+    #[schema(required)]
+    shift: Option<ShiftBody>,
     /// Probability that it is true.
     confidence: f64,
     /// Standard deviation of the place, metres.
@@ -187,6 +193,7 @@ impl Feature {
                     kind: counterpart.kind.into(),
                     region: Polygon::of(&counterpart.region, plane),
                 }),
+                shift: evidence.shift.map(ShiftBody::from),
                 confidence: evidence.confidence,
                 sigma: evidence.sigma_m,
                 first_seen: timestamp(alert.first_seen),

@@ -39,6 +39,9 @@ function otherSide({ kind, region }) {
   return WORDS[kind].toLowerCase() + " at x " + middle(0).toFixed(2) + " m, y " + middle(1).toFixed(2) + " m";
 }
 
+// The vector by which what was observed would have to be moved to lie on the map.
+const shiftBy = ({ x, y }) => "The map is off there: what was observed fits it when moved by x " + x.toFixed(2) + " m, y " + y.toFixed(2) + " m";
+
 function history(alert) {
   const list = element("ul", "history");
   for (const entry of alert.history) {
@@ -98,6 +101,7 @@ function item(alert, refresh) {
   const until = alert.until === null ? "" : ", until " + time(alert.until);
   made.append(element("p", "", "seen " + time(alert.since) + " to " + time(alert.last_seen) + until + "; map version " + alert.map_version));
   if (alert.counterpart !== null) made.append(element("p", "", "Other side: " + otherSide(alert.counterpart)));
+  if (alert.shift !== null) made.append(element("p", "", shiftBy(alert.shift)));
   const link = element("a");
   link.href = "/v1/alerts/" + alert.id + "/evidence.svg";
   link.target = "_blank";

@@ -9,6 +9,7 @@ fn finding(kind: ChangeKind, x: f64, y: f64, since: i64, until: Option<i64>) -> 
     Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind,
         location,
         sigma_m: 0.05,
@@ -93,7 +94,22 @@ fn a_change_is_raised_once_and_follows_its_finding() {
 }
 
 #[test]
-fn a_change_of_tier_or_counterpart_is_news() {
+fn what_a_shift_explains_is_told_elsewhere() {
+    let mut alerts = Alerts::default();
+    let [near, far] = [1.0, 9.0].map(|x| appeared(x, 100, None));
+    alerts.fold(&[near, far]);
+    let mismatch = Finding {
+        shift: Some(Vector2::new(0.4, 0.0)),
+        ..finding(ChangeKind::MapMismatch, 1.1, 0.0, 100, None)
+    };
+    let updates = fold(&alerts.states, std::slice::from_ref(&mismatch));
+    let notes: Vec<_> = updates.iter().map(|u| u.steps[0].note).collect();
+    assert_eq!(notes, [Some(TOLD_ELSEWHERE), Some(REFUTED), None]);
+    assert_eq!(updates[2].state.evidence, mismatch);
+}
+
+#[test]
+fn a_change_of_tier_counterpart_or_shift_is_news() {
     let mut alerts = Alerts::default();
     let mut seen = Finding {
         tier: Tier::Tentative,
@@ -126,6 +142,12 @@ fn a_change_of_tier_or_counterpart_is_news() {
     assert_eq!(move_corner(1e-4), 0, "a hair's breadth is no news");
     assert_eq!(move_corner(0.1), 1);
     seen.counterpart = None;
+    assert_eq!(fold_again(&seen), 1);
+    for (x_m, changed) in [(0.3, 1), (0.3001, 0), (0.4, 1)] {
+        seen.shift = Some(Vector2::new(x_m, 0.0));
+        assert_eq!(fold_again(&seen), changed);
+    }
+    seen.shift = None;
     assert_eq!(fold_again(&seen), 1);
     seen.tier = Tier::Tentative;
     assert_eq!(fold_again(&seen), 1);

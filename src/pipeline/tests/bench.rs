@@ -343,6 +343,7 @@ pub fn box_finding(workspace: &Workspace) -> Finding {
     Finding {
         tier: Tier::Confirmed,
         counterpart: None,
+        shift: None,
         kind: ChangeKind::Appeared,
         location: BOX_AT,
         sigma_m: 0.03,

@@ -1,0 +1,100 @@
+use std::sync::Arc;
+
+use super::super::route_map::Weighting;
+use super::*;
+use crate::change::ChangeKind;
+use crate::geometry::Vector2;
+use crate::ids::NodeId;
+use crate::observation::testing::{World, all_round};
+
+const BEAMS: usize = 720;
+const SCANS_OF_A_PASS: i64 = 24;
+/// Where posts stand in a corridor along x and how wide they are, metres.
+const POSTS: [[f64; 3]; 5] = [
+    [2.0, 1.0, 0.3],
+    [4.0, -1.1, 0.24],
+    [6.0, 1.1, 0.3],
+    [8.0, -1.0, 0.34],
+    [10.0, 1.05, 0.26],
+];
+
+/// A corridor with posts, which stand off where they were.
+fn corridor(off_m: f64) -> World {
+    let walls = World::default()
+        .with_side([-30.0, -1.6], [40.0, -1.6])
+        .with_side([-30.0, 1.6], [40.0, 1.6]);
+    POSTS.iter().fold(walls, |world, [x, y, width]| {
+        let (x, half) = (x + off_m, 0.5 * width);
+        world.with_rectangle([x - half, y - half], [x + half, y + half])
+    })
+}
+
+/// Passes of a trip through the corridor, that are held to have been driven elsewhere.
+fn passes(trip: &str, stamps_s: &[i64], first_node: i64, off: [f64; 2]) -> Vec<(Pose2, Keyframe)> {
+    let lidar = Arc::new(all_round(BEAMS));
+    let world = corridor(0.0);
+    let scans = stamps_s
+        .iter()
+        .flat_map(|s| (0..SCANS_OF_A_PASS).map(move |k| (s, k)));
+    let taken = scans.zip(first_node..).map(|((from_s, k), node)| {
+        let at = Pose2::new(0.5 * k as f64, 0.1, 0.0);
+        let stamp = StampNs((from_s * 1_000 + 500 * k) * 1_000_000);
+        let scan = world.scan(&lidar, BEAMS, &at, || 0.0);
+        let trip = TripId::new(trip).unwrap();
+        let keyframe = Keyframe::new(NodeId(node), trip, stamp, at, scan);
+        (Pose2::new(at.x + off[0], at.y + off[1], 0.0), keyframe)
+    });
+    taken.collect()
+}
+
+fn map_of(nodes: Vec<(Pose2, Keyframe)>) -> RouteMap {
+    let next = NodeId(nodes.len() as i64 + 1);
+    RouteMap::restore(Weighting::Robust, nodes, [], next, EdgeId(1)).unwrap()
+}
+
+fn findings(map: &mut RouteMap, sites: Sites, pending: &[Finding]) -> Vec<Finding> {
+    map.findings(&Scope {
+        sites,
+        pending,
+        false_alerts_per_lap: 0.01,
+        accepted: &[],
+        vehicles: &BTreeMap::new(),
+    })
+}
+
+/// Three passes of one trip that lie where they were, and three of another that lie off by some
+/// metres along the corridor.
+fn shifted_map(off_m: f64) -> RouteMap {
+    let right = passes("monday", &[0, 1_000, 2_000], 1, [0.0, 0.0]);
+    let next = right.len() as i64 + 1;
+    let shifted = passes("tuesday", &[100_000, 101_000, 102_000], next, [off_m, 0.0]);
+    map_of([right, shifted].concat())
+}
+
+#[test]
+fn a_trip_that_lies_shifted_along_a_corridor_is_one_mismatch() {
+    for off_m in [0.2, 0.4, 0.7] {
+        let found = findings(&mut shifted_map(off_m), Sites::All, &[]);
+        assert_eq!(found.len(), 1, "{off_m}: {found:?}");
+        assert_eq!(found[0].kind, ChangeKind::MapMismatch);
+        assert_eq!(found[0].trips, [TripId::new("tuesday").unwrap()]);
+        let off = found[0].shift.unwrap() + Vector2::new(off_m, 0.0);
+        assert!(off.norm() < 0.02, "{off_m}: {off}");
+    }
+}
+
+#[test]
+fn a_mismatch_stays_until_its_segment_is_judged_anew_as_a_whole() {
+    let mut map = shifted_map(0.4);
+    let found = findings(&mut map, Sites::All, &[]);
+    assert_eq!(findings(&mut map, Sites::Touched, &found), found);
+    // A pass where the map is right ends it, and brings no change to light.
+    let next = map.keyframes().len() as i64 + 1;
+    for (pose, keyframe) in passes("wednesday", &[200_000], next, [0.0, 0.0]) {
+        map.insert_keyframe(pose, keyframe).unwrap();
+    }
+    let later = findings(&mut map, Sites::Touched, &found);
+    assert_eq!(later.len(), 1, "{later:?}");
+    assert!(later[0].shift.is_some() && later[0].until.is_some());
+    assert_eq!(findings(&mut map, Sites::All, &[]), later);
+}
