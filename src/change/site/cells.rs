@@ -15,7 +15,6 @@ const NEIGHBOURS: usize = 3;
 /// Cells of a site, in the order of their places.
 pub struct SiteCells {
     cells: Vec<Cell>,
-    to_candidate_m: Vec<f64>,
 }
 
 impl SiteCells {
@@ -39,15 +38,10 @@ impl SiteCells {
                 }
             }
         }
-        let mut kept = Self {
-            cells: Vec::new(),
-            to_candidate_m: Vec::new(),
-        };
+        let mut kept = Self { cells: Vec::new() };
         for (place, builder) in grid.hit() {
-            let to_candidate_m = near.distance_m(&builder.mean(), within_m);
-            if to_candidate_m <= within_m && grid.is_taken(place, every) {
+            if near.holds(&builder.mean(), within_m) && grid.is_taken(place, every) {
                 kept.cells.push(builder.build(grid.around(place)));
-                kept.to_candidate_m.push(to_candidate_m);
             }
         }
         kept
@@ -56,11 +50,6 @@ impl SiteCells {
     /// How many there are.
     pub fn len(&self) -> usize {
         self.cells.len()
-    }
-
-    /// How far a cell is from the nearest candidate, metres.
-    pub fn to_candidate_m(&self, cell: usize) -> f64 {
-        self.to_candidate_m[cell]
     }
 }
 
