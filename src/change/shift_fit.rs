@@ -61,12 +61,12 @@ impl ShiftFit {
             let sideways = -STEPS_ASIDE..=STEPS_ASIDE;
             sideways.map(move |n| STEP_M * (f64::from(k) * along + f64::from(n) * aside))
         });
-        let rough = best(rough, &fit);
+        let rough = best(rough, fit);
         let fine = (-FINE_STEPS..=FINE_STEPS).flat_map(|x| {
             let column = -FINE_STEPS..=FINE_STEPS;
             column.map(move |y| rough + FINE_STEP_M * Vector2::new(f64::from(x), f64::from(y)))
         });
-        let shift = best(fine, &fit);
+        let shift = best(fine, fit);
         let gain = fit(&shift) - fit(&Vector2::zeros());
         (gain >= GAIN_MIN && shift.norm() >= SHIFT_MIN_M).then_some(Self { shift, old, new })
     }
