@@ -282,6 +282,14 @@ fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
     Some((state, Vec::new()))
 }
 
+/// Whether an alert's finding is kept where nothing was touched. One that a shift explains is kept
+/// also when its alert was decided about or has ended: else what it explains would be raised as
+/// changes, once some of it is judged anew.
+pub fn stays_untouched(status: AlertStatus, evidence: &Finding) -> bool {
+    let is_refuted = status == AlertStatus::Resolved && evidence.until.is_none();
+    status.is_pending() || (evidence.shift.is_some() && !is_refuted)
+}
+
 /// Whether a finding says more than that poses were improved by a hair.
 fn is_news(before: &Finding, now: &Finding) -> bool {
     let counted = |f: &Finding| (f.tier, f.views, f.laps, f.since, f.last_seen, f.until);

@@ -37,7 +37,7 @@ pub use common_shift::explain_by_shift;
 pub use detector::Detector;
 pub use false_alerts::FALSE_ALERTS_PER_LAP;
 pub use finding::{Counterpart, Finding};
-pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold};
+pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold, stays_untouched};
 pub use join::{join_counterparts, separate_counterparts};
 pub use kind::ChangeKind;
 pub use mismatch::{TiedPose, mismatches};

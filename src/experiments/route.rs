@@ -8,7 +8,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::alert::ScoredAlert;
 use super::cpu::CpuWatch;
 use super::recording::Recording;
-use crate::change::{AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold};
+use crate::change::{
+    AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold, stays_untouched,
+};
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
 use crate::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
@@ -165,8 +167,9 @@ impl Route {
     }
 
     fn findings(&mut self) -> Vec<Finding> {
-        let pending = (self.alerts.iter()).filter(|alert| alert.state.status.is_pending());
-        let pending: Vec<_> = pending.map(|a| a.state.evidence.clone()).collect();
+        let states = self.alerts.iter().map(|alert| &alert.state);
+        let pending = states.filter(|state| stays_untouched(state.status, &state.evidence));
+        let pending: Vec<_> = pending.map(|state| state.evidence.clone()).collect();
         self.map.findings(&Scope {
             sites: Sites::Touched,
             pending: &pending,

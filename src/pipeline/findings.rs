@@ -7,7 +7,7 @@ use super::stage::references;
 use super::workspace::Workspace;
 use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
 use crate::change::series::{ClosureSample, residual_series};
-use crate::change::{AlertStatus, ChangeKind, Detector, Finding, Tier, region_round};
+use crate::change::{ChangeKind, Detector, Finding, Tier, region_round, stays_untouched};
 use crate::ids::{EdgeId, NodeId, TripId};
 use crate::mapping::{Scope, Sites};
 use crate::store::AlertRecord;
@@ -30,7 +30,8 @@ pub(super) fn findings(workspace: &mut Workspace) -> Vec<Finding> {
 }
 
 fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
-    let pending = workspace.alerts.iter().filter(|alert| stays(alert));
+    let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
+    let pending = workspace.alerts.iter().filter(stays);
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
     workspace.map.findings(&Scope {
         sites: Sites::Touched,
@@ -39,14 +40,6 @@ fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
     })
-}
-
-/// Whether an alert's finding is kept where nothing was touched. One that a shift explains is kept
-/// also when its alert was decided about or has ended: else what it explains would be raised as
-/// changes, once some of it is judged anew.
-fn stays(alert: &AlertRecord) -> bool {
-    let is_refuted = alert.status == AlertStatus::Resolved && alert.evidence.until.is_none();
-    alert.status.is_pending() || (alert.evidence.shift.is_some() && !is_refuted)
 }
 
 /// The changes that the series of each sub-graph shows (paper, section 4.2).

@@ -129,7 +129,7 @@ mod tests {
             views(&[(1, -1.5), (1, 1.5)]).repeat(12),
             views(&[(12, -1.5), (8, 1.5), (4, -1.5), (8, 1.5)]),
         ] {
-            assert_eq!(timeline(&nats).passes, [0..nats.len()]);
+            assert_eq!(timeline(&nats).passes.len(), 1);
         }
     }
 }
