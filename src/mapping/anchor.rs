@@ -117,7 +117,8 @@ fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
     LocalMap::new(scans.collect())
 }
 
-/// Compares each of the trip's scans with its partners at the place found.
+/// Compares each of the trip's scans with its partners at the place found. No other place is like it,
+/// so a match that ends there is believed although much of the place has changed.
 fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
@@ -126,7 +127,7 @@ fn confirm(
     const SLACK: Slack = Slack {
         distance_m: 0.8,
         turn_rad: 0.3,
-        well_known: false,
+        well_known: true,
         contradiction_share_max: CONTRADICTION_SHARE_MAX,
     };
     let rule = ClosureRule::default();
