@@ -27,13 +27,27 @@ pub struct JudgedBeam {
     pub verdict: BeamVerdict,
 }
 
+/// Three neighbouring beams have met one surface if the outer ones ended no farther apart, metres,
+/// …
+const SURFACE_GAP_MAX_M: f64 = 0.5;
+/// … and the middle one no farther from the line between them, metres.
+const SURFACE_DEPTH_MAX_M: f64 = 0.05;
+
 /// What the scan `by` says of each beam of the scan `judged`, in beam order: as it answers about a
 /// cell where the beam ended.
 pub fn judge_beams(judged: &Observation, by: &Observation) -> Vec<JudgedBeam> {
-    let judge = |beam| {
-        let end = judged.end_of(beam);
+    let ends: Vec<_> = (0..judged.scan().beam_count())
+        .map(|beam| judged.end_of(beam))
+        .collect();
+    let judge = |beam: usize| {
+        let end = ends[beam];
         let verdict = end.map_or(BeamVerdict::NoReturn, |end| {
-            let cell = Cell::of_grid(end, 0.0);
+            let back = judged.eye() - end;
+            let cell = Cell {
+                normal: normal_at(&ends, beam),
+                seen_from: back / back.norm().max(f64::MIN_POSITIVE),
+                ..Cell::of_grid(end, 0.0)
+            };
             match by.test(&cell) {
                 Outcome::Hit => BeamVerdict::Agrees,
                 Outcome::Miss => BeamVerdict::Contradicts,
@@ -43,7 +57,19 @@ pub fn judge_beams(judged: &Observation, by: &Observation) -> Vec<JudgedBeam> {
         });
         JudgedBeam { end, verdict }
     };
-    (0..judged.scan().beam_count()).map(judge).collect()
+    (0..ends.len()).map(judge).collect()
+}
+
+/// Of the surface that a beam met, from the ends of the beams beside it; `None` if they do not lie
+/// on one.
+fn normal_at(ends: &[Option<Vector2<f64>>], beam: usize) -> Option<Vector2<f64>> {
+    let (before, end) = (ends[beam.checked_sub(1)?]?, ends[beam]?);
+    let after = (*ends.get(beam + 1)?)?;
+    let along = (after - before).try_normalize(f64::MIN_POSITIVE)?;
+    let normal = Vector2::new(-along.y, along.x);
+    let is_one = (after - before).norm() <= SURFACE_GAP_MAX_M
+        && (end - before).dot(&normal).abs() <= SURFACE_DEPTH_MAX_M;
+    is_one.then_some(normal)
 }
 
 #[cfg(test)]

@@ -291,7 +291,7 @@ impl RouteMap {
             Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
             Weighting::Paper => Vec::from_iter(partners::nearest_of_any(&expected, &nearby)),
         };
-        let (slack, rule) = (slack_small(is_tied), &self.closure_rule);
+        let (slack, rule) = (slack_small(new.keyframe.drift_m), &self.closure_rule);
         let measured = chosen.iter().filter_map(|old| {
             let old_from_new = old.pose.between(&pose);
             let found = match self.weighting {
@@ -400,15 +400,17 @@ impl RouteMap {
 /// A trip that has driven no farther than this since it was tied to the map is where it is
 /// expected, metres.
 const DRIFT_SMALL_M: f64 = 6.0;
+/// Beyond this it comes from afar, and may be tied to what only looks like the place, metres.
+const DRIFT_FAR_M: f64 = 30.0;
 
 /// How far from the expected place a closure may be measured, for a trip that was tied to the map
 /// not long ago, and for one that was found again.
-fn slack_small(is_tied: bool) -> Slack {
+fn slack_small(drift_m: f64) -> Slack {
     Slack {
         distance_m: 0.45,
         turn_rad: 0.16,
-        well_known: is_tied,
-        contradiction_share_max: match is_tied {
+        well_known: drift_m <= DRIFT_SMALL_M,
+        contradiction_share_max: match drift_m <= DRIFT_FAR_M {
             true => CONTRADICTION_SHARE_MAX,
             false => CONTRADICTION_SHARE_MAX_FROM_AFAR,
         },
