@@ -192,7 +192,7 @@ impl Observation {
         }
         let asked = beams.last - beams.first + 1;
         let outside = asked - seen.ranges - seen.without_return;
-        if 2 * (asked - seen.ranges) <= asked && self.has_central_range(&beams) {
+        if 2 * (asked - seen.ranges) <= asked && self.has_central_ranges(&beams, range_m) {
             let nearest_behind_m = seen.nearest_m - range_m;
             let in_doubt = self.may_pass_by(cell, &towards, range_m, nearest_behind_m);
             return if in_doubt {
@@ -267,13 +267,17 @@ impl Observation {
         }
     }
 
-    /// Whether one of the beams next to a cell's bearing reads a range.
-    fn has_central_range(&self, beams: &Beams) -> bool {
+    /// Whether one of the beams next to a cell's bearing reads a range; where they are far apart,
+    /// whether all of them do: on a slanted surface one ends nearer and the other farther away.
+    fn has_central_ranges(&self, beams: &Beams, range_m: f64) -> bool {
         let first = (-floor(1.0 - beams.bearing)).max(beams.first);
         let last = floor(beams.bearing + 1.0).min(beams.last);
         let parts = self.parts(first, last).into_iter().flatten();
         let mut ticks = parts.flat_map(|part| &self.scan.ticks()[part]);
-        ticks.any(|tick| is_range(*tick))
+        match range_m <= BEAM_SPACING_MAX_M * self.beams_per_rad {
+            true => ticks.any(|tick| is_range(*tick)),
+            false => ticks.all(|tick| is_range(*tick)),
+        }
     }
 
     /// Beams of the scan between two places, which may lie before its first and after its last:

@@ -93,7 +93,8 @@ fn in_a_hall_of_the_same_walls_a_drive_is_refused_or_placed_by_the_walls() {
             refused += 1;
         }
     }
-    assert!(refused > 0);
+    // Most of what it shows is walls: at one place at least it is placed.
+    assert!(refused < 3);
 }
 
 #[test]

@@ -127,10 +127,17 @@ impl CountedCell {
     pub fn contradictions(&self) -> (u32, u32) {
         let telling = self.passes.iter();
         let telling = telling.filter(|p| p.hits + p.misses >= TELLING_MIN);
-        let votes: Vec<i32> = telling.map(PassCounts::vote).filter(|v| *v != 0).collect();
-        let threes = votes.windows(3);
-        let contradicting = threes.clone().filter(|v| v[1] != v[0] && v[1] != v[2]);
-        (contradicting.count() as u32, threes.count() as u32)
+        let mut votes = telling.map(PassCounts::vote).filter(|v| *v != 0);
+        let (Some(mut before), Some(mut vote)) = (votes.next(), votes.next()) else {
+            return (0, 0);
+        };
+        let (mut contradicting, mut passes) = (0, 0);
+        for after in votes {
+            contradicting += u32::from(vote != before && vote != after);
+            passes += 1;
+            (before, vote) = (vote, after);
+        }
+        (contradicting, passes)
     }
 
     /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
