@@ -96,31 +96,12 @@ fn with_counterpart(appeared: &Finding, other: &Finding) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::Tier;
-    use crate::geometry::Vector2;
-    use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+    use crate::change::testing;
+    use crate::ids::{EdgeId, StampNs, TripId};
 
+    /// At a place along x.
     fn finding(kind: ChangeKind, x: f64, since_s: i64) -> Finding {
-        let corners = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]];
-        let location = Vector2::new(x, 0.0);
-        Finding {
-            kind,
-            location,
-            sigma_m: 0.02,
-            region: corners.map(|c| location + Vector2::from(c)).to_vec(),
-            tier: Tier::Tentative,
-            counterpart: None,
-            shift: None,
-            edges: vec![EdgeId(since_s)],
-            nodes: vec![NodeId(since_s)],
-            trips: vec![TripId::new("monday").unwrap()],
-            views: 5,
-            laps: 1,
-            confidence: 0.99,
-            since: StampNs(since_s * 1_000_000_000),
-            last_seen: StampNs((since_s + 9) * 1_000_000_000),
-            until: None,
-        }
+        testing::finding(kind, [x, 0.0], 0.2, since_s)
     }
 
     use ChangeKind::{Appeared, Disappeared};

@@ -8,7 +8,6 @@
 mod answers;
 mod cells;
 mod cluster;
-mod nearness;
 mod pooled;
 mod shift;
 mod surroundings;
@@ -20,24 +19,18 @@ use std::collections::BTreeSet;
 use self::answers::Answers;
 use self::cells::SiteCells;
 use self::cluster::{Cluster, clusters};
-use self::nearness::Nearness;
 use self::pooled::Pooled;
 pub use self::pooled::support_min;
 use self::surroundings::Surroundings;
 use super::history::State;
-use super::pass::{Standpoint, passes};
+use super::pass::Standpoint;
 use super::region::{centroid, region_round};
-use super::screen::SURROUNDINGS_M;
-use super::{AcceptedChange, Agreement, ChangeKind, Finding, Tier};
+use super::screen::{JUDGED_WITHIN_M, SURROUNDINGS_M};
+use super::{AcceptedChange, Agreement, ChangeKind, Finding, Fit, Tier};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::observation::{Observation, Sight};
+use crate::observation::Observation;
 
-/// Cells this near to a candidate are judged with it, metres.
-const JUDGED_WITHIN_M: f64 = 0.5;
-/// Observations of a pass that are asked, at most: more say the same again.
-const ASKED_MAX: usize = 48;
-const NO_RETURNS_MAX: usize = 16;
 /// How far the outline stays away from the cells' centres, metres: half a cell.
 const REGION_MARGIN_M: f64 = 0.03;
 /// What is known of a pose, metres: no location is better.
@@ -63,6 +56,15 @@ pub struct Observed {
 }
 
 impl Observed {
+    /// Moves it to where it fits what other passes found.
+    pub fn refit(&mut self, fit: &Fit) {
+        if fit.map_from_base != self.map_from_base {
+            self.observation =
+                Observation::new(&self.observation.scan().clone(), &fit.map_from_base);
+        }
+        self.agreement = fit.agreement;
+    }
+
     fn standpoint(&self) -> Standpoint {
         Standpoint {
             trip: self.trip,
@@ -78,8 +80,8 @@ pub struct Site<'a> {
     pub candidates: &'a [Vector2<f64>],
     /// Centres of all cells in the surroundings that may have changed.
     pub changed_around: &'a [Vector2<f64>],
-    /// Those who are asked ([`asked_about`]), in the order of trip and time.
-    pub observations: &'a [&'a Observed],
+    /// Those who are asked, in the order of trip and time.
+    pub observations: Vec<Observed>,
     /// Accepted changes: in their regions what was observed before them is out of date.
     pub accepted: &'a [AcceptedChange],
     /// Names of the trips that observations number.
@@ -88,27 +90,35 @@ pub struct Site<'a> {
     pub support_min: f64,
 }
 
-/// The changes of a site, in the order of their places.
-pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
+/// The changes of a site, in the order of their places. `fit_of` says how an observation fits what
+/// other passes found, and where it fits better; it is asked only where something may be found.
+pub fn state_changes(
+    site: &mut Site<'_>,
+    mut fit_of: impl FnMut(&Observed) -> Fit,
+) -> Vec<Finding> {
     // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
     //    observation says hit, miss or unknown.
-    let all = || 0..site.observations.len();
-    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
-    let mut answers = Answers::of(site, &cells, all());
-    let is_promising = |cluster: &Cluster| {
-        Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
-    };
-    if !clusters(&cells, &answers).iter().any(is_promising) {
+    if !may_have_changed(site) {
         return Vec::new();
     }
-    // 2. Observations that do not fit what other passes found have a wrong pose: they say nothing.
+    // 2. Observations that do not fit what other passes found have a wrong pose: they speak from
+    //    where they do fit, or say nothing.
+    for observed in &mut site.observations {
+        let fit = fit_of(observed);
+        observed.refit(&fit);
+    }
+    let (cells, mut answers) = answers_about_candidates(site);
     let mut witnesses = answers.witnesses();
-    let void = void::void_observations(site.observations);
+    let void = void::void_observations(&site.observations);
     answers.drop_void(&void);
     witnesses.retain(|&k| !void[k]);
+    if !may_be_clear(site, &cells, &answers) {
+        return Vec::new();
+    }
     let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
     let answers_around = Answers::of(site, &around, witnesses.iter().copied());
     answers.weigh_no_returns(site, &answers_around);
+    let site = &*site;
     // 3. The history of each cell over its passes; 4. cells that changed alike at one time.
     let clusters = pooled::settled(&answers, clusters(&cells, &answers));
     let findings = clusters.iter().filter_map(|(cluster, pooled)| {
@@ -136,34 +146,28 @@ pub fn state_changes(site: &Site<'_>) -> Vec<Finding> {
     findings.collect()
 }
 
-/// Of observations in the order of trip and time: those that see some of a site's candidates, at
-/// most [`ASKED_MAX`] of each pass, evenly chosen; and at most [`NO_RETURNS_MAX`] of which only
-/// beams without a return went there.
-pub fn asked_about(candidates: &[Vector2<f64>], observations: &[Observed]) -> Vec<usize> {
-    let (centre, radius_m) = Nearness::to(candidates).circle(JUDGED_WITHIN_M);
-    let sights = observations.iter().map(|observed| {
-        let observation = &observed.observation;
-        observation.sight_of(&centre, radius_m, 0.0)
-    });
-    let sights: Vec<Sight> = sights.collect();
-    let mut asked = Vec::new();
-    let most = [
-        (Sight::Clear, ASKED_MAX),
-        (Sight::NoReturns, NO_RETURNS_MAX),
-    ];
-    for (sight, asked_max) in most {
-        let of_sight = (0..observations.len()).filter(|&k| sights[k] == sight);
-        let of_sight: Vec<usize> = of_sight.collect();
-        let standpoints = of_sight.iter().map(|&k| observations[k].standpoint());
-        let standpoints: Vec<Standpoint> = standpoints.collect();
-        for pass in passes(&standpoints) {
-            let of_pass = &of_sight[pass];
-            let kept = of_pass.len().min(asked_max);
-            asked.extend((0..kept).map(|k| of_pass[k * of_pass.len() / kept]));
-        }
-    }
-    asked.sort_unstable();
-    asked
+fn answers_about_candidates(site: &Site<'_>) -> (SiteCells, Answers) {
+    let all = || 0..site.observations.len();
+    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
+    let answers = Answers::of(site, &cells, all());
+    (cells, answers)
+}
+
+/// Whether anything may be found although some poses may be wrong.
+fn may_have_changed(site: &Site<'_>) -> bool {
+    let (cells, answers) = answers_about_candidates(site);
+    clusters(&cells, &answers).iter().any(|cluster| {
+        Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
+    })
+}
+
+/// Whether it is worth asking about the surroundings: something is clear, or there are no-returns,
+/// whose worth they tell.
+fn may_be_clear(site: &Site<'_>, cells: &SiteCells, answers: &Answers) -> bool {
+    let clusters = || pooled::settled(answers, clusters(cells, answers));
+    let is_clear =
+        |(cluster, pooled): &(Cluster, Pooled)| pooled.is_clear(cluster, site.support_min);
+    answers.have_no_returns() || clusters().iter().any(is_clear)
 }
 
 fn centres(cells: &SiteCells, cluster: &Cluster) -> Vec<Vector2<f64>> {
@@ -180,7 +184,7 @@ fn finding_of(site: &Site<'_>, cells: &SiteCells, cluster: &Cluster, pooled: &Po
             .iter()
             .filter(|view| view.in_change && view.shows(new_state))
     };
-    let observed = |k: usize| site.observations[k];
+    let observed = |k: usize| &site.observations[k];
     let stamps = || showing().map(|view| observed(view.observation).stamp);
     let nodes: BTreeSet<NodeId> = pooled
         .views

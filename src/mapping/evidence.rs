@@ -6,9 +6,8 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
     AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, SHIFT_MAX_M,
-    Screened, ShiftFit, Site, TiedPose, Tier, TripPose, asked_about, explain_by_shift,
-    join_counterparts, mismatches, separate_counterparts, state_changes, support_min,
-    suspect_vehicle,
+    Screened, ShiftFit, Site, TiedPose, Tier, TripPose, explain_by_shift, join_counterparts,
+    mismatches, separate_counterparts, state_changes, support_min, suspect_vehicle,
 };
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
@@ -19,8 +18,11 @@ use crate::scan::LaserScan;
 /// Two findings of one kind this near to each other are one, found from two sides, metres.
 const SAME_FINDING_M: f64 = 0.3;
 
-/// What a pass observed this near to a segment tells by which shift it fits, metres.
+/// What a pass observed this near to a segment says by which shift it fits, metres.
 const SEGMENT_MARGIN_M: f64 = 1.0;
+
+/// How observations fit what other passes found, as far as it was asked.
+type Fits = BTreeMap<ObservationKey, Fit>;
 
 /// What findings are asked for.
 pub struct Scope<'a> {
@@ -48,20 +50,26 @@ pub enum Sites {
 
 impl RouteMap {
     /// What the observations of the map say: places that changed, vehicles whose lidar is turned,
-    /// and segments where the map does not fit. A change that only suspected vehicles saw is left
-    /// out.
+    /// and segments where the map does not fit. A turned lidar shifts nothing that is matched scan
+    /// by scan, so a suspected vehicle's changes stand; but where sound vehicles drive too, its
+    /// word alone confirms none.
     pub fn findings(&mut self, scope: &Scope<'_>) -> Vec<Finding> {
         self.update_screen();
         let mut findings = self.state_changes(scope);
         self.screen.settle();
         let suspects = self.suspected_vehicles(scope.vehicles);
         let is_suspected = |trip: &TripId| suspects.iter().any(|s| s.trips.contains(trip));
-        findings.retain(|finding| !finding.trips.iter().all(is_suspected));
         let seen = || {
             self.trips
                 .iter()
                 .filter(|(_, places)| self.has_scans(places))
         };
+        if seen().any(|(trip, _)| !is_suspected(trip)) {
+            let of_suspects = |f: &&mut Finding| f.trips.iter().all(is_suspected);
+            for finding in findings.iter_mut().filter(of_suspects) {
+                finding.tier = Tier::Tentative;
+            }
+        }
         findings.extend(seen().flat_map(|(trip, _)| self.mismatches_of(trip)));
         findings.extend(suspects);
         findings
@@ -105,7 +113,7 @@ impl RouteMap {
             Sites::All => self.screen.all_sites(),
         };
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
-        let mut fits = BTreeMap::new();
+        let mut fits = Fits::default();
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
             for found in self.judge(site, &trips, scope, &mut fits) {
@@ -178,48 +186,33 @@ impl RouteMap {
         site: &CandidateSite,
         trips: &[TripId],
         scope: &Scope<'_>,
-        fits: &mut BTreeMap<ObservationKey, Fit>,
+        fits: &mut Fits,
     ) -> Vec<Finding> {
-        let near = self.screen.observations_near(site);
-        let mut observed: Vec<Observed> = near
-            .into_iter()
-            .filter_map(|key| self.observed(key, trips))
-            .filter(|observed| {
-                let eye = observed.observation.eye();
-                site.cells.iter().any(|cell| (cell - eye).norm() <= REACH_M)
-            })
-            .collect();
-        observed.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));
-        let asked = asked_about(&site.cells, &observed);
-        for &k in &asked {
-            self.fit(&mut observed[k], fits);
-        }
-        let observations: Vec<&Observed> = asked.iter().map(|&k| &observed[k]).collect();
-        let mut findings = state_changes(&Site {
+        let asked = self.screen.asked_about(site).into_iter();
+        let observed = asked.filter_map(|key| self.observed(key, trips));
+        let mut observations: Vec<Observed> = observed.collect();
+        observations.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));
+        let mut site = Site {
             candidates: &site.cells,
             changed_around: &site.around,
-            observations: &observations,
+            observations,
             accepted: scope.accepted,
             trips,
             support_min: support_min(scope.false_alerts_per_lap),
-        });
+        };
+        let mut findings = state_changes(&mut site, |observed| self.fit_of(observed, fits));
         for finding in &mut findings {
             finding.edges = self.closures_across(finding);
         }
         findings
     }
 
-    /// Asks how an observation fits the others, and moves it to where it does.
-    fn fit(&self, observed: &mut Observed, fits: &mut BTreeMap<ObservationKey, Fit>) {
+    /// How an observation fits the others, and where it fits better; each is asked but once.
+    fn fit_of(&self, observed: &Observed, fits: &mut Fits) -> Fit {
         let key = (observed.node, observed.place);
         let scan = observed.observation.scan();
-        let given = observed.map_from_base;
         let fit = fits.entry(key);
-        let fit = *fit.or_insert_with(|| self.screen.fit(&key, scan, &given));
-        if fit.map_from_base != given {
-            observed.observation = Observation::new(&scan.clone(), &fit.map_from_base);
-        }
-        observed.agreement = fit.agreement;
+        *fit.or_insert_with(|| self.screen.fit(&key, scan, &observed.map_from_base))
     }
 
     fn observed(&self, (node, place): ObservationKey, trips: &[TripId]) -> Option<Observed> {

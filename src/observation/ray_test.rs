@@ -61,13 +61,13 @@ pub enum Outcome {
 
 /// What an observation may say about a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sight {
+pub enum Visibility {
     /// Beams reached it: it may have hit or missed something.
-    Clear,
+    Reached,
     /// No beam reached it, but some gave no return.
     NoReturns,
     /// All beams ended before it, or it is out of reach: it says nothing.
-    Blind,
+    Hidden,
 }
 
 /// A scan with the pose of its lidar.
@@ -223,8 +223,7 @@ impl Observation {
             return None;
         }
         let range_m = range_squared.sqrt();
-        let hit_within_m =
-            self.tolerances_m.0 + cell.half_width_m + HIT_TOLERANCE_PER_RANGE * range_m;
+        let hit_within_m = self.hit_within_m(range_m, cell.half_width_m);
         let miss_beyond_m =
             self.tolerances_m.1 + cell.half_width_m + MISS_TOLERANCE_PER_RANGE * range_m;
         Some(Asked {
@@ -237,6 +236,11 @@ impl Observation {
                 miss_from_m: range_m + miss_beyond_m,
             },
         })
+    }
+
+    /// How near to a cell's depth a beam must end to have hit it, metres.
+    fn hit_within_m(&self, range_m: f64, half_width_m: f64) -> f64 {
+        self.tolerances_m.0 + half_width_m + HIT_TOLERANCE_PER_RANGE * range_m
     }
 
     /// What the beams towards a cell read.
@@ -300,23 +304,25 @@ impl Observation {
     }
 
     /// What it may say about cells (of this half width) in a circle.
-    pub fn sight_of(&self, centre: &Vector2<f64>, radius_m: f64, half_width_m: f64) -> Sight {
+    pub fn visibility_of(
+        &self,
+        centre: &Vector2<f64>,
+        radius_m: f64,
+        half_width_m: f64,
+    ) -> Visibility {
         let towards = centre - self.eye;
         let range_m = towards.norm();
         let nearest_m = range_m - radius_m;
         if nearest_m > self.reach_m {
-            return Sight::Blind;
+            return Visibility::Hidden;
         }
         if nearest_m < NEAREST_M {
-            return Sight::Clear;
+            return Visibility::Reached;
         }
-        let across_m = BEARING_TOLERANCE_M + 0.5 * half_width_m;
-        let half_rad = (radius_m / range_m).asin() + BEARING_TOLERANCE_RAD + across_m / nearest_m;
+        let half_rad = (radius_m / range_m).asin() + bearing_tolerance_rad(nearest_m, half_width_m);
         let half = (half_rad * self.beams_per_rad).max(1.0) + 1.0;
         let bearing = self.bearing(&self.lidar_from_map.turn(&towards));
-        let hit_within_m =
-            self.tolerances_m.0 + half_width_m + HIT_TOLERANCE_PER_RANGE * (range_m + radius_m);
-        let hit_from_m = nearest_m - hit_within_m;
+        let hit_from_m = nearest_m - self.hit_within_m(range_m + radius_m, half_width_m);
         let (mut longest, mut no_return) = (0, false);
         for part in self
             .parts(floor(bearing - half), floor(bearing + half) + 1)
@@ -329,11 +335,11 @@ impl Observation {
             }
         }
         if f64::from(longest) * self.scan.tick_m() >= hit_from_m {
-            Sight::Clear
+            Visibility::Reached
         } else if no_return {
-            Sight::NoReturns
+            Visibility::NoReturns
         } else {
-            Sight::Blind
+            Visibility::Hidden
         }
     }
 
@@ -352,8 +358,7 @@ impl Observation {
 
     fn beams_towards(&self, in_lidar: &Vector2<f64>, range_m: f64, cell: &Cell) -> Beams {
         let bearing = self.bearing(in_lidar);
-        let across_m = BEARING_TOLERANCE_M + 0.5 * cell.half_width_m;
-        let tolerance_rad = BEARING_TOLERANCE_RAD + across_m / range_m;
+        let tolerance_rad = bearing_tolerance_rad(range_m, cell.half_width_m);
         let beams_max = self.scan.beam_count() as f64;
         let beside = (tolerance_rad * self.beams_per_rad).max(1.0).min(beams_max);
         Beams {
@@ -412,6 +417,11 @@ struct Beams {
 pub fn miss_tolerance(range_sigma_m: f64) -> (f64, f64) {
     let at_no_range_m = MISS_TOLERANCE_M + MISS_SIGMAS * range_sigma_m;
     (at_no_range_m, MISS_TOLERANCE_PER_RANGE)
+}
+
+/// How far to each side of a cell's bearing beams answer for it, radians.
+fn bearing_tolerance_rad(range_m: f64, half_width_m: f64) -> f64 {
+    BEARING_TOLERANCE_RAD + (BEARING_TOLERANCE_M + 0.5 * half_width_m) / range_m
 }
 
 fn is_range(tick: u16) -> bool {

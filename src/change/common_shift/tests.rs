@@ -1,37 +1,18 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::change::testing::{self, SECOND_NS};
 use crate::change::{Counterpart, join_counterparts};
 use crate::ids::{EdgeId, NodeId, TripId};
 
 use ChangeKind::{Appeared, Disappeared, MapMismatch};
 
-const SECOND_NS: i64 = 1_000_000_000;
 /// What stood at the first place stands at the second one, metres.
 const DISPLACEMENT: [f64; 2] = [0.4, -0.1];
 
 /// A square of 0.3 m round a place, seen from second `since_s` on.
 fn finding(kind: ChangeKind, place: [f64; 2], since_s: i64) -> Finding {
-    let corners = [[-0.15, -0.15], [0.15, -0.15], [0.15, 0.15], [-0.15, 0.15]];
-    let location = Vector2::from(place);
-    Finding {
-        kind,
-        location,
-        sigma_m: 0.02,
-        region: corners.map(|c| location + Vector2::from(c)).to_vec(),
-        tier: Tier::Tentative,
-        counterpart: None,
-        shift: None,
-        edges: vec![EdgeId(since_s)],
-        nodes: vec![NodeId(since_s), NodeId(since_s + 1)],
-        trips: vec![TripId::new("monday").unwrap()],
-        views: 5,
-        laps: 1,
-        confidence: 0.99,
-        since: StampNs(since_s * SECOND_NS),
-        last_seen: StampNs((since_s + 9) * SECOND_NS),
-        until: None,
-    }
+    testing::finding(kind, place, 0.15, since_s)
 }
 
 /// Both sides of something at a place that was displaced.

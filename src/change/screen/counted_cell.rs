@@ -1,6 +1,6 @@
 //! A cell of the screen, and what each pass has said about it.
 
-use super::{CELL_M, CellKey, centre_of};
+use super::grid::{CELL_M, CellKey, centre_of};
 use crate::change::history::{
     History, NATS_PER_OBSERVATION, NATS_PER_PASS, NO_RETURN_WORTH, limited,
 };
@@ -42,6 +42,8 @@ pub struct CountedCell {
     pub makers: u32,
     /// Whether its history has a change.
     pub candidate: bool,
+    /// What its passes said when it was last judged, if it was touched since.
+    pub before: Option<Signature>,
     /// Ascending by pass.
     pub passes: Vec<PassCounts>,
 }
@@ -101,8 +103,24 @@ impl CountedCell {
             key,
             makers: 0,
             candidate: false,
+            before: None,
             passes: Vec::new(),
         }
+    }
+
+    /// Forgets what was said: too little is hit in it now.
+    pub fn clear(&mut self) {
+        self.candidate = false;
+        self.passes.clear();
+    }
+
+    /// Notes that something was said about it; whether that is the first time since it was judged.
+    pub fn touch(&mut self) -> bool {
+        let is_first = self.before.is_none();
+        if is_first {
+            self.before = Some(self.signature());
+        }
+        is_first
     }
 
     /// Whether enough was hit in it.

@@ -1,7 +1,7 @@
 //! How an observation fits what the other passes found, and where it fits better.
 
 use super::counted_cell::PassKey;
-use super::{ObservationKey, Screen, tiles_in_reach};
+use super::{ObservationKey, Screen, box_in_reach};
 use crate::geometry::Pose2;
 use crate::observation::{Cell, Observation, Outcome};
 use crate::scan::LaserScan;
@@ -35,14 +35,14 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Whether enough was asked to tell.
-    pub fn tells(self) -> bool {
+    /// Whether enough was asked to say so.
+    pub fn is_known(self) -> bool {
         self.asked >= ASKED_MIN
     }
 
     /// Whether it misses too much of what is there: its pose is wrong.
     pub fn is_wrong(self) -> bool {
-        self.tells() && !self.hits_share(HIT_SHARE_MIN)
+        self.is_known() && !self.hits_share(HIT_SHARE_MIN)
     }
 
     fn hits_share(self, share: f64) -> bool {
@@ -85,7 +85,7 @@ impl Screen {
             map_from_base,
             agreement: agreement_at(&map_from_base),
         };
-        match moved.agreement.tells() && moved.agreement.hits_share(MOVED_HIT_SHARE_MIN) {
+        match moved.agreement.is_known() && moved.agreement.hits_share(MOVED_HIT_SHARE_MIN) {
             true => moved,
             false => given,
         }
@@ -93,16 +93,14 @@ impl Screen {
 
     /// Cells within reach that passes other than the observation's own call solid.
     fn solid_to_others(&self, key: &ObservationKey, observation: &Observation) -> Vec<Cell> {
-        let Some(pass) = self.recorded(key).map(|recorded| recorded.pass) else {
+        let Some(pass) = self.recorded.get(key).map(|recorded| recorded.pass) else {
             return Vec::new();
         };
         let is_other = |other: &PassKey| {
             other.trip != pass.trip || (other.span - pass.span).abs() > SPANS_OF_A_PASS
         };
-        let (low, high) = tiles_in_reach(observation);
-        let columns = low.0..=high.0;
-        let tiles = columns.flat_map(|x| self.tiles.range((x, low.1)..=(x, high.1)));
-        let cells = tiles.flat_map(|(_, tile)| &tile.cells).filter(|cell| {
+        let (low, high) = box_in_reach(observation);
+        let cells = self.grid.cells_between(&low, &high).filter(|cell| {
             let (x, y) = cell.key;
             (x + 2 * y).rem_euclid(CELLS_EVERY) == 0 && cell.is_solid_to(is_other)
         });

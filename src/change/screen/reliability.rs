@@ -1,6 +1,7 @@
 //! What a pass is worth on this route: how often one contradicts those before and after it.
 
-use super::{Screen, is_near};
+use super::Screen;
+use super::sites::is_near;
 use crate::change::false_alerts::support_for_rate;
 use crate::geometry::Vector2;
 
@@ -43,8 +44,7 @@ impl Screen {
     /// Of the route's cells outside of some regions, where changes are known.
     pub fn reliability(&self, changed: &[Vec<Vector2<f64>>]) -> Reliability {
         let mut reliability = Reliability::default();
-        let cells = self.tiles.values().flat_map(|tile| &tile.cells);
-        for cell in cells {
+        for cell in self.grid.cells() {
             let (contradicting, passes) = cell.contradictions();
             if contradicting > 0 && changed.iter().any(|region| is_near(cell.key, region)) {
                 continue;

@@ -3,7 +3,10 @@ use std::sync::Arc;
 use proptest::prelude::*;
 
 use super::*;
+use crate::geometry::{Pose2, distance_to_polygon};
+use crate::ids::{StampNs, TripId};
 use crate::observation::testing::{World, all_round};
+use crate::scan::LaserScan;
 
 const BEAMS: usize = 180;
 /// Where the box stands.
@@ -94,20 +97,19 @@ type Counts = Vec<(i64, u32, [u32; 3])>;
 
 /// All that is kept of every cell.
 fn counts(screen: &Screen) -> Vec<(CellKey, u32, bool, Counts)> {
-    let cells = screen.tiles.values().flat_map(|tile| &tile.cells);
     let of_cell = |cell: &CountedCell| {
         let passes = cell.passes.iter();
         let passes = passes.map(|p| (p.pass.span, p.pass.trip, [p.hits, p.misses, p.no_returns]));
         (cell.key, cell.makers, cell.candidate, passes.collect())
     };
-    cells.map(of_cell).collect()
+    screen.grid.cells().map(of_cell).collect()
 }
 
-/// Which observations stand in each tile.
-fn eyes(screen: &Screen) -> Vec<((i32, i32), BTreeSet<ObservationKey>)> {
-    let tiles = screen.eyes.iter();
-    let keys = |there: &[Recorded]| there.iter().map(|recorded| recorded.key).collect();
-    tiles.map(|(tile, there)| (*tile, keys(there))).collect()
+/// Which observations are kept.
+fn recorded(screen: &Screen) -> BTreeSet<ObservationKey> {
+    let everywhere = Vector2::repeat(1e3);
+    let recorded = screen.recorded.between(&-everywhere, &everywhere);
+    recorded.map(|recorded| recorded.key).collect()
 }
 
 fn is_at_the_box(site: &CandidateSite) -> bool {
@@ -140,9 +142,10 @@ fn a_box_that_appears_or_disappears_is_a_site() {
 fn everyone_who_may_have_seen_a_site_is_asked_about_it() {
     let observations = appears();
     let screen = fresh(&observations);
-    let near = screen.observations_near(&screen.all_sites()[0]);
+    let mut asked = screen.asked_about(&screen.all_sites()[0]);
+    asked.sort_unstable();
     let all: Vec<ObservationKey> = observations.iter().map(|kept| kept.key).collect();
-    assert_eq!(near, all);
+    assert_eq!(asked, all);
 }
 
 #[test]
@@ -290,9 +293,9 @@ proptest! {
         let expected = fresh((0..observations.len()).filter(|k| way.last[*k]).map(|k| &observations[k]));
         prop_assert_eq!(counts(&screen), counts(&expected));
         prop_assert_eq!(screen.all_sites(), expected.all_sites());
-        prop_assert_eq!(eyes(&screen), eyes(&expected));
+        prop_assert_eq!(recorded(&screen), recorded(&expected));
         update(&mut screen, []);
-        prop_assert!(screen.tiles.is_empty() && screen.eyes.is_empty());
+        prop_assert!(counts(&screen).is_empty() && recorded(&screen).is_empty());
     }
 
     /// A site that is there now and was not when the last ones were judged, or has other cells, is
@@ -339,7 +342,7 @@ fn an_observation_that_fits_stays_where_it_is() {
     let (fit, right) = fit_of_misplaced(0.0, 0.0, 0.0);
     assert_eq!(fit.map_from_base, right);
     assert!(
-        fit.agreement.tells() && !fit.agreement.is_wrong(),
+        fit.agreement.is_known() && !fit.agreement.is_wrong(),
         "{fit:?}"
     );
 }

@@ -44,7 +44,7 @@ impl Answers {
     ) -> Self {
         let mut of_cells = vec![Vec::new(); cells.len()];
         for k in observations {
-            let observed = site.observations[k];
+            let observed = &site.observations[k];
             for (cell, answers) in of_cells.iter_mut().enumerate() {
                 let outcome = observed.observation.test(&cells[cell]);
                 if outcome == Outcome::Unknown {
@@ -75,6 +75,12 @@ impl Answers {
             speaks[answer.observation as usize] |= answer.outcome != Outcome::NoReturn;
         }
         (0..speaks.len()).filter(|&k| speaks[k]).collect()
+    }
+
+    /// Whether any observation had no return from some cell.
+    pub fn have_no_returns(&self) -> bool {
+        let mut answers = self.of_cells.iter().flatten();
+        answers.any(|answer| answer.outcome == Outcome::NoReturn)
     }
 
     /// Takes back what some observations said.

@@ -3,7 +3,7 @@
 use std::ops::Index;
 
 use super::Site;
-use super::nearness::Nearness;
+use crate::change::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::{Cell, CellBuilder};
 

@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use super::Site;
 use super::cells::SiteCells;
 use super::cluster::Cluster;
-use super::nearness::Nearness;
 use super::pooled::Pooled;
 use super::surroundings::{Fixing, Surroundings};
 use crate::change::history::State;
+use crate::change::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::{Cell, Outcome};
 

@@ -4,8 +4,8 @@
 use super::Site;
 use super::answers::Answers;
 use super::cells::SiteCells;
-use super::nearness::Nearness;
 use super::pooled::Pooled;
+use crate::change::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::Outcome;
 

@@ -6,11 +6,11 @@ use rand_chacha::ChaCha8Rng;
 use super::answers::Answer;
 use super::*;
 use crate::change::testing::gaussian;
-use crate::change::{FALSE_ALERTS_PER_LAP, ObservationKey, Screen, Screened};
+use crate::change::{FALSE_ALERTS_PER_LAP, Screen, Screened};
 use crate::geometry::{Pose2, distance_to_polygon};
 use crate::ids::{AlertId, EdgeId};
+use crate::observation::Outcome;
 use crate::observation::testing::{World, all_round};
-use crate::observation::{Outcome, REACH_M};
 use crate::scan::LaserScan;
 
 const BEAMS: usize = 360;
@@ -132,33 +132,21 @@ fn judge_with(scans: &[Taken], accepted: &[AcceptedChange]) -> Vec<Finding> {
     }));
     let mut findings = Vec::new();
     for candidates in screen.all_sites() {
-        let near: BTreeSet<ObservationKey> =
-            screen.observations_near(&candidates).into_iter().collect();
-        let near = scans.iter().filter(|taken| near.contains(&(taken.node, 0)));
-        let mut near: Vec<Observed> = near.map(Taken::observed).collect();
-        near.retain(|o| {
-            let eye = o.observation.eye();
-            candidates
-                .cells
-                .iter()
-                .any(|cell| (cell - eye).norm() <= REACH_M)
-        });
-        near.sort_by_key(|o| (o.trip, o.stamp));
-        let asked = asked_about(&candidates.cells, &near);
-        for &k in &asked {
-            let observed = &mut near[k];
-            let scan = observed.observation.scan().clone();
-            let fit = screen.fit(&(observed.node, 0), &scan, &observed.map_from_base);
-            observed.observation = Observation::new(&scan, &fit.map_from_base);
-            observed.agreement = fit.agreement;
-        }
-        findings.extend(state_changes(&Site {
+        let asked = screen.asked_about(&candidates);
+        let asked = scans.iter().filter(|t| asked.contains(&(t.node, 0)));
+        let mut observations: Vec<Observed> = asked.map(Taken::observed).collect();
+        observations.sort_by_key(|o| (o.trip, o.stamp));
+        let mut site = Site {
             candidates: &candidates.cells,
             changed_around: &candidates.around,
-            observations: &asked.iter().map(|&k| &near[k]).collect::<Vec<_>>(),
+            observations,
             accepted,
             trips: &trips,
             support_min: support_min(FALSE_ALERTS_PER_LAP),
+        };
+        findings.extend(state_changes(&mut site, |observed| {
+            let scan = observed.observation.scan();
+            screen.fit(&(observed.node, 0), scan, &observed.map_from_base)
         }));
     }
     findings
@@ -442,7 +430,7 @@ fn what_is_found_depends_on_neither_arrival_nor_the_names_of_trips() {
         });
         let renamed = judge(&renamed.collect::<Vec<_>>());
         assert_eq!(renamed.len(), 1, "{renamed:?}");
-        let told = |f: &Finding| {
+        let said = |f: &Finding| {
             (
                 f.kind,
                 f.tier,
@@ -453,7 +441,7 @@ fn what_is_found_depends_on_neither_arrival_nor_the_names_of_trips() {
                 f.until,
             )
         };
-        assert_eq!(told(&renamed[0]), told(&found[0]));
+        assert_eq!(said(&renamed[0]), said(&found[0]));
         assert_eq!(renamed[0].nodes, found[0].nodes);
         assert!((renamed[0].location - found[0].location).norm() < 1e-9);
         assert!((renamed[0].confidence - found[0].confidence).abs() < 1e-9);
@@ -471,17 +459,16 @@ fn a_no_return_counts_only_where_the_lidar_rarely_loses_a_surface() {
         let ranges: Vec<_> = ranges.map(|(beam, r)| r.filter(|_| !lost(beam))).collect();
         taken.scan = LaserScan::new(taken.scan.lidar().clone(), ranges).unwrap();
     }
-    let observed: Vec<Observed> = scans.iter().map(Taken::observed).collect();
     let trips: Vec<TripId> = (0..3).map(trip_name).collect();
     let site = Site {
         candidates: &[Vector2::new(3.0, 0.0)],
         changed_around: &[],
-        observations: &observed.iter().collect::<Vec<_>>(),
+        observations: scans.iter().map(Taken::observed).collect(),
         accepted: &[],
         trips: &trips,
         support_min: support_min(FALSE_ALERTS_PER_LAP),
     };
-    let all = || 0..observed.len();
+    let all = || 0..scans.len();
     let cells = SiteCells::of(&site, all(), SURROUNDINGS_M, 2);
     let around = Answers::of(&site, &cells, all());
     let mut answers = Answers::of(&site, &cells, all());

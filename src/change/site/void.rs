@@ -7,15 +7,15 @@ const NEIGHBOURS: usize = 8;
 
 /// Which of a site's observations say nothing: those whose pose is wrong, and those most of whose
 /// neighbours in their trip are wrong.
-pub fn void_observations(observations: &[&Observed]) -> Vec<bool> {
-    let telling = |k: &usize| observations[*k].agreement.tells();
-    let telling: Vec<usize> = (0..observations.len()).filter(telling).collect();
+pub fn void_observations(observations: &[Observed]) -> Vec<bool> {
+    let is_known = |k: &usize| observations[*k].agreement.is_known();
+    let known: Vec<usize> = (0..observations.len()).filter(is_known).collect();
     let is_wrong = |k: usize| observations[k].agreement.is_wrong();
     let is_void = |k: usize| {
-        let at = telling.partition_point(|&other| other < k);
-        let near = at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(telling.len());
+        let at = known.partition_point(|&other| other < k);
+        let near = at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(known.len());
         let same_trip = |n: &&usize| observations[**n].trip == observations[k].trip;
-        let near = telling[near].iter().filter(same_trip);
+        let near = known[near].iter().filter(same_trip);
         let (all, wrong) = near.fold((0, 0), |(all, wrong), &n| {
             (all + 1, wrong + usize::from(is_wrong(n)))
         });

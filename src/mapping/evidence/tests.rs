@@ -31,8 +31,17 @@ fn corridor(off_m: f64) -> World {
 
 /// Passes of a trip through the corridor, that are held to have been driven elsewhere.
 fn passes(trip: &str, stamps_s: &[i64], first_node: i64, off: [f64; 2]) -> Vec<(Pose2, Keyframe)> {
+    passes_through(&corridor(0.0), trip, stamps_s, first_node, off)
+}
+
+fn passes_through(
+    world: &World,
+    trip: &str,
+    stamps_s: &[i64],
+    first_node: i64,
+    off: [f64; 2],
+) -> Vec<(Pose2, Keyframe)> {
     let lidar = Arc::new(all_round(BEAMS));
-    let world = corridor(0.0);
     let scans = stamps_s
         .iter()
         .flat_map(|s| (0..SCANS_OF_A_PASS).map(move |k| (s, k)));
@@ -97,4 +106,54 @@ fn a_mismatch_stays_until_its_segment_is_judged_anew_as_a_whole() {
     assert_eq!(later.len(), 1, "{later:?}");
     assert!(later[0].shift.is_some() && later[0].until.is_some());
     assert_eq!(findings(&mut map, Sites::All, &[]), later);
+}
+
+/// As of a vehicle whose wheels say that it points elsewhere than its scans do: its lidar sits
+/// turned on its mount.
+fn with_turned_lidar(nodes: &mut [(Pose2, Keyframe)]) {
+    for (pose, keyframe) in nodes {
+        keyframe.odom_from_base = pose.compose(&Pose2::new(0.0, 0.0, 0.05));
+    }
+}
+
+/// Monday's trip, and Tuesday's to which a box has come.
+fn two_trips() -> [Vec<(Pose2, Keyframe)>; 2] {
+    let stamps_s = [0, 1_000, 2_000];
+    let before = passes("monday", &stamps_s, 1, [0.0, 0.0]);
+    let with_box = corridor(0.0).with_rectangle([5.0, -1.2], [5.4, -0.8]);
+    let stamps_s = stamps_s.map(|s| s + 100_000);
+    let next = before.len() as i64 + 1;
+    let since = passes_through(&with_box, "tuesday", &stamps_s, next, [0.0, 0.0]);
+    [before, since]
+}
+
+fn of_kind(findings: &[Finding], kind: ChangeKind) -> Vec<&Finding> {
+    findings.iter().filter(|f| f.kind == kind).collect()
+}
+
+#[test]
+fn where_every_lidar_is_turned_a_change_is_found_as_if_none_were() {
+    let [mut before, mut since] = two_trips();
+    let sound = findings(&mut map_of([&before[..], &since].concat()), Sites::All, &[]);
+    assert_eq!(sound.len(), 1, "{sound:?}");
+    assert_eq!(
+        (sound[0].kind, sound[0].tier),
+        (ChangeKind::Appeared, Tier::Confirmed)
+    );
+    with_turned_lidar(&mut before);
+    with_turned_lidar(&mut since);
+    let turned = findings(&mut map_of([before, since].concat()), Sites::All, &[]);
+    assert_eq!(of_kind(&turned, ChangeKind::Appeared), [&sound[0]]);
+    assert_eq!(of_kind(&turned, ChangeKind::VehicleSuspect).len(), 2);
+}
+
+#[test]
+fn where_others_drive_too_the_word_of_a_turned_lidar_confirms_nothing() {
+    let [before, mut since] = two_trips();
+    with_turned_lidar(&mut since);
+    let found = findings(&mut map_of([before, since].concat()), Sites::All, &[]);
+    let appeared = of_kind(&found, ChangeKind::Appeared);
+    assert_eq!(appeared.len(), 1, "{found:?}");
+    assert_eq!(appeared[0].tier, Tier::Tentative);
+    assert_eq!(of_kind(&found, ChangeKind::VehicleSuspect).len(), 1);
 }
