@@ -32,4 +32,4 @@ pub use given::{End, GivenEdge, GivenGraph, GivenNode};
 pub use intermediate::IntermediateScan;
 pub use keyframe::Keyframe;
 pub use route_map::{RouteMap, Weighting};
-pub use settle::{ACTIVE_STRETCHES, Stay, TRIP_TAIL};
+pub use settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay, TRIP_TAIL};

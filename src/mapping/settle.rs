@@ -1,12 +1,13 @@
 //! Which nodes a route's map can do without, and how they leave it.
 //!
 //! A route that is driven for ever must not grow for ever: what later laps are judged by are the
-//! reference nodes and the newest drives.
+//! reference nodes, of every place the first drives over it, and the newest drives.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
+use crate::geometry::Vector2;
 use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 
@@ -17,6 +18,11 @@ pub const ACTIVE_STRETCHES: usize = 10;
 pub const TRIP_TAIL: usize = 32;
 /// A trip that goes on for longer counts as several stretches: ten minutes, nanoseconds.
 const STRETCH_NS: i64 = 600_000_000_000;
+/// Of every place the nodes of so many stretches stay, the oldest: a change is a contradiction to
+/// what was there before, and one drive alone may have seen too little of it or err.
+pub const FIRST_STRETCHES: usize = 3;
+/// Nodes nearer to each other than this are at one place, metres.
+const SAME_PLACE_M: f64 = 1.5;
 /// Nodes leave together once they are at least one in so many: each leave-taking rebuilds the map.
 const LEAVING_ONE_IN: usize = 16;
 
@@ -30,6 +36,8 @@ pub struct Stay<'a> {
     pub trip: &'a TripId,
     /// Nodes that something names.
     pub nodes: &'a BTreeSet<NodeId>,
+    /// Of every place the nodes of so many stretches, the oldest.
+    pub first_stretches: usize,
 }
 
 /// A part of a trip.
@@ -44,15 +52,18 @@ impl RouteMap {
     ///
     /// A stretch of a trip has settled once `stay.stretches` others began after its last scan.
     /// This rests on stamps alone, not on the order of arrival and not on a clock. Of its nodes
-    /// these stay: references, the map's first node, those that `stay` names, and those without
-    /// which a reference would hang on nothing.
+    /// these stay: references, the map's first node, those that `stay` names, those of the first
+    /// stretches that were at their place, and those without which a reference would hang on
+    /// nothing.
     pub fn settled_nodes(&self, stay: &Stay<'_>) -> Vec<NodeId> {
         let nodes = self.graph.nodes();
         let mut leaving = vec![false; nodes.len()];
-        for k in self.settled_places(stay.stretches) {
+        let settled = self.settled_stretches(stay.stretches);
+        for &k in settled.iter().flat_map(|stretch| &stretch.places) {
             let keyframe = &self.keyframes[k];
             leaving[k] = k > 0 && !keyframe.reference && !stay.nodes.contains(&keyframe.node);
         }
+        self.keep_first(&settled, stay.first_stretches, &mut leaving);
         let going_on = self.trips.get(stay.trip).map_or(&[][..], Vec::as_slice);
         for &k in going_on.iter().rev().take(TRIP_TAIL) {
             leaving[k] = false;
@@ -66,15 +77,33 @@ impl RouteMap {
         ids
     }
 
-    fn settled_places(&self, stretches_max: usize) -> Vec<usize> {
+    /// Takes back from the leaving nodes of settled stretches those of the first ones at each
+    /// place.
+    fn keep_first(&self, settled: &[Stretch], first_stretches: usize, leaving: &mut [bool]) {
+        let mut in_order: Vec<&Stretch> = settled.iter().collect();
+        in_order.sort_by_key(|stretch| (stretch.first, self.keyframes[stretch.places[0]].node));
+        let mut kept = KeptPlaces::default();
+        for (number, stretch) in in_order.iter().enumerate() {
+            for &k in &stretch.places {
+                let at = self.graph.nodes()[k].pose.translation();
+                let has_scan = self.keyframes[k].scan.is_some();
+                leaving[k] &= !has_scan || kept.stretches_near(&at, number) >= first_stretches;
+                if has_scan && !leaving[k] {
+                    kept.insert(&at, number);
+                }
+            }
+        }
+    }
+
+    fn settled_stretches(&self, stretches_max: usize) -> Vec<Stretch> {
         let stretches = self.stretches();
         let mut begins: Vec<StampNs> = stretches.iter().map(|stretch| stretch.first).collect();
         begins.sort_unstable_by(|a, b| b.cmp(a));
         let Some(horizon) = stretches_max.checked_sub(1).and_then(|k| begins.get(k)) else {
             return Vec::new();
         };
-        let settled = stretches.iter().filter(|s| s.last < *horizon);
-        settled.flat_map(|s| s.places.iter().copied()).collect()
+        let horizon = *horizon;
+        stretches.into_iter().filter(|s| s.last < horizon).collect()
     }
 
     fn stretches(&self) -> Vec<Stretch> {
@@ -131,6 +160,36 @@ impl RouteMap {
         let keyframes: usize = self.keyframes.iter().map(Keyframe::size_bytes).sum();
         let edges = self.graph.edges().len() * EDGE_BYTES;
         keyframes + edges + self.screen.size_bytes()
+    }
+}
+
+/// Where nodes of settled stretches stay.
+#[derive(Default)]
+struct KeptPlaces {
+    /// By squares of [`SAME_PLACE_M`]: place, number of the stretch.
+    squares: BTreeMap<(i64, i64), Vec<(Vector2<f64>, usize)>>,
+}
+
+impl KeptPlaces {
+    fn insert(&mut self, at: &Vector2<f64>, stretch: usize) {
+        let square = self.squares.entry(Self::square_of(at)).or_default();
+        square.push((*at, stretch));
+    }
+
+    /// Stretches other than `stretch` with a node at a place.
+    fn stretches_near(&self, at: &Vector2<f64>, stretch: usize) -> usize {
+        let (x, y) = Self::square_of(at);
+        let columns = x - 1..=x + 1;
+        let squares = columns.flat_map(|x| self.squares.range((x, y - 1)..=(x, y + 1)));
+        let near = squares.flat_map(|(_, there)| there);
+        let near =
+            near.filter(|(kept, other)| *other != stretch && (kept - at).norm() <= SAME_PLACE_M);
+        near.map(|(_, other)| other).collect::<BTreeSet<_>>().len()
+    }
+
+    fn square_of(at: &Vector2<f64>) -> (i64, i64) {
+        let square = |v: f64| (v / SAME_PLACE_M).floor() as i64;
+        (square(at.x), square(at.y))
     }
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use anyhow::Context;
 
+use super::options::PipelineOptions;
 use super::workspace::Workspace;
 use crate::change::Detector;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId};
@@ -16,8 +17,8 @@ const ALERT_OLDEST: usize = 16;
 /// … and the newest.
 const ALERT_NEWEST: usize = 48;
 
-/// Lets nodes leave the map whose drives have settled, before a drive of `trip` extends it. Of the
-/// newest stretches `stretches` stay, and the nodes that the job names.
+/// Lets nodes leave the map whose drives have settled, before a drive of `trip` extends it. Those
+/// that the job names stay.
 ///
 /// A map by the paper's rule keeps everything: the rule reads the places of the whole series.
 ///
@@ -27,7 +28,7 @@ pub(super) fn settle(
     workspace: &mut Workspace,
     trip: &TripId,
     named: &[NodeId],
-    stretches: usize,
+    options: &PipelineOptions,
 ) -> anyhow::Result<()> {
     if workspace.detector == Detector::Seed {
         return Ok(());
@@ -35,7 +36,8 @@ pub(super) fn settle(
     let mut nodes = named_by_alerts(workspace);
     nodes.extend(named);
     let leaving = workspace.map.settled_nodes(&Stay {
-        stretches,
+        stretches: options.active_stretches,
+        first_stretches: options.first_stretches,
         trip,
         nodes: &nodes,
     });

@@ -146,7 +146,7 @@ pub(super) async fn compute(
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let Engine { store, options, .. } = engine;
     let own = job.entries.last().context("a job without batches")?;
-    let (trip, stretches) = (own.batch.trip_id.clone(), options.active_stretches);
+    let (trip, options) = (own.batch.trip_id.clone(), *options);
     let (route, kept_job) = (&job.route_id, Arc::clone(job));
     match own.batch.kind {
         BatchKind::Scans => {
@@ -154,7 +154,7 @@ pub(super) async fn compute(
             let mut workspace = engine.workspaces.take(store, route).await?;
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
-                settle(&mut workspace, &trip, &[], stretches)?;
+                settle(&mut workspace, &trip, &[], &options)?;
                 process(workspace, &kept_job)
             };
             engine.compute(work).await?
@@ -168,7 +168,7 @@ pub(super) async fn compute(
             let mut workspace = engine.workspaces.take(store, route).await?;
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
-                settle(&mut workspace, &trip, &named, stretches)?;
+                settle(&mut workspace, &trip, &named, &options)?;
                 process_edges(workspace, &kept_job, &edges)
             };
             engine.compute(work).await?

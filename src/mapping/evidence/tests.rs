@@ -1,6 +1,8 @@
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::super::route_map::Weighting;
+use super::super::settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay};
 use super::*;
 use crate::change::ChangeKind;
 use crate::geometry::Vector2;
@@ -156,4 +158,55 @@ fn where_others_drive_too_the_word_of_a_turned_lidar_confirms_nothing() {
     assert_eq!(appeared.len(), 1, "{found:?}");
     assert_eq!(appeared[0].tier, Tier::Tentative);
     assert_eq!(of_kind(&found, ChangeKind::VehicleSuspect).len(), 1);
+}
+
+/// A side branch that the first three drives saw, the first of them hardly, and then nobody until a
+/// box stands there.
+fn seldom_visited() -> RouteMap {
+    let stamp_s = |trip: i64| 10_000 * trip;
+    let mut nodes: Vec<(Pose2, Keyframe)> = Vec::new();
+    for trip in 0..3 {
+        let of_trip = passes(
+            &format!("trip-{trip:02}"),
+            &[stamp_s(trip)],
+            1 + 100 * trip,
+            [0.0, 0.0],
+        );
+        let seen = if trip == 0 { 9..12 } else { 0..of_trip.len() };
+        nodes.extend_from_slice(&of_trip[seen]);
+    }
+    for (_, keyframe) in &mut nodes[..3] {
+        keyframe.reference = true;
+    }
+    for trip in 3..20 {
+        let elsewhere = [0.0, 100.0];
+        let name = format!("trip-{trip:02}");
+        nodes.extend(passes(&name, &[stamp_s(trip)], 1 + 100 * trip, elsewhere));
+    }
+    let world = corridor(0.0).with_rectangle([5.0, -1.2], [5.4, -0.8]);
+    let last = passes_through(&world, "trip-20", &[stamp_s(20)], 2_001, [0.0, 0.0]);
+    nodes.extend(last);
+    RouteMap::restore(Weighting::Robust, nodes, [], NodeId(3_000), EdgeId(1)).unwrap()
+}
+
+#[test]
+fn what_has_left_the_map_is_decided_as_if_it_were_there() {
+    let whole = findings(&mut seldom_visited(), Sites::All, &[]);
+    assert_eq!(whole.len(), 1, "{whole:?}");
+    assert_eq!(whole[0].kind, ChangeKind::Appeared);
+    let after_leave = |first_stretches: usize| {
+        let mut map = seldom_visited();
+        let leaving = map.settled_nodes(&Stay {
+            stretches: ACTIVE_STRETCHES,
+            first_stretches,
+            trip: &TripId::new("trip-20").unwrap(),
+            nodes: &BTreeSet::new(),
+        });
+        assert!(leaving.len() > 3 * SCANS_OF_A_PASS as usize);
+        map.release(&leaving).unwrap();
+        findings(&mut map, Sites::All, &[])
+    };
+    assert_eq!(after_leave(FIRST_STRETCHES), whole);
+    // References alone saw too little of it.
+    assert_eq!(after_leave(0), []);
 }

@@ -65,11 +65,22 @@ fn laps(order: &[i64]) -> RouteMap {
 
 /// Trips and places in them of the nodes that can leave, in their order.
 fn leaving(map: &RouteMap, stretches: usize, going_on: i64, named: &[i64]) -> Vec<(String, u32)> {
+    leaving_but_first(map, stretches, 0, going_on, named)
+}
+
+fn leaving_but_first(
+    map: &RouteMap,
+    stretches: usize,
+    first_stretches: usize,
+    going_on: i64,
+    named: &[i64],
+) -> Vec<(String, u32)> {
     let named = named.iter().map(|&id| NodeId(id)).collect();
     let ids = map.settled_nodes(&Stay {
         stretches,
         trip: &trip(going_on),
         nodes: &named,
+        first_stretches,
     });
     assert!(ids.is_sorted());
     let place = |id: &NodeId| {
@@ -107,6 +118,26 @@ fn what_is_going_on_or_named_stays() {
     expected.retain(|(trip, k)| trip != "t2" || *k != 1);
     // Node 14 is the second of trip 2.
     assert_eq!(leaving(&map, 3, NOBODY, &[14]), expected);
+}
+
+#[test]
+fn of_every_place_the_first_drives_stay() {
+    for order in [[0, 1, 2, 3, 4, 5, 6, 7], [0, 6, 4, 2, 7, 5, 3, 1]] {
+        let mut map = laps(&order);
+        let leaving = |map: &RouteMap, first| leaving_but_first(map, 3, first, NOBODY, &[]);
+        assert_eq!(leaving(&map, 1), whole_trips(&[1, 2, 3, 4]));
+        assert_eq!(leaving(&map, 3), whole_trips(&[3, 4]));
+        // The fourth trip turns off where nobody was before.
+        let turned_off: Vec<usize> = map.trips[&trip(3)][2..].to_vec();
+        for &k in &turned_off {
+            let node = map.graph.nodes()[k];
+            let aside = Pose2::new(node.pose.x, 20.0, 0.0);
+            map.graph.set_pose(node.id, aside);
+        }
+        let mut expected = whole_trips(&[3, 4]);
+        expected.retain(|(trip, k)| trip != "t3" || *k < 2);
+        assert_eq!(leaving(&map, 3), expected);
+    }
 }
 
 #[test]
@@ -170,6 +201,7 @@ fn what_is_left_is_whole_and_at_its_optimum() {
         stretches: 3,
         trip: &trip(NOBODY),
         nodes: &BTreeSet::new(),
+        first_stretches: 0,
     });
     let orders: Vec<_> = map
         .keyframes

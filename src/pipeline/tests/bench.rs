@@ -118,10 +118,11 @@ impl Bench {
     }
 
     /// Merges an upload as a worker does, detector and all. Of the newest stretches `stretches`
-    /// stay in the map.
+    /// stay in the map, and the first one.
     pub async fn merge(&self, batch: NewBatch, stretches: usize) -> BatchRecord {
         let mut engine = self.engine.clone();
         engine.options.active_stretches = stretches;
+        engine.options.first_stretches = 1;
         let (store, id) = (&engine.store, batch.id.clone());
         store.journal_batch(batch).await.unwrap();
         let lease = std::time::Duration::from_secs(60);
