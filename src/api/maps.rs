@@ -16,7 +16,7 @@ use super::extract::{ApiPath, NoQuery};
 use super::problem::Problem;
 use crate::formats::{Look, MapImageError, MapPicture};
 use crate::ids::RouteId;
-use crate::scan::{CodecError, decode_scan};
+use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
 /// A picture has up to 24 MB, so only the routes that are looked at are kept.
@@ -91,13 +91,11 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
 fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles, DrawError> {
     let mut scans = Vec::with_capacity(nodes.len());
     for node in nodes {
-        if let Some(scan) = &node.scan {
-            scans.push((&node.node, decode_scan(scan)?));
-        }
+        scans.extend(node.decoded_scans()?);
     }
-    let looks = scans.iter().map(|(node, scan)| Look {
-        stamp: node.stamp,
-        map_from_base: node.pose,
+    let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {
+        stamp: *stamp,
+        map_from_base: *map_from_base,
         scan,
     });
     let picture = MapPicture::draw(looks, accepted)?;

@@ -2,18 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::{
     AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, SHIFT_MAX_M,
     Screened, ShiftFit, Site, TiedPose, Tier, TripPose, explain_by_shift, join_counterparts,
     mismatches, separate_counterparts, state_changes, support_min, suspect_vehicle,
 };
-use crate::geometry::{Pose2, Vector2, distance_to_polygon};
+use crate::geometry::{Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
-use crate::ids::{EdgeId, StampNs, TripId, VehicleId};
+use crate::ids::{EdgeId, TripId, VehicleId};
 use crate::observation::{Observation, REACH_M};
-use crate::scan::LaserScan;
 
 /// Two findings of one kind this near to each other are one, found from two sides, metres.
 const SAME_FINDING_M: f64 = 0.3;
@@ -86,14 +84,12 @@ impl RouteMap {
         let mut screen = std::mem::take(&mut self.screen);
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
         let observations = keyframes.flat_map(|(keyframe, node)| {
-            observations_of(keyframe, node.pose).map(|(place, stamp, map_from_base, scan)| {
-                Screened {
-                    key: (keyframe.node, place),
-                    trip: &keyframe.trip,
-                    stamp,
-                    map_from_base,
-                    scan,
-                }
+            keyframe.taken_scans(node.pose).map(|taken| Screened {
+                key: (keyframe.node, taken.place),
+                trip: &keyframe.trip,
+                stamp: taken.stamp,
+                map_from_base: taken.map_from_base,
+                scan: taken.scan,
             })
         });
         screen.update(observations);
@@ -165,15 +161,15 @@ impl RouteMap {
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
         for (keyframe, node) in keyframes {
             let is_own = mismatch.trips.contains(&keyframe.trip);
-            for (_, stamp, map_from_base, scan) in observations_of(keyframe, node.pose) {
-                let eye = map_from_base.translation();
+            for taken in keyframe.taken_scans(node.pose) {
+                let eye = taken.map_from_base.translation();
                 if distance_to_polygon(&eye, &mismatch.region) > REACH_M {
                     continue;
                 }
-                let observation = Observation::new(scan, &map_from_base);
-                if !is_own || stamp < mismatch.since {
+                let observation = Observation::new(taken.scan, &taken.map_from_base);
+                if !is_own || taken.stamp < mismatch.since {
                     old.extend(near(SEGMENT_MARGIN_M + SHIFT_MAX_M)(&observation));
-                } else if stamp <= mismatch.last_seen {
+                } else if taken.stamp <= mismatch.last_seen {
                     new.extend(near(SEGMENT_MARGIN_M)(&observation));
                 }
             }
@@ -219,15 +215,16 @@ impl RouteMap {
         let position = self.graph.node_position(node)?;
         let keyframe = &self.keyframes[position];
         let pose = self.graph.nodes()[position].pose;
-        let (_, stamp, map_from_base, scan) =
-            observations_of(keyframe, pose).find(|(at, ..)| *at == place)?;
+        let taken = keyframe
+            .taken_scans(pose)
+            .find(|taken| taken.place == place)?;
         Some(Observed {
             node,
             place,
             trip: trips.binary_search(&keyframe.trip).ok()?,
-            stamp,
-            map_from_base,
-            observation: Observation::new(scan, &map_from_base),
+            stamp: taken.stamp,
+            map_from_base: taken.map_from_base,
+            observation: Observation::new(taken.scan, &taken.map_from_base),
             agreement: Agreement::default(),
         })
     }
@@ -317,21 +314,6 @@ impl RouteMap {
 
 fn is_same(a: &Finding, b: &Finding) -> bool {
     a.kind == b.kind && (a.location - b.location).norm() <= SAME_FINDING_M
-}
-
-/// A keyframe's own scan and those that follow it: place, stamp, `map_from_base`, scan.
-fn observations_of(
-    keyframe: &Keyframe,
-    map_from_keyframe: Pose2,
-) -> impl Iterator<Item = (u32, StampNs, Pose2, &LaserScan)> {
-    let own = keyframe.scan.as_ref();
-    let own = own.map(|scan| (0, keyframe.stamp, map_from_keyframe, scan));
-    let following = (1..).zip(&keyframe.intermediate);
-    let following = following.filter_map(move |(place, following)| {
-        let pose = map_from_keyframe.compose(&following.keyframe_from_base);
-        Some((place, following.stamp, pose, following.scan.as_ref()?))
-    });
-    own.into_iter().chain(following)
 }
 
 #[cfg(test)]

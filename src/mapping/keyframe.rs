@@ -31,6 +31,19 @@ pub struct Keyframe {
     pub intermediate: Vec<IntermediateScan>,
 }
 
+/// A scan of a keyframe, or of one of those behind it, at its pose.
+#[derive(Debug, Clone, Copy)]
+pub struct TakenScan<'a> {
+    /// The keyframe's own (0), or its first, second … intermediate scan.
+    pub place: u32,
+    /// When.
+    pub stamp: StampNs,
+    /// Where the base was.
+    pub map_from_base: Pose2,
+    /// What was seen.
+    pub scan: &'a LaserScan,
+}
+
 impl Keyframe {
     /// Projects the scan; the keyframe is no reference, has not drifted, and is its trip's first
     /// until a map puts it behind others.
@@ -63,6 +76,26 @@ impl Keyframe {
             points: Vec::new(),
             intermediate: Vec::new(),
         }
+    }
+
+    /// Its own scan and those between it and its trip's next keyframe that were kept.
+    pub fn taken_scans(&self, map_from_keyframe: Pose2) -> impl Iterator<Item = TakenScan<'_>> {
+        let own = self.scan.as_ref().map(|scan| TakenScan {
+            place: 0,
+            stamp: self.stamp,
+            map_from_base: map_from_keyframe,
+            scan,
+        });
+        let following = (1..).zip(&self.intermediate);
+        let following = following.filter_map(move |(place, following)| {
+            Some(TakenScan {
+                place,
+                stamp: following.stamp,
+                map_from_base: map_from_keyframe.compose(&following.keyframe_from_base),
+                scan: following.scan.as_ref()?,
+            })
+        });
+        own.into_iter().chain(following)
     }
 
     /// About how much memory it takes, bytes.

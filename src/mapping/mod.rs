@@ -30,6 +30,6 @@ pub use evidence::{Scope, Sites};
 pub use extend::{Extension, NotExtended};
 pub use given::{End, GivenEdge, GivenGraph, GivenNode};
 pub use intermediate::IntermediateScan;
-pub use keyframe::Keyframe;
+pub use keyframe::{Keyframe, TakenScan};
 pub use route_map::{RouteMap, Weighting};
 pub use settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay, TRIP_TAIL};

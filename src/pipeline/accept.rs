@@ -136,14 +136,13 @@ pub(super) fn undo(
 /// The map's picture as it stands.
 fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
-    let looks = poses.zip(workspace.map.keyframes());
-    let active = looks.filter(|((_, saved), _)| saved.active);
-    let looks = active.filter_map(|((map_from_base, _), keyframe)| {
-        Some(Look {
-            stamp: keyframe.stamp,
-            map_from_base,
-            scan: keyframe.scan.as_ref()?,
-        })
+    let keyframes = poses.zip(workspace.map.keyframes());
+    let active = keyframes.filter(|((_, saved), _)| saved.active);
+    let taken = active.flat_map(|((pose, _), keyframe)| keyframe.taken_scans(pose));
+    let looks = taken.map(|taken| Look {
+        stamp: taken.stamp,
+        map_from_base: taken.map_from_base,
+        scan: taken.scan,
     });
     MapPicture::draw(looks, &workspace.accepted).context("the map's picture cannot be drawn")
 }

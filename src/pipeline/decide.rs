@@ -163,10 +163,11 @@ impl Decisions {
     }
 }
 
-/// Whether somebody may do this with the alert as it is. A vehicle that is suspected is no change
-/// of the world: there is nothing to take into the map.
+/// Whether somebody may do this with the alert as it is. A vehicle that is suspected and a segment
+/// that one shift explains are no changes of the world: there is nothing to take into the map.
 pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
-    let is_change = alert.evidence.kind != ChangeKind::VehicleSuspect;
+    let evidence = &alert.evidence;
+    let is_change = evidence.kind != ChangeKind::VehicleSuspect && evidence.shift.is_none();
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
 }
 

@@ -209,21 +209,28 @@ pub(super) async fn trip_nodes(
     rows.iter().map(node_of).collect()
 }
 
-/// Every active node that has a scan, with it, by id.
+/// Every active node that has a scan, with it and those behind it, by id.
 pub(super) async fn nodes_with_scans(
     readers: &SqlitePool,
     route: &RouteId,
 ) -> Result<Vec<NodeWithScan>, StoreError> {
+    // One snapshot: a node and the scans behind it come together.
+    let mut snapshot = readers.begin().await?;
     let rows = sqlx::query(select_nodes_with_scans!(
         "JOIN",
         "AND active ORDER BY nodes.node_id"
     ))
     .bind(route.as_str())
-    .fetch_all(readers)
+    .fetch_all(&mut *snapshot)
     .await?;
-    rows.iter()
-        .map(|row| node_with_scan_of(row, route))
-        .collect()
+    let mut intermediate = active_intermediate(&mut snapshot, route).await?;
+    snapshot.commit().await?;
+    let with_scans = |row: &SqliteRow| {
+        let mut node = node_with_scan_of(row, route)?;
+        node.intermediate = intermediate.remove(&node.node.id).unwrap_or_default();
+        Ok(node)
+    };
+    rows.iter().map(with_scans).collect()
 }
 
 /// The scan of a node.

@@ -493,7 +493,8 @@ impl Store {
         named(graph::node(&self.shared.readers, route, id).await)
     }
 
-    /// Every active node with its scan, by id: what a map picture is drawn from.
+    /// Every active node with its scan and those behind it, by id: what a map picture is drawn
+    /// from.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.

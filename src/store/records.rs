@@ -9,6 +9,7 @@ use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::scan::{CodecError, LaserScan, decode_scan};
 
 /// What a route's keeper can set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -316,9 +317,8 @@ pub struct NodeWithScan {
     pub node: NodeRecord,
     /// The bytes of [`crate::scan::encode_scan`]; `None` if it came with a batch of edges.
     pub scan: Option<Vec<u8>>,
-    /// The trip's scans between it and its next keyframe, in the order of time, as a route's graph
-    /// is loaded; none where the nodes are read for their own scans, and none of a new node: a
-    /// result brings them in [`JobResult::intermediate`].
+    /// The trip's scans between it and its next keyframe, in the order of time; none of a new
+    /// node: a result brings them in [`JobResult::intermediate`].
     pub intermediate: Vec<IntermediateRecord>,
 }
 
@@ -333,6 +333,24 @@ pub struct IntermediateRecord {
     pub odom_from_base: Pose2,
     /// The bytes of [`crate::scan::encode_scan`]; `None` where it would repeat the scan before.
     pub scan: Option<Vec<u8>>,
+}
+
+impl NodeWithScan {
+    /// Its own scan and those behind it that were kept, each with its stamp and `map_from_base`.
+    ///
+    /// # Errors
+    /// [`CodecError`] if one does not decode.
+    pub fn decoded_scans(&self) -> Result<Vec<(StampNs, Pose2, LaserScan)>, CodecError> {
+        let own = self.scan.as_ref();
+        let own = own.map(|scan| (self.node.stamp, self.node.pose, scan));
+        let following = self.intermediate.iter().filter_map(|following| {
+            let pose = self.node.pose.compose(&following.keyframe_from_base);
+            Some((following.stamp, pose, following.scan.as_ref()?))
+        });
+        let decoded = own.into_iter().chain(following);
+        let decoded = decoded.map(|(stamp, pose, scan)| Ok((stamp, pose, decode_scan(scan)?)));
+        decoded.collect()
+    }
 }
 
 /// A new scan between keyframes.

@@ -94,7 +94,8 @@ fn stale() -> Problem {
     Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
 }
 
-/// The problem of an action that the alert's status does not allow.
+/// The problem of an action that the alert's status does not allow, or that takes into the map what
+/// is no change of the world.
 fn refused(alert: &AlertRecord, action: AlertAction) -> Problem {
     let allowed = allowed_actions(alert).into_iter().map(AlertAction::name);
     let allowed: Vec<&str> = allowed.collect();
@@ -102,10 +103,16 @@ fn refused(alert: &AlertRecord, action: AlertAction) -> Problem {
         [] => "nothing can be done with it".to_owned(),
         names => format!("what is possible now: {}", names.join(", ")),
     };
+    let reason = match alert.status.allows(action) {
+        true => format!(
+            "of kind {}: no change of the world",
+            alert.evidence.kind.name()
+        ),
+        false => format!("that is {}", alert.status.name()),
+    };
     let detail = format!(
-        "{} is not possible with an alert that is {}; {possible}",
-        action.name(),
-        alert.status.name(),
+        "{} is not possible with an alert {reason}; {possible}",
+        action.name()
     );
     Problem::new(ProblemKind::TransitionNotAllowed, detail)
 }

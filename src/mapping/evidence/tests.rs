@@ -1,12 +1,13 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use super::super::keyframe::Keyframe;
 use super::super::route_map::Weighting;
 use super::super::settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay};
 use super::*;
 use crate::change::ChangeKind;
-use crate::geometry::Vector2;
-use crate::ids::NodeId;
+use crate::geometry::{Pose2, Vector2};
+use crate::ids::{NodeId, StampNs};
 use crate::observation::testing::{World, all_round};
 
 const BEAMS: usize = 720;

@@ -21,7 +21,6 @@ use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::mapping::IntermediateScan;
-use crate::scan::decode_scan;
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
     AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,
@@ -182,13 +181,11 @@ impl Bench {
         let store = &self.engine.store;
         let nodes = store.nodes_with_scans(&route()).await.unwrap();
         let accepted = store.accepted_changes(&route()).await.unwrap();
-        let scans: Vec<_> = nodes
-            .iter()
-            .map(|n| decode_scan(n.scan.as_ref().unwrap()).unwrap())
-            .collect();
-        let looks = nodes.iter().zip(&scans).map(|(n, scan)| Look {
-            stamp: n.node.stamp,
-            map_from_base: n.node.pose,
+        let scans = nodes.iter().flat_map(|node| node.decoded_scans().unwrap());
+        let scans: Vec<_> = scans.collect();
+        let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {
+            stamp: *stamp,
+            map_from_base: *map_from_base,
             scan,
         });
         MapPicture::draw(looks, &accepted).unwrap()

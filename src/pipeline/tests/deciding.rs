@@ -1,5 +1,6 @@
 use super::bench::{Bench, box_finding, route};
 use crate::change::{AlertAction, AlertStatus, ChangeKind, Finding};
+use crate::geometry::Vector2;
 use crate::ids::EdgeId;
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{
@@ -68,20 +69,27 @@ async fn a_dismissed_alert_keeps_the_map_and_comes_back_only_by_hand() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_suspected_vehicle_cannot_be_accepted() {
-    let bench = Bench::new().await;
-    bench.lap("before", 0, 1, |_| Vec::new()).await;
+async fn what_is_no_change_of_the_world_cannot_be_accepted() {
     let suspect = |finding: Finding| Finding {
         kind: ChangeKind::VehicleSuspect,
         ..finding
     };
-    bench
-        .lap("after", 1, 1, |map| vec![suspect(box_finding(map))])
-        .await;
-    let alert = bench.alerts().await.remove(0);
-    let refused = refusal(&bench, Bench::order(&alert, AlertAction::Accept)).await;
-    assert!(matches!(refused, DecisionError::NotAllowed(_)));
-    bench.decide(&alert, AlertAction::Dismiss).await;
+    let shifted = |finding: Finding| Finding {
+        kind: ChangeKind::MapMismatch,
+        shift: Some(Vector2::new(0.4, 0.0)),
+        ..finding
+    };
+    for of_no_change in [suspect as fn(Finding) -> Finding, shifted] {
+        let bench = Bench::new().await;
+        bench.lap("before", 0, 1, |_| Vec::new()).await;
+        bench
+            .lap("after", 1, 1, |map| vec![of_no_change(box_finding(map))])
+            .await;
+        let alert = bench.alerts().await.remove(0);
+        let refused = refusal(&bench, Bench::order(&alert, AlertAction::Accept)).await;
+        assert!(matches!(refused, DecisionError::NotAllowed(_)));
+        bench.decide(&alert, AlertAction::Dismiss).await;
+    }
 }
 
 /// All of a decision is in one transaction: what cannot be written to its end leaves no trace.
