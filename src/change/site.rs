@@ -22,7 +22,7 @@ use self::cluster::{Cluster, clusters};
 use self::pooled::Pooled;
 pub use self::pooled::support_min;
 use self::surroundings::Surroundings;
-use super::history::State;
+use super::history::{NO_RETURN_WORTH, State};
 use super::pass::Standpoint;
 use super::region::{centroid, region_round};
 use super::screen::{JUDGED_WITHIN_M, SURROUNDINGS_M};
@@ -112,7 +112,7 @@ pub fn state_changes(
     let void = void::void_observations(&site.observations);
     answers.drop_void(&void);
     witnesses.retain(|&k| !void[k]);
-    if !may_be_clear(site, &cells, &answers) {
+    if !may_be_clear(site, &cells, &mut answers) {
         return Vec::new();
     }
     let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
@@ -161,13 +161,16 @@ fn may_have_changed(site: &Site<'_>) -> bool {
     })
 }
 
-/// Whether it is worth asking about the surroundings: something is clear, or there are no-returns,
-/// whose worth they tell.
-fn may_be_clear(site: &Site<'_>, cells: &SiteCells, answers: &Answers) -> bool {
-    let clusters = || pooled::settled(answers, clusters(cells, answers));
+/// Whether it is worth asking about the surroundings: whether something is clear if no-returns are
+/// worth nothing, or as much as they can be; which of the two the surroundings say.
+fn may_be_clear(site: &Site<'_>, cells: &SiteCells, answers: &mut Answers) -> bool {
     let is_clear =
         |(cluster, pooled): &(Cluster, Pooled)| pooled.is_clear(cluster, site.support_min);
-    answers.have_no_returns() || clusters().iter().any(is_clear)
+    [0.0, NO_RETURN_WORTH].into_iter().any(|worth| {
+        answers.value_no_returns(worth);
+        let clusters = clusters(cells, answers);
+        pooled::settled(answers, clusters).iter().any(is_clear)
+    })
 }
 
 fn centres(cells: &SiteCells, cluster: &Cluster) -> Vec<Vector2<f64>> {

@@ -1,6 +1,7 @@
 //! The walk of one drive through the map: this page is the method.
 
 use super::anchor::{self, AnchorError};
+use super::clock::TripClock;
 use super::closure::{
     self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, Closure, ClosureMeasurement,
     Slack,
@@ -25,6 +26,9 @@ const LOCAL_MAP_KEYFRAMES: usize = 8;
 const RECENT_KEYFRAMES: usize = 20;
 /// How far a partner may be, metres.
 const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
+
+/// The offset between the clocks of scans and odometry is asked for anew after so many scans.
+const SCANS_PER_OFFSET: usize = 60;
 
 /// How often a vehicle looks while it stands, seconds, and how many times at most.
 const STANDING_INTERVAL_S: f64 = 0.3;
@@ -74,12 +78,18 @@ impl RouteMap {
             false => Some(self.first_pose(drive)?),
         };
         let mut cloud = LocalCloud::default();
-        for scan in &drive.scans {
-            match start.take() {
-                Some(initial) => self.start_trip(drive, scan, &initial, &mut added)?,
-                None => self.continue_trip(drive, scan, &mut cloud, &mut added)?,
+        let mut clock = TripClock::new(self, drive);
+        for scans in drive.scans.chunks(SCANS_PER_OFFSET) {
+            clock.adjust(self);
+            for scan in scans {
+                let scan = &clock.corrected(scan);
+                match start.take() {
+                    Some(initial) => self.start_trip(drive, scan, &initial, &mut added)?,
+                    None => self.continue_trip(drive, scan, &mut cloud, &mut added)?,
+                }
             }
         }
+        clock.restore(self);
         Ok(added)
     }
 

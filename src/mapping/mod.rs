@@ -5,6 +5,8 @@
 
 mod anchor;
 mod attach;
+mod clock;
+mod clock_offset;
 mod closure;
 mod drive;
 mod evidence;

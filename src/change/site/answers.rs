@@ -77,10 +77,9 @@ impl Answers {
         (0..speaks.len()).filter(|&k| speaks[k]).collect()
     }
 
-    /// Whether any observation had no return from some cell.
-    pub fn have_no_returns(&self) -> bool {
-        let mut answers = self.of_cells.iter().flatten();
-        answers.any(|answer| answer.outcome == Outcome::NoReturn)
+    /// Counts every no-return as so many misses.
+    pub fn value_no_returns(&mut self, worth: f64) {
+        self.no_return_worth.fill(worth);
     }
 
     /// Takes back what some observations said.

@@ -1,0 +1,205 @@
+//! A trip's odometry, put right by the offset between its clock and that of the scans.
+//!
+//! Keyframes keep the odometry as it was sent. While a drive is walked its trip's have the odometry
+//! of the time at which their scans were taken, since the next scan is placed by the difference.
+
+use std::collections::BTreeMap;
+
+use super::clock_offset::{DrivenPose, OdometryTrack, clock_offset_s};
+use super::drive::{Drive, DriveScan};
+use super::route_map::RouteMap;
+use crate::geometry::Pose2;
+use crate::ids::{StampNs, TripId};
+
+/// So many of a trip's newest keyframes say what the offset is.
+const KEYFRAMES_MAX: usize = 400;
+
+/// The odometry of one trip while a drive of it is walked.
+pub struct TripClock {
+    trip: TripId,
+    /// As it was sent, of the trip's newest scans and the drive's.
+    sent: BTreeMap<StampNs, Pose2>,
+    track: OdometryTrack,
+    /// Whether no two scans share a stamp: where they do nothing is corrected.
+    is_in_order: bool,
+    offset_ns: i64,
+}
+
+impl TripClock {
+    /// Of a drive that is about to be walked.
+    pub fn new(map: &RouteMap, drive: &Drive) -> Self {
+        let known = map.driven_poses(&drive.trip).into_iter();
+        let known = known.map(|pose| (pose.stamp, pose.odom_from_base));
+        let new = drive.scans.iter().map(|s| (s.stamp, s.odom_from_base));
+        let all: Vec<(StampNs, Pose2)> = known.chain(new).collect();
+        let sent: BTreeMap<StampNs, Pose2> = all.iter().copied().collect();
+        Self {
+            trip: drive.trip.clone(),
+            is_in_order: sent.len() == all.len(),
+            track: OdometryTrack::through(sent.iter().map(|(stamp, pose)| (*stamp, *pose))),
+            sent,
+            offset_ns: 0,
+        }
+    }
+
+    /// Asks the map for the offset, and corrects what the next scan is placed behind.
+    pub fn adjust(&mut self, map: &mut RouteMap) {
+        if !self.is_in_order {
+            return;
+        }
+        self.restore(map);
+        let offset_s = clock_offset_s(&map.driven_poses(&self.trip));
+        self.offset_ns = (1e9 * offset_s).round() as i64;
+        if self.offset_ns != 0 {
+            map.set_odometry(&self.trip, |stamp| self.at(stamp));
+        }
+    }
+
+    /// A scan with the odometry of the time at which it was taken.
+    pub fn corrected(&self, scan: &DriveScan) -> DriveScan {
+        let at = (self.offset_ns != 0).then(|| self.at(scan.stamp)).flatten();
+        DriveScan {
+            odom_from_base: at.unwrap_or(scan.odom_from_base),
+            ..scan.clone()
+        }
+    }
+
+    /// Gives the trip's keyframes their odometry back as it was sent.
+    pub fn restore(&self, map: &mut RouteMap) {
+        if self.offset_ns != 0 {
+            map.set_odometry(&self.trip, |stamp| self.sent.get(&stamp).copied());
+        }
+    }
+
+    fn at(&self, stamp: StampNs) -> Option<Pose2> {
+        self.track.at(stamp.0.saturating_sub(self.offset_ns))
+    }
+}
+
+impl RouteMap {
+    /// The newest scans of a trip, in the order of time; those between keyframes that were not
+    /// matched have no pose by the map.
+    fn driven_poses(&self, trip: &TripId) -> Vec<DrivenPose> {
+        let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
+        let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
+        let mut poses = Vec::new();
+        for &k in newest {
+            let (keyframe, node) = (&self.keyframes[k], self.graph.nodes()[k]);
+            poses.push(DrivenPose {
+                stamp: keyframe.stamp,
+                map_from_base: keyframe.scan.is_some().then_some(node.pose),
+                odom_from_base: keyframe.odom_from_base,
+            });
+            poses.extend(keyframe.intermediate.iter().map(|following| {
+                DrivenPose {
+                    stamp: following.stamp,
+                    map_from_base: following
+                        .scan
+                        .is_some()
+                        .then(|| node.pose.compose(&following.keyframe_from_base)),
+                    odom_from_base: following.odom_from_base,
+                }
+            }));
+        }
+        poses
+    }
+
+    /// Sets the odometry of a trip's newest scans, where `odom_at` has one.
+    fn set_odometry(&mut self, trip: &TripId, odom_at: impl Fn(StampNs) -> Option<Pose2>) {
+        let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
+        let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
+        for &k in newest {
+            let keyframe = &mut self.keyframes[k];
+            if let Some(odom_from_base) = odom_at(keyframe.stamp) {
+                keyframe.odom_from_base = odom_from_base;
+            }
+            for following in &mut keyframe.intermediate {
+                if let Some(odom_from_base) = odom_at(following.stamp) {
+                    following.odom_from_base = odom_from_base;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::drive::InitialPose;
+    use super::super::route_map::Weighting;
+    use super::*;
+    use crate::geometry::angle_difference_rad;
+    use crate::observation::testing::{World, all_round};
+
+    const BEAMS: usize = 360;
+    const SCANS: i64 = 300;
+    const EVERY_MS: i64 = 100;
+
+    /// A vehicle that weaves through a room.
+    fn truth(ms: i64) -> Pose2 {
+        let seconds = ms as f64 / 1_000.0;
+        let along = Pose2::new(1.5 + 0.1 * seconds, 2.0 + 0.6 * seconds.sin(), 0.0);
+        Pose2::new(along.x, along.y, 0.9 * (1.3 * seconds).sin())
+    }
+
+    fn room() -> World {
+        World::default()
+            .with_rectangle([0.0, 0.0], [6.0, 4.5])
+            .with_rectangle([0.8, 3.4], [1.8, 4.1])
+            .with_rectangle([4.2, 0.4], [4.9, 0.9])
+    }
+
+    /// Scans that show where the vehicle was so long before their stamp.
+    fn drives(late_ms: i64) -> Vec<Drive> {
+        let (lidar, world) = (Arc::new(all_round(BEAMS)), room());
+        let scan = |k: i64| DriveScan {
+            stamp: StampNs(k * EVERY_MS * 1_000_000),
+            odom_from_base: truth(k * EVERY_MS),
+            scan: world.scan(&lidar, BEAMS, &truth(k * EVERY_MS - late_ms), || 0.0),
+        };
+        let scans: Vec<DriveScan> = (0..SCANS).map(scan).collect();
+        let drive = |(number, scans): (usize, &[DriveScan])| Drive {
+            trip: TripId::new("monday").unwrap(),
+            initial_pose: (number == 0).then(|| InitialPose {
+                pose: truth(-late_ms),
+                sigma_xy_m: 0.01,
+                sigma_theta_rad: 0.01,
+            }),
+            scans: scans.to_vec(),
+        };
+        scans.chunks(50).enumerate().map(drive).collect()
+    }
+
+    fn mapped(drives: &[Drive]) -> RouteMap {
+        let mut map = RouteMap::new(Weighting::Robust);
+        for drive in drives {
+            map.extend(drive).unwrap();
+        }
+        map
+    }
+
+    #[test]
+    fn odometry_that_is_ahead_is_corrected_and_kept_as_it_was_sent() {
+        for late_ms in [0, 120] {
+            let map = mapped(&drives(late_ms));
+            let poses = map.driven_poses(&TripId::new("monday").unwrap());
+            assert_eq!(poses.len() as i64, SCANS);
+            let offset_s = clock_offset_s(&poses);
+            assert!(
+                (offset_s - 1e-3 * late_ms as f64).abs() < 0.015,
+                "{offset_s}"
+            );
+            for pose in &poses {
+                let ms = pose.stamp.0 / 1_000_000;
+                assert_eq!(pose.odom_from_base, truth(ms), "{ms}");
+                if let Some(map_from_base) = pose.map_from_base {
+                    let there = truth(ms - late_ms);
+                    let off_m = (map_from_base.translation() - there.translation()).norm();
+                    let off_rad = angle_difference_rad(map_from_base.theta, there.theta);
+                    assert!(off_m < 0.03 && off_rad < 0.01, "{ms}: {off_m} {off_rad}");
+                }
+            }
+        }
+    }
+}
