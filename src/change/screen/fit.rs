@@ -12,8 +12,10 @@ const SPANS_OF_A_PASS: i64 = 4;
 const CELLS_EVERY: i32 = 4;
 /// An observation must have been asked about so many cells that other passes call solid …
 const ASKED_MIN: u32 = 15;
-/// … and have hit this share of them.
+/// … and have hit this share of them, or another pose is looked for.
 const HIT_SHARE_MIN: f64 = 0.75;
+/// Where none is better, half of what stood there may be gone; but some of it must be left.
+const HIT_SHARE_LEAST: f64 = 0.35;
 /// One that was moved must fit better, as a share.
 const MOVED_HIT_SHARE_MIN: f64 = 0.85;
 /// Poses are tried in steps of this at first, and then of half, a quarter, …, metres and radians,
@@ -40,8 +42,13 @@ impl Agreement {
         self.asked >= ASKED_MIN
     }
 
-    /// Whether it misses too much of what is there: its pose is wrong.
+    /// Whether it misses next to everything that is there: its pose is wrong.
     pub fn is_wrong(self) -> bool {
+        self.is_known() && !self.hits_share(HIT_SHARE_LEAST)
+    }
+
+    /// Whether it misses so much of what is there that its pose may be wrong.
+    fn may_be_wrong(self) -> bool {
         self.is_known() && !self.hits_share(HIT_SHARE_MIN)
     }
 
@@ -73,7 +80,7 @@ impl Screen {
             map_from_base: *map_from_base,
             agreement: agreement_at(map_from_base),
         };
-        if !given.agreement.is_wrong() {
+        if !given.agreement.may_be_wrong() {
             return given;
         }
         // The middles of the cells leave less room than the cells do.
