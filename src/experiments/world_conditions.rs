@@ -113,7 +113,7 @@ pub(super) const CORRELATED: Condition = Condition {
 };
 
 /// Every condition, in the order of the table.
-pub(super) const CONDITIONS: [Condition; 13] = [
+pub(super) const CONDITIONS: [Condition; 14] = [
     PLAIN,
     Condition {
         name: "3 people walk",
@@ -131,6 +131,11 @@ pub(super) const CONDITIONS: [Condition; 13] = [
         name: "every lap localised by search, 3 people",
         trip_a_lap: true,
         walkers: 3,
+        ..PLAIN
+    },
+    Condition {
+        name: "50 changes at once",
+        changes: 50,
         ..PLAIN
     },
     Condition {

@@ -371,6 +371,25 @@ fn a_pose_that_is_far_off_is_wrong_and_stays() {
 }
 
 #[test]
+fn in_a_place_of_which_much_is_gone_an_observation_is_not_wrong() {
+    // Boxes before most of the walls, which nobody sees until they are gone.
+    let crowded = [0.2, 1.0, 1.8, 2.6, 3.3].iter().fold(room(), |world, &x| {
+        let world = world.with_rectangle([x, 2.4], [x + 0.5, 2.9]);
+        world.with_rectangle([x, 0.1], [x + 0.5, 0.25])
+    });
+    let mut observations: Vec<Kept> = (0..3).flat_map(|k| pass(k, &crowded)).collect();
+    observations.extend(pass(3, &room()));
+    let screen = fresh(&observations);
+    for kept in &observations[3 * VIEWS..] {
+        let fit = screen.fit(&kept.key, &kept.scan, &kept.map_from_base);
+        let Agreement { asked, hits } = fit.agreement;
+        assert!(asked >= 15 && 4 * hits < 3 * asked, "{fit:?}");
+        assert!(!fit.agreement.is_wrong(), "{fit:?}");
+        assert_eq!(fit.map_from_base, kept.map_from_base);
+    }
+}
+
+#[test]
 fn what_only_its_own_pass_saw_says_nothing_about_an_observation() {
     let observations = pass(0, &room());
     let kept = &observations[3];
