@@ -166,14 +166,20 @@ impl RouteMap {
 /// Where nodes of settled stretches stay.
 #[derive(Default)]
 struct KeptPlaces {
-    /// By squares of [`SAME_PLACE_M`]: place, number of the stretch.
-    squares: BTreeMap<(i64, i64), Vec<(Vector2<f64>, usize)>>,
+    /// By squares of [`SAME_PLACE_M`].
+    squares: BTreeMap<(i64, i64), Vec<KeptPlace>>,
+}
+
+struct KeptPlace {
+    at: Vector2<f64>,
+    /// Number of its stretch.
+    stretch: usize,
 }
 
 impl KeptPlaces {
     fn insert(&mut self, at: &Vector2<f64>, stretch: usize) {
         let square = self.squares.entry(Self::square_of(at)).or_default();
-        square.push((*at, stretch));
+        square.push(KeptPlace { at: *at, stretch });
     }
 
     /// Stretches other than `stretch` with a node at a place.
@@ -183,8 +189,8 @@ impl KeptPlaces {
         let squares = columns.flat_map(|x| self.squares.range((x, y - 1)..=(x, y + 1)));
         let near = squares.flat_map(|(_, there)| there);
         let near =
-            near.filter(|(kept, other)| *other != stretch && (kept - at).norm() <= SAME_PLACE_M);
-        near.map(|(_, other)| other).collect::<BTreeSet<_>>().len()
+            near.filter(|kept| kept.stretch != stretch && (kept.at - at).norm() <= SAME_PLACE_M);
+        near.map(|kept| kept.stretch).collect::<BTreeSet<_>>().len()
     }
 
     fn square_of(at: &Vector2<f64>) -> (i64, i64) {

@@ -2,7 +2,7 @@
 
 use super::mapped::{MadeClosure, Mapped};
 use super::method::{Judged, LAPS_LEARNT, Raised, Told};
-use crate::change::{ChangeKind, Finding, VehicleResidual, calibrated_p_values};
+use crate::change::{Finding, VehicleResidual, calibrated_p_values, separate_counterparts};
 
 /// A closure is told if a residual this large has a smaller probability without a change.
 const FALSE_ALARM_RATE: f64 = 1e-3;
@@ -27,21 +27,19 @@ pub(super) fn judge(mapped: &Mapped) -> Judged {
     }
 }
 
-/// Every finding of an object in the lap that raises it, those too that later laps take back.
+/// Every finding of an object in the lap that raises it, those too that later laps take back; both
+/// sides of what was moved.
 fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
-    let mut known: Vec<&Finding> = Vec::new();
+    let mut known: Vec<Finding> = Vec::new();
     let mut raised = Vec::new();
     for (lap, findings) in findings.iter().enumerate().skip(LAPS_LEARNT) {
-        let of_objects = |finding: &&Finding| {
-            matches!(finding.kind, ChangeKind::Appeared | ChangeKind::Disappeared)
-        };
-        for finding in findings.iter().filter(of_objects) {
-            let same = |known: &&Finding| {
+        let sides = separate_counterparts(findings.clone());
+        for finding in sides.into_iter().filter(|f| f.kind.is_of_state()) {
+            let same = |known: &Finding| {
                 known.kind == finding.kind
                     && (known.location - finding.location).norm() <= SAME_FINDING_M
             };
             if !known.iter().any(same) {
-                known.push(finding);
                 raised.push(Raised {
                     lap,
                     what: Told::Region {
@@ -50,6 +48,7 @@ fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
                         region: finding.region.clone(),
                     },
                 });
+                known.push(finding);
             }
         }
     }
@@ -59,7 +58,7 @@ fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::Tier;
+    use crate::change::{ChangeKind, Counterpart, Tier, region_round};
     use crate::geometry::Vector2;
     use crate::ids::StampNs;
 
@@ -96,5 +95,21 @@ mod tests {
         ];
         let laps: Vec<usize> = alerts(&by_lap).iter().map(|raised| raised.lap).collect();
         assert_eq!(laps, [2, 3, 4]);
+    }
+
+    #[test]
+    fn what_was_moved_is_raised_at_both_places() {
+        let mut moved = finding(ChangeKind::Appeared, 1.0);
+        moved.counterpart = Some(Counterpart {
+            kind: ChangeKind::Disappeared,
+            region: region_round(&[Vector2::new(0.0, 0.0)], 0.2),
+        });
+        let raised = alerts(&[vec![], vec![], vec![moved]]);
+        let kinds = raised.iter().map(|raised| match &raised.what {
+            Told::Region { kind, .. } => Some(*kind),
+            Told::Closure { .. } => None,
+        });
+        let expected = [ChangeKind::Appeared, ChangeKind::Disappeared].map(Some);
+        assert!(kinds.eq(expected));
     }
 }
