@@ -402,6 +402,6 @@ mod tests {
         assert!(score.found.hits > 0 && score.confirmed <= score.found.hits);
         assert_eq!(score.laps, LAPS.len());
         assert_eq!(study.correlations.len(), 1);
-        assert_eq!(world_runs(3), 3 * 40);
+        assert_eq!(world_runs(3), 3 * 44);
     }
 }
