@@ -49,6 +49,18 @@ impl Information {
         &self.0
     }
 
+    /// The same but along a direction, of which only a share in [0, 1] of the standard deviation's
+    /// inverse is left.
+    pub fn with_share_along(&self, direction: &Vector3<f64>, share: f64) -> Self {
+        let across = self.0 * direction;
+        let along = direction.dot(&across);
+        if along <= 0.0 {
+            return *self;
+        }
+        let taken = across * across.transpose() * ((1.0 - share * share) / along);
+        Self::from_matrix(&(self.0 - taken))
+    }
+
     /// eᵀΩe.
     pub fn squared_norm(&self, error: &Vector3<f64>) -> f64 {
         error.dot(&(self.0 * error))
@@ -108,5 +120,27 @@ mod tests {
         ] {
             assert!(!definite(flat), "{flat:?}");
         }
+    }
+
+    #[test]
+    fn a_share_along_a_direction_leaves_the_rest() {
+        let information = Information::from_upper([400.0, 30.0, 5.0, 900.0, -20.0, 1e4]);
+        let direction = Vector3::new(0.8, -0.6, 0.0);
+        let covariance = |information: &Information| information.matrix().try_inverse().unwrap();
+        assert_eq!(
+            information.with_share_along(&direction, 1.0),
+            Information::from_matrix(information.matrix())
+        );
+        let half = information.with_share_along(&direction, 0.5);
+        let along = |information: &Information| information.squared_norm(&direction);
+        assert!((along(&half) - 0.25 * along(&information)).abs() < 1e-9);
+        assert!(half.is_positive_definite(1e-9));
+        // The covariance grows along the direction alone.
+        let grown = covariance(&half) - covariance(&information);
+        let along_alone = direction * direction.transpose() * grown.trace();
+        assert!((grown - along_alone).norm() < 1e-9 * grown.norm());
+        let none = information.with_share_along(&direction, 0.0);
+        assert!(none.squared_norm(&direction).abs() < 1e-9);
+        assert!(none.is_positive_semidefinite());
     }
 }

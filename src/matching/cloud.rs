@@ -67,6 +67,11 @@ impl ReferenceCloud {
         self.grid.nearest(simd, point, distance_max_m, near)
     }
 
+    /// Calls back with every point within a distance, and with some that are a little farther away.
+    pub(super) fn around(&self, point: &Vector2<f64>, distance_m: f64, take: impl FnMut(usize)) {
+        self.grid.around(point, distance_m, take);
+    }
+
     /// A point's position, metres.
     #[inline]
     pub fn position(&self, index: usize) -> Vector2<f64> {

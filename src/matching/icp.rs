@@ -3,6 +3,7 @@
 use super::estimate::{Observability, lever_arm_m};
 use super::normal_equations::NormalEquations;
 use super::pairing::Pairing;
+use super::smooth::{Surroundings, WEIGHT_SUM_MIN};
 use super::{Estimate, ReferenceCloud, Termination};
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::scan::SurfacePoint;
@@ -31,6 +32,9 @@ pub struct IcpParams {
     pub overlap_gate_m: f64,
     /// Distance to a line within which a point counts as agreeing, metres.
     pub inlier_gate_m: f64,
+    /// Whether the last steps compare each point with all of the reference that is around it, so
+    /// that little noise moves the result little.
+    pub ends_smoothly: bool,
 }
 
 impl IcpParams {
@@ -46,6 +50,7 @@ impl IcpParams {
         iterations_max: 40,
         overlap_gate_m: 0.5,
         inlier_gate_m: 0.08,
+        ends_smoothly: true,
     };
     /// For the residual: every point takes part (paper, section 4), so a changed place pulls the
     /// estimate away from the robust one.
@@ -60,6 +65,7 @@ impl IcpParams {
         iterations_max: 30,
         overlap_gate_m: 0.5,
         inlier_gate_m: 0.08,
+        ends_smoothly: false,
     };
 }
 
@@ -81,6 +87,11 @@ const GATE_MOTIONS: f64 = 20.0;
 const PAIRS_MIN: usize = 12;
 const STEP_TOLERANCE_M: f64 = 1e-4;
 const STEP_TOLERANCE_RAD: f64 = 2e-5;
+/// Where smooth steps follow, those before need not be so fine by this factor.
+const COARSER: f64 = 10.0;
+/// Most smooth steps, and the longest one, metres.
+const SMOOTH_STEPS_MAX: usize = 6;
+const SMOOTH_STEP_MAX_M: f64 = 0.05;
 /// Aligns a scan with a cloud once: [`Alignment::align_from`].
 pub fn align(
     reference: &ReferenceCloud,
@@ -96,7 +107,7 @@ pub fn align(
 /// A scan and a cloud that are aligned, from one start or from several: what is known of a point's
 /// neighbours after one alignment helps the next.
 pub struct Alignment<'a> {
-    pairing: Pairing<'a>,
+    pub(super) pairing: Pairing<'a>,
     lever_arm_m: f64,
 }
 
@@ -149,7 +160,7 @@ impl<'a> Alignment<'a> {
             equations.stand_for(stride);
             let step = stepper.step(equations, &pose);
             pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
-            let small = step.xy().norm() < STEP_TOLERANCE_M && step.z.abs() < STEP_TOLERANCE_RAD;
+            let small = is_small(&step, if params.ends_smoothly { COARSER } else { 1.0 });
             if gate_m <= params.gate_end_m && small {
                 termination = Termination::Converged;
                 break;
@@ -159,11 +170,19 @@ impl<'a> Alignment<'a> {
                 .min(GATE_MOTIONS * motion_m)
                 .max(params.gate_end_m);
         }
-        if termination != Termination::Converged {
+        if params.ends_smoothly && termination != Termination::TooFewPoints {
+            pose = stepper.settle(pairing, &pose);
+            pairing.look_up(&pose, params.gate_end_m, params, 1);
+        } else if termination != Termination::Converged {
             pairing.look_up(&pose, params.gate_end_m, params, 1);
         }
         stepper.summarise(pairing, &pose, termination)
     }
+}
+
+/// Whether a step is below the tolerance, or so many times it.
+fn is_small(step: &Vector3<f64>, times: f64) -> bool {
+    step.xy().norm() < times * STEP_TOLERANCE_M && step.z.abs() < times * STEP_TOLERANCE_RAD
 }
 
 /// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
@@ -180,6 +199,32 @@ struct Stepper<'a> {
 }
 
 impl Stepper<'_> {
+    /// The last steps, each point compared with all that is around it.
+    fn settle(&self, pairing: &Pairing<'_>, start: &Pose2) -> Pose2 {
+        let surroundings_at =
+            |pose: &Pose2| Surroundings::at(pose, pairing.reference(), pairing.points());
+        let mut surroundings = surroundings_at(start);
+        let (mut pose, mut moved_m) = (*start, 0.0);
+        for _ in 0..SMOOTH_STEPS_MAX {
+            let equations = surroundings.equations(&pose, self.params.cauchy_scale_m);
+            if equations.weight_sum < WEIGHT_SUM_MIN {
+                return *start;
+            }
+            let step = self.step(equations, &pose);
+            let step = step * (SMOOTH_STEP_MAX_M / step.xy().norm()).min(1.0);
+            pose = pose.compose(&Pose2::new(step.x, step.y, step.z));
+            if is_small(&step, 1.0) {
+                break;
+            }
+            moved_m += step.xy().norm() + step.z.abs() * self.lever_arm_m;
+            if !surroundings.cover(moved_m) {
+                surroundings = surroundings_at(&pose);
+                moved_m = 0.0;
+            }
+        }
+        pose
+    }
+
     fn step(&self, mut equations: NormalEquations, pose: &Pose2) -> Vector3<f64> {
         let observability = self.observability(&equations);
         match self.prior {

@@ -18,7 +18,7 @@ pub(super) struct NormalEquations {
 
 /// The sums of [`NormalEquations`], each number once.
 #[derive(Default)]
-struct Sums {
+pub(super) struct Sums {
     xx: f64,
     xy: f64,
     yy: f64,
@@ -38,13 +38,7 @@ impl NormalEquations {
         for pair in pairs {
             sums.add(pair, &to_reference, cauchy_scale_m);
         }
-        let Sums { xx, xy, yy, .. } = sums;
-        let Sums { xt, yt, tt, .. } = sums;
-        Self {
-            hessian: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt),
-            gradient: Vector3::from(sums.gradient),
-            weight_sum: sums.weight,
-        }
+        Self::from(sums)
     }
 
     /// Of so many times the points: each pair stands for several.
@@ -80,40 +74,56 @@ impl NormalEquations {
     }
 }
 
+impl From<Sums> for NormalEquations {
+    fn from(sums: Sums) -> Self {
+        let Sums { xx, xy, yy, .. } = sums;
+        let Sums { xt, yt, tt, .. } = sums;
+        Self {
+            hessian: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt),
+            gradient: Vector3::from(sums.gradient),
+            weight_sum: sums.weight,
+        }
+    }
+}
+
+/// 1 / (1 + (r/c)²) of a squared distance; 1 without a scale.
+#[inline]
+pub(super) fn cauchy_weight(squared_m2: f64, scale_m: Option<f64>) -> f64 {
+    scale_m.map_or(1.0, |scale_m| {
+        scale_m * scale_m / (scale_m * scale_m + squared_m2)
+    })
+}
+
 impl Sums {
     #[inline]
     fn add(&mut self, pair: &Pair, to_reference: &Transform2, cauchy_scale_m: Option<f64>) {
-        let point = &pair.point;
-        let offset = to_reference.apply(point) - pair.counterpart;
-        let weigh = |squared_m2: f64| {
-            cauchy_scale_m.map_or(1.0, |scale_m| {
-                scale_m * scale_m / (scale_m * scale_m + squared_m2)
-            })
-        };
-        let weight = match pair.normal {
+        let offset = to_reference.apply(&pair.point) - pair.counterpart;
+        match pair.normal {
             Some(normal) => {
                 let residual_m = normal.dot(&offset);
-                let weight = weigh(residual_m * residual_m);
+                let weight = cauchy_weight(residual_m * residual_m, cauchy_scale_m);
                 let axis = to_reference.turn_back(&normal);
-                self.add_axis(
-                    &axis,
-                    axis.y * point.x - axis.x * point.y,
-                    residual_m,
-                    weight,
-                );
-                weight
+                self.add_line(&pair.point, &axis, residual_m, weight);
             }
             None => {
-                let weight = weigh(offset.norm_squared());
-                self.add_both_axes(point, &to_reference.turn_back(&offset), weight);
-                weight
+                let weight = cauchy_weight(offset.norm_squared(), cauchy_scale_m);
+                let offset_in_base = to_reference.turn_back(&offset);
+                self.add_corner(&pair.point, &offset_in_base, weight);
             }
-        };
-        self.weight += weight;
+        }
     }
 
+    /// A point (base frame) beside a line with a normal `axis` (base frame).
     #[inline]
-    fn add_axis(&mut self, axis: &Vector2<f64>, turn: f64, residual_m: f64, weight: f64) {
+    pub(super) fn add_line(
+        &mut self,
+        point: &Vector2<f64>,
+        axis: &Vector2<f64>,
+        residual_m: f64,
+        weight: f64,
+    ) {
+        self.weight += weight;
+        let turn = axis.y * point.x - axis.x * point.y;
         let (x, y, t) = (axis.x * weight, axis.y * weight, turn * weight);
         self.xx += x * axis.x;
         self.xy += x * axis.y;
@@ -126,8 +136,15 @@ impl Sums {
         self.gradient[2] -= t * residual_m;
     }
 
-    /// Two axes at right angles, whose sums do not depend on how they lie.
-    fn add_both_axes(&mut self, point: &Vector2<f64>, offset_in_base: &Vector2<f64>, weight: f64) {
+    /// A point (base frame) that lies so far from its counterpart: two axes at right angles, whose
+    /// sums do not depend on how they lie.
+    pub(super) fn add_corner(
+        &mut self,
+        point: &Vector2<f64>,
+        offset_in_base: &Vector2<f64>,
+        weight: f64,
+    ) {
+        self.weight += weight;
         self.xx += weight;
         self.yy += weight;
         self.xt -= weight * point.y;

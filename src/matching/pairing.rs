@@ -106,6 +106,11 @@ impl<'a> Pairing<'a> {
         });
     }
 
+    /// What they are compared with.
+    pub(super) fn reference(&self) -> &'a ReferenceCloud {
+        self.reference
+    }
+
     /// The scan's points.
     pub(super) fn points(&self) -> &'a [SurfacePoint] {
         self.points

@@ -117,6 +117,23 @@ impl PointGrid {
         Vector2::new(self.xs[index], self.ys[index])
     }
 
+    /// Calls back with every point within a distance, and with some that are a little farther away.
+    pub(super) fn around(
+        &self,
+        point: &Vector2<f64>,
+        distance_m: f64,
+        mut take: impl FnMut(usize),
+    ) {
+        let first = self.column(point.x - distance_m);
+        let last = self.column(point.x + distance_m);
+        for row in self.row(point.y - distance_m)..self.row(point.y + distance_m) + 1 {
+            let cells = row * self.width;
+            let from = self.starts[cells + first] as usize;
+            let to = self.starts[cells + last + 1] as usize;
+            (from..to).for_each(&mut take);
+        }
+    }
+
     /// The nearest point within a distance; a point that is known to be near bounds the search.
     ///
     /// Of points at the same distance any may be found.
