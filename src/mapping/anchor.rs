@@ -162,7 +162,8 @@ fn confirm(
 
 const NEARBY: SearchParams = SearchParams {
     score_min: 0.45,
-    distinct_distance_m: 0.5,
+    // What is nearer is the same hill: along a corridor hills are long.
+    distinct_distance_m: 1.0,
     distinct_turn_rad: 0.2,
     rival_share: 0.9,
 };

@@ -2,10 +2,10 @@
 
 use super::local_map::{LocalCloud, LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
-use crate::geometry::{Information, Pose2};
+use crate::geometry::{Information, Pose2, Vector3};
 use crate::matching::{
-    Alignment, Estimate, IcpParams, Prior, ReferenceCloud, SearchParams, SearchWindow, Termination,
-    search,
+    Alignment, Contrast, Estimate, IcpParams, Prior, ReferenceCloud, SearchParams, SearchWindow,
+    Termination, search,
 };
 use crate::scan::SurfacePoint;
 
@@ -44,8 +44,8 @@ const SEARCH_POINTS_MAX: usize = 200;
 
 /// Matches a scan against the local map of the last keyframes (frame: the last keyframe's base).
 ///
-/// Directions that the scan does not fix, and scans that
-/// cannot be matched, keep it, with the odometry's information.
+/// Directions that the scan does not fix, and scans that cannot be matched, keep the odometry, with
+/// its information.
 pub(super) fn measure_motion(
     local_map: &LocalMap<'_>,
     cloud: &LocalCloud,
@@ -95,11 +95,31 @@ pub(super) fn measure_motion(
     if !plausible(&best) {
         return by_odometry;
     }
+    let contrast = alignment.contrast(&best.pose, &IcpParams::ROBUST);
+    let (measurement, information) = with_wheels_along(&best, &contrast, last_from_base);
     Motion {
-        measurement: best.pose,
-        information: Information::from_matrix(&(best.information.matrix() + wheels.matrix())),
+        measurement,
+        information: Information::from_matrix(&(information.matrix() + wheels.matrix())),
         matched: true,
     }
+}
+
+/// A match with the odometry's word along the direction that the scans do not fix: along a corridor
+/// they end anywhere.
+fn with_wheels_along(
+    matched: &Estimate,
+    contrast: &Contrast,
+    by_odometry: &Pose2,
+) -> (Pose2, Information) {
+    let Contrast { axis, fixed_share } = contrast;
+    let to_odometry = matched.pose.between(by_odometry).translation();
+    let by_m = (1.0 - fixed_share) * axis.dot(&to_odometry);
+    let moved = Pose2::new(by_m * axis.x, by_m * axis.y, 0.0);
+    let direction = Vector3::new(axis.x, axis.y, 0.0);
+    let information = matched
+        .information
+        .with_share_along(&direction, *fixed_share);
+    (matched.pose.compose(&moved), information)
 }
 
 /// Matches a scan with the one before it, with all points of both, as the paper does (section 2:
@@ -161,4 +181,62 @@ fn search_start(
     };
     let candidates = scan.thinned(SEARCH_RESOLUTION_M, SEARCH_REACH_M, SEARCH_POINTS_MAX);
     Some(search(&grid, &candidates, &window, &params)?.pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::geometry::Vector2;
+    use crate::scan::{LaserScan, Lidar, surface_points};
+    use crate::sim::{Shape, World};
+
+    fn look(world: &World, from: &Pose2) -> Vec<SurfacePoint> {
+        let lidar = Arc::new(Lidar {
+            angle_min_rad: -3.1,
+            angle_increment_rad: 0.0172,
+            range_min_m: 0.05,
+            range_max_m: 20.0,
+            mount: Pose2::IDENTITY,
+            range_sigma_m: 0.01,
+        });
+        let ranges = (0..360).map(|beam| {
+            let (sin, cos) = (from.theta + lidar.beam_angle_rad(beam)).sin_cos();
+            let hit = world.cast(&from.translation(), &Vector2::new(cos, sin));
+            hit.map(|hit| hit.range_m + 0.01 * (beam as f64 * beam as f64).sin())
+        });
+        let ranges: Vec<_> = ranges.collect();
+        surface_points(&LaserScan::new(lidar, ranges).unwrap())
+    }
+
+    /// The motion that is measured where the vehicle moved half a metre and its wheels say 0.56 m.
+    fn measured_in(world: &World) -> Motion {
+        let last = look(world, &Pose2::IDENTITY);
+        let points = look(world, &Pose2::new(0.5, 0.02, 0.01));
+        let local_map = LocalMap::new(vec![(Pose2::IDENTITY, &last)]);
+        let mut cloud = LocalCloud::default();
+        cloud.follow(crate::ids::NodeId(1), &local_map);
+        let odometry = OdometryMotion::told(&Pose2::new(0.56, 0.0, 0.0));
+        measure_motion(&local_map, &cloud, &points, &odometry, 0.01)
+    }
+
+    #[test]
+    fn along_a_bare_corridor_the_wheels_are_believed() {
+        let wall = |y: f64| Shape::rectangle(&Pose2::new(0.0, y, 0.0), 60.0, 0.2);
+        let bare = World::new([wall(-1.2), wall(1.2)]);
+        let motion = measured_in(&bare);
+        assert!(motion.matched);
+        let Pose2 { x, y, theta } = motion.measurement;
+        assert!((x - 0.56).abs() < 0.005, "{x}");
+        assert!((y - 0.02).abs() < 0.005 && (theta - 0.01).abs() < 0.003);
+        let wheels = OdometryMotion::told(&Pose2::new(0.56, 0.0, 0.0)).sigmas;
+        let along = motion.information.matrix()[(0, 0)];
+        assert!(along < 2.0 / wheels.xy_m.powi(2), "{along}");
+
+        let pillar = Shape::rectangle(&Pose2::new(2.0, 1.0, 0.0), 0.4, 0.4);
+        let with_pillar = measured_in(&World::new([wall(-1.2), wall(1.2), pillar]));
+        let x = with_pillar.measurement.x;
+        assert!((x - 0.5).abs() < 0.01, "{x}");
+    }
 }
