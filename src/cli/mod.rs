@@ -18,6 +18,7 @@ mod reproduce;
 mod score;
 mod serve;
 mod simulate;
+mod stability;
 mod upload;
 
 use std::io::{self, Write};
@@ -49,6 +50,8 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Score the detectors on your recordings, with known objects drawn into them.
     Score(score::Args),
+    /// Measure how far the map of your recordings moves if little of what was seen is different.
+    Stability(stability::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -63,6 +66,7 @@ pub fn run() -> ExitCode {
         Command::Optimise(args) => optimise::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Score(args) => score::run(args),
+        Command::Stability(args) => stability::run(args),
         Command::Openapi(args) => openapi::run(args),
     };
     match outcome {

@@ -6,7 +6,8 @@
 //!
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
-//! another measure: there the truth is whole, and the noise is ours.
+//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`] asks of
+//! the map alone.
 
 mod alert;
 mod baselines;
@@ -23,6 +24,7 @@ mod recording;
 mod report;
 mod route;
 mod scoring;
+mod stability;
 mod study;
 mod table;
 mod wilson;
@@ -41,6 +43,7 @@ pub use pictures::Picture;
 pub use recording::{Recording, in_sequence};
 pub use report::text_of;
 pub use scoring::Score;
+pub use stability::{Disturbance, Moved, measure_stability, stability_text};
 pub use study::{Options, Place, Row, Study, score_recordings};
 pub use table::{Table, number};
 pub use wilson::Share;

@@ -12,8 +12,9 @@ use crate::change::{
     AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold, stays_untouched,
 };
 use crate::geometry::Pose2;
+use crate::graph::Node;
 use crate::ids::StampNs;
-use crate::mapping::{Drive, DriveScan, InitialPose, RouteMap, Scope, Sites, Weighting};
+use crate::mapping::{Drive, DriveScan, InitialPose, Keyframe, RouteMap, Scope, Sites, Weighting};
 use crate::scan::LaserScan;
 
 /// Scans in a batch, as a gateway sends them.
@@ -75,6 +76,43 @@ impl RouteRun {
     }
 }
 
+/// Some recordings mapped; nothing was asked of the map.
+pub(super) struct MapRun {
+    /// `map_from_base` of every scan that has a place.
+    pub poses: BTreeMap<StampNs, Pose2>,
+    /// Those of keyframes.
+    pub keyframes: BTreeMap<StampNs, Pose2>,
+    /// Batches that never found a place in the map.
+    pub batches_not_merged: usize,
+}
+
+impl MapRun {
+    /// Maps the recordings in their order; the map's frame is the first one's odometry frame.
+    ///
+    /// # Errors
+    /// If a scan does not fit its lidar, or the graph refuses an id.
+    pub(super) fn of(recordings: &[Recording]) -> anyhow::Result<Self> {
+        let mut route = Route::new();
+        route.is_asked = false;
+        for recording in recordings {
+            route.drive(recording, true)?;
+        }
+        let of_node = |(keyframe, node): (&Keyframe, &Node)| (keyframe.stamp, node.pose);
+        let keyframes = route.map.keyframes().iter();
+        Ok(Self {
+            keyframes: keyframes
+                .zip(route.map.graph().nodes())
+                .map(of_node)
+                .collect(),
+            batches_not_merged: route.batches_not_merged,
+            poses: route
+                .placed()
+                .map(|(stamp, pose, _)| (stamp, pose))
+                .collect(),
+        })
+    }
+}
+
 impl RouteAlert {
     pub(super) fn scored(&self) -> ScoredAlert {
         let Finding {
@@ -105,6 +143,8 @@ struct Route {
     batch: usize,
     batches_not_merged: usize,
     cpu_s: f64,
+    /// Whether alerts are raised.
+    is_asked: bool,
 }
 
 impl Route {
@@ -115,6 +155,7 @@ impl Route {
             batch: 0,
             batches_not_merged: 0,
             cpu_s: 0.0,
+            is_asked: true,
         }
     }
 
@@ -146,7 +187,9 @@ impl Route {
             };
             let watch = CpuWatch::start();
             if self.map.extend(&drive).is_ok() {
-                self.raise();
+                if self.is_asked {
+                    self.raise();
+                }
                 waiting.clear();
                 batches_waiting = 0;
             }
@@ -197,22 +240,28 @@ impl Route {
         }
     }
 
+    /// `map_from_base` of every scan that has a place, and whether the map keeps what it saw.
+    fn placed(&self) -> impl Iterator<Item = (StampNs, Pose2, bool)> {
+        let keyframes = self.map.keyframes().iter();
+        keyframes
+            .zip(self.map.graph().nodes())
+            .flat_map(|(keyframe, node)| {
+                let between = keyframe.intermediate.iter().map(|scan| {
+                    let map_from_base = node.pose.compose(&scan.keyframe_from_base);
+                    (scan.stamp, map_from_base, scan.scan.is_some())
+                });
+                std::iter::once((keyframe.stamp, node.pose, true)).chain(between)
+            })
+    }
+
     fn finish(self, recordings: &[Recording]) -> RouteRun {
-        let (mut poses, mut observed) = (BTreeMap::new(), BTreeSet::new());
-        for (keyframe, node) in self.map.keyframes().iter().zip(self.map.graph().nodes()) {
-            poses.insert(keyframe.stamp, node.pose);
-            observed.insert(keyframe.stamp);
-            for scan in &keyframe.intermediate {
-                let map_from_base = node.pose.compose(&scan.keyframe_from_base);
-                poses.insert(scan.stamp, map_from_base);
-                if scan.scan.is_some() {
-                    observed.insert(scan.stamp);
-                }
-            }
-        }
+        let observed = self.placed().filter(|(.., is_kept)| *is_kept);
         RouteRun {
-            poses,
-            observed,
+            poses: self
+                .placed()
+                .map(|(stamp, pose, _)| (stamp, pose))
+                .collect(),
+            observed: observed.map(|(stamp, ..)| stamp).collect(),
             alerts: self.alerts,
             scans: recordings.iter().map(|r| r.scans.len()).sum(),
             cpu_s: self.cpu_s,
