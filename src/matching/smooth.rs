@@ -180,19 +180,20 @@ mod tests {
     use crate::matching::{IcpParams, align};
     use crate::sim::Hall;
 
+    type PlacedPoints = (Pose2, Vec<SurfacePoint>);
+
     /// The scans of a few places along a hall's route, and one a little farther on.
-    fn views(at_m: f64, seed: u64) -> (Vec<(Pose2, Vec<SurfacePoint>)>, Vec<SurfacePoint>, Pose2) {
+    fn views(at_m: f64, seed: u64) -> (Vec<PlacedPoints>, PlacedPoints) {
         let hall = Hall::generate(17).unwrap();
         let first = hall.route.pose_at(at_m);
         let seen_from = |k: u32| {
             let pose = hall.route.pose_at(at_m + 0.5 * f64::from(k));
             (first.between(&pose), look(&hall.world, &pose, seed))
         };
-        let (pose, points) = seen_from(4);
-        ((0..4).map(seen_from).collect(), points, pose)
+        ((0..4).map(seen_from).collect(), seen_from(4))
     }
 
-    fn cloud_of(scans: &[(Pose2, Vec<SurfacePoint>)]) -> ReferenceCloud {
+    fn cloud_of(scans: &[PlacedPoints]) -> ReferenceCloud {
         let scans = scans
             .iter()
             .map(|(pose, points)| (*pose, points.as_slice()));
@@ -204,7 +205,7 @@ mod tests {
         let turned_rad = |params: &IcpParams| {
             let turns = (0..40).map(|k| {
                 let ends = [0, k + 1].map(|seed| {
-                    let (scans, points, pose) = views(1.7 * k as f64, seed);
+                    let (scans, (pose, points)) = views(1.7 * k as f64, seed);
                     let start = pose.compose(&Pose2::new(0.05, -0.03, 0.02));
                     align(&cloud_of(&scans), &points, &start, 0.01, None, params).pose
                 });
@@ -222,7 +223,7 @@ mod tests {
 
     #[test]
     fn equations_do_not_jump() {
-        let (scans, points, pose) = views(20.0, 0);
+        let (scans, (pose, points)) = views(20.0, 0);
         let cloud = cloud_of(&scans);
         let surroundings = Surroundings::at(&pose, &cloud, &points);
         let at = |k: u32| {
