@@ -11,8 +11,8 @@
 //! that. `docs/ARCHITECTURE.md` has a line on each.
 //!
 //! 1. Foundation: [`ids`].
-//! 2. Core: [`geometry`], [`scan`], [`matching`], [`observation`], [`graph`], [`solver`],
-//!    [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no axum, no SQL, no
+//! 2. Core: [`geometry`], [`scan`], [`matching`], [`calibration`], [`observation`], [`graph`],
+//!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no axum, no SQL, no
 //!    files, no environment, no wall clock, no unseeded randomness.
 //! 3. Service: [`formats`], [`experiments`], [`store`], [`pipeline`], [`delivery`], [`api`].
 //! 4. Process: [`config`], [`telemetry`], [`app`], [`cli`].
@@ -30,6 +30,7 @@
 
 pub mod api;
 pub mod app;
+pub mod calibration;
 pub mod change;
 pub mod cli;
 pub mod config;

@@ -5,9 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use super::clock_offset::{DrivenPose, OdometryTrack, clock_offset_s};
 use super::drive::{Drive, DriveScan};
 use super::route_map::RouteMap;
+use crate::calibration::{DrivenPose, OdometryTrack, clock_offset_s};
 use crate::geometry::Pose2;
 use crate::ids::{StampNs, TripId};
 

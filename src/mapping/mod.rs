@@ -6,7 +6,6 @@
 mod anchor;
 mod attach;
 mod clock;
-mod clock_offset;
 mod closure;
 mod drive;
 mod evidence;

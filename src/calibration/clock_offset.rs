@@ -5,6 +5,7 @@
 //! second that is six degrees between where the wheels and where the scan say the vehicle points.
 //! Headings by matched scans show it: they repeat the turns of the wheels, later or earlier.
 
+use super::OdometryTrack;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::ids::StampNs;
 
@@ -35,38 +36,6 @@ const DIFFERENCE_MAX_RAD: f64 = 0.1;
 const LEFT_MAX: f64 = 0.85;
 /// Less is none, seconds.
 const OFFSET_MIN_S: f64 = 0.02;
-
-/// Where odometry had the base at each time.
-pub struct OdometryTrack {
-    /// Ascending by stamp.
-    poses: Vec<(StampNs, Pose2)>,
-}
-
-impl OdometryTrack {
-    /// Through poses of one odometry frame in the order of time.
-    pub fn through(poses: impl IntoIterator<Item = (StampNs, Pose2)>) -> Self {
-        Self {
-            poses: poses.into_iter().collect(),
-        }
-    }
-
-    /// The pose at a time, between the two around it; the first or the last one outside. `None`
-    /// without any.
-    pub fn at(&self, stamp_ns: i64) -> Option<Pose2> {
-        let next = self.poses.partition_point(|(stamp, _)| stamp.0 <= stamp_ns);
-        let Some(before) = next.checked_sub(1) else {
-            return Some(self.poses.first()?.1);
-        };
-        let (from, from_pose) = self.poses[before];
-        let Some((to, to_pose)) = self.poses.get(next) else {
-            return Some(from_pose);
-        };
-        let share = (stamp_ns - from.0) as f64 / (to.0 - from.0) as f64;
-        let motion = from_pose.between(to_pose);
-        let part = Pose2::new(share * motion.x, share * motion.y, share * motion.theta);
-        Some(from_pose.compose(&part))
-    }
-}
 
 /// How long after the odometry of the same stamp scans show a motion, seconds; 0 if it cannot be
 /// told from none. The poses are a trip's, in the order of time.
@@ -146,17 +115,6 @@ mod tests {
             // Less than two hundredths is none, and a little more may be hidden by the errors.
             let may_be_none = late_s.abs() < 0.08 && found_s == 0.0;
             prop_assert!((found_s - late_s).abs() < 0.02 || may_be_none, "{} {}", found_s, late_s);
-        }
-
-        #[test]
-        fn a_track_goes_through_its_poses(at_s in 0.0..9.9_f64) {
-            let track = OdometryTrack::through((0..100).map(|k| {
-                let seconds = 0.1 * f64::from(k);
-                (StampNs((1e9 * seconds) as i64), truth(seconds))
-            }));
-            let (found, there) = (track.at((1e9 * at_s) as i64).unwrap(), truth(at_s));
-            prop_assert!((found.translation() - there.translation()).norm() < 2e-3);
-            prop_assert!((found.theta - there.theta).abs() < 2e-3);
         }
     }
 

@@ -1,0 +1,101 @@
+//! What can be wrong with a vehicle in every scan and every motion alike.
+
+use serde::{Deserialize, Serialize};
+
+/// A systematic error of a vehicle. Its value is how far the truth is from what was stated: 0 for a
+/// vehicle that is as it says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Turn of the lidar against its stated mount, radians, counter-clockwise.
+    MountYaw,
+    /// How far the lidar sits ahead of its stated mount, metres, base frame.
+    MountX,
+    /// How far the lidar sits to the left of its stated mount, metres, base frame.
+    MountY,
+    /// Share by which ways are longer than the wheels say: metres of the scans for each metre of
+    /// the wheels, less one. See [`Quantity::RangeScale`].
+    WayScale,
+    /// Share by which turns are larger than the wheels say (a wrong track width).
+    TurnScale,
+    /// Turn that each metre driven ahead adds and the wheels do not show (wheels of unequal size),
+    /// radians a metre.
+    TurnPerMetre,
+    /// How long after the odometry of the same stamp scans show a motion, seconds.
+    ClockOffset,
+    /// Share by which the beams are farther apart than stated, about the middle of the fan.
+    BeamSpacing,
+    /// Share by which distances are longer than the ranges say.
+    ///
+    /// A vehicle alone cannot tell it: ways by its scans grow with its ranges, and what is compared
+    /// with the wheels is the product of both. It needs a map that another vehicle has made.
+    RangeScale,
+}
+
+/// How well a quantity can be known, and must be.
+struct Limits {
+    /// Standard deviation of what is known without any drive.
+    prior: f64,
+    /// An estimate with a larger standard deviation is none.
+    known: f64,
+    /// An estimate with a larger standard deviation is not applied.
+    applied: f64,
+    /// Errors of the model, which more drives do not reduce, as a standard deviation.
+    floor: f64,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::MountYaw,
+        Self::MountX,
+        Self::MountY,
+        Self::WayScale,
+        Self::TurnScale,
+        Self::TurnPerMetre,
+        Self::ClockOffset,
+        Self::BeamSpacing,
+        Self::RangeScale,
+    ];
+    /// How many of them, the first of [`Quantity::ALL`], motions tell.
+    pub(super) const BY_MOTIONS: usize = 7;
+
+    fn limits(self) -> Limits {
+        let (prior, known, applied, floor) = match self {
+            Self::MountYaw => (0.5, 0.035, 0.01, 0.0008),
+            Self::MountX | Self::MountY => (0.5, 0.1, 0.02, 0.003),
+            Self::WayScale => (0.3, 0.05, 0.01, 0.001),
+            Self::TurnScale => (0.3, 0.1, 0.02, 0.002),
+            Self::TurnPerMetre => (0.1, 0.01, 0.003, 0.0002),
+            Self::ClockOffset => (0.5, 0.1, 0.03, 0.003),
+            Self::BeamSpacing => (0.2, 0.05, 0.01, 0.0015),
+            Self::RangeScale => (0.2, 0.05, 0.01, 0.001),
+        };
+        Limits {
+            prior,
+            known,
+            applied,
+            floor,
+        }
+    }
+
+    /// Standard deviation of what is known without any drive, in the quantity's unit.
+    pub(super) fn prior(self) -> f64 {
+        self.limits().prior
+    }
+
+    /// Standard deviation from which on an estimate says nothing, in the quantity's unit.
+    pub fn known_sigma_max(self) -> f64 {
+        self.limits().known
+    }
+
+    /// Largest standard deviation of a value that is applied, in the quantity's unit.
+    pub fn applied_sigma_max(self) -> f64 {
+        self.limits().applied
+    }
+
+    /// Standard deviation that no number of drives goes below, in the quantity's unit.
+    pub fn floor(self) -> f64 {
+        self.limits().floor
+    }
+}
