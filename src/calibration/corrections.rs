@@ -111,7 +111,11 @@ pub(super) fn with_spacing(lidar: &Lidar, beams: usize, factor: f64) -> Lidar {
 }
 
 /// The scan with ranges so many times as long; what is invalid or without a return stays so.
-fn scaled(scan: &LaserScan, lidar: &Arc<Lidar>, factor: f64) -> Result<LaserScan, ScanError> {
+pub(super) fn scaled(
+    scan: &LaserScan,
+    lidar: &Arc<Lidar>,
+    factor: f64,
+) -> Result<LaserScan, ScanError> {
     use crate::scan::{INVALID_TICK, NO_RETURN_TICK};
     let longest = f64::from(INVALID_TICK - 1);
     let to_tick = |tick: u16| match tick {

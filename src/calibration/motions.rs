@@ -98,6 +98,11 @@ impl Motions {
         &self.mount
     }
 
+    /// The trip's odometry.
+    pub fn odometry(&self) -> &OdometryTrack {
+        &self.odometry
+    }
+
     /// The motions by scans, in the order of time.
     pub fn by_scans(&self) -> &[ScanMotion] {
         &self.by_scans

@@ -1,12 +1,16 @@
 //! Simulated vehicles with errors.
 
+use std::sync::Arc;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Corrections, Motions, OdometryTrack, Quantity, ScanMotion, is_complete};
+use super::corrections::with_spacing;
+use super::{Corrections, Motions, OdometryTrack, Quantity, ScanMotion, ScanPair, is_complete};
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::ids::StampNs;
-use crate::sim::{Hall, normal};
+use crate::scan::LaserScan;
+use crate::sim::{Hall, OdometryError, SimLidar, Vehicle, drive, normal};
 
 /// A vehicle that weaves: where it is after so many seconds.
 pub(super) fn weaving(seconds: f64) -> Pose2 {
@@ -108,4 +112,61 @@ pub(super) fn errors(rng: &mut ChaCha8Rng) -> Corrections {
         .with(Quantity::TurnScale, within(0.05))
         .with(Quantity::TurnPerMetre, within(0.005))
         .with(Quantity::ClockOffset, within(0.3))
+}
+
+/// Scans along a part of a hall's route.
+pub(super) struct SimulatedDrive {
+    /// Where odometry had the base, and what the stated lidar has of the scan.
+    pub scans: Vec<(Pose2, LaserScan)>,
+    /// Where the base truly was.
+    pub truth: Vec<Pose2>,
+}
+
+/// A drive whose beams are so many times as far apart as stated: 180 beams over 180°.
+pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> SimulatedDrive {
+    let stated = SimLidar::sector(std::f64::consts::PI, 180, 15.0, 0.01, MOUNT);
+    let mut lidar = stated.clone();
+    lidar.geometry = with_spacing(&stated.geometry, stated.beams, factor);
+    let vehicle = Vehicle {
+        lidar,
+        odometry: OdometryError {
+            scale: 0.005,
+            yaw_drift_rad_per_m: 0.001,
+            sigma_xy_m: 0.005,
+            sigma_theta_rad: 0.002,
+        },
+        path_noise_m: 0.5,
+        scan_spacing_m: 0.5,
+        speed_mps: 1.0,
+    };
+    let hall = Hall::generate(hall).unwrap();
+    let stated = Arc::new(stated.geometry);
+    let mut driven = drive(&hall.world, &hall.route, &vehicle, 1, seed);
+    driven.truncate(120);
+    let truth = driven.iter().map(|scan| scan.map_from_base).collect();
+    let scans = driven.into_iter().map(|scan| {
+        let ranges = LaserScan::new(stated.clone(), scan.ranges_m).unwrap();
+        (scan.odom_from_base, ranges)
+    });
+    SimulatedDrive {
+        scans: scans.collect(),
+        truth,
+    }
+}
+
+impl SimulatedDrive {
+    pub fn scans(&self) -> impl Iterator<Item = &LaserScan> {
+        self.scans.iter().map(|(_, scan)| scan)
+    }
+
+    /// Each scan with the next but one.
+    pub fn pairs(&self) -> Vec<ScanPair<'_>> {
+        let pair = |three: &'_ [(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
+        let motions = self.scans.windows(3).map(pair);
+        let scans = self.scans().zip(self.scans().skip(2));
+        let pairs = motions.zip(scans).step_by(2);
+        pairs
+            .map(|(motion, (from, to))| ScanPair { from, to, motion })
+            .collect()
+    }
 }

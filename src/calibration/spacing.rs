@@ -1,0 +1,69 @@
+//! How far a lidar's beams truly are apart, by two witnesses.
+
+use super::{Combined, Estimate, Quantity, ScanPair, spacing_by_matches, spacing_by_walls};
+use crate::scan::LaserScan;
+
+/// What a trip says of [`Quantity::BeamSpacing`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spacing {
+    /// By matched pairs of scans.
+    pub by_matches: Option<Estimate>,
+    /// By straight walls.
+    pub by_walls: Option<Estimate>,
+}
+
+/// Two witnesses agree within so many standard deviations.
+const AGREE_SIGMAS: f64 = 3.0;
+
+impl Spacing {
+    /// Of a trip's scans and pairs of them, in the order of time.
+    pub fn of<'a>(scans: impl IntoIterator<Item = &'a LaserScan>, pairs: &[ScanPair<'_>]) -> Self {
+        Self {
+            by_matches: spacing_by_matches(pairs),
+            by_walls: spacing_by_walls(scans),
+        }
+    }
+
+    /// The value of both together, where both know it and agree.
+    pub fn agreed(&self) -> Option<Estimate> {
+        let (matches, walls) = (self.by_matches?, self.by_walls?);
+        let agree = matches.distance(&walls) <= AGREE_SIGMAS;
+        let combined = Combined::of(&[matches, walls])?.floored(Quantity::BeamSpacing);
+        agree.then_some(combined.estimate)
+    }
+
+    /// Whether both know it and contradict each other: then something else bends what the lidar
+    /// sees, which no spacing corrects.
+    pub fn disagrees(&self) -> bool {
+        let (Some(matches), Some(walls)) = (self.by_matches, self.by_walls) else {
+            return false;
+        };
+        matches.distance(&walls) > AGREE_SIGMAS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_witness_is_not_enough() {
+        let of = |value| {
+            Some(Estimate {
+                value,
+                sigma: 0.002,
+            })
+        };
+        let spacing = |by_matches, by_walls| Spacing {
+            by_matches,
+            by_walls,
+        };
+        let both = spacing(of(-0.05), of(-0.048));
+        assert!((both.agreed().unwrap().value + 0.049).abs() < 1e-12);
+        assert!(!both.disagrees());
+        let apart = spacing(of(-0.05), of(-0.03));
+        assert!(apart.disagrees() && apart.agreed().is_none());
+        let alone = spacing(of(-0.05), None);
+        assert!(!alone.disagrees() && alone.agreed().is_none());
+    }
+}

@@ -1,0 +1,23 @@
+use super::*;
+use crate::calibration::Spacing;
+use crate::calibration::testing::drive_with_spacing;
+
+#[test]
+fn a_wrong_spacing_is_found_by_both_witnesses() {
+    for (seed, factor) in [(1, 0.95), (2, 1.0), (3, 1.06)] {
+        let drive = drive_with_spacing(factor, seed, seed);
+        let spacing = Spacing::of(drive.scans(), &drive.pairs());
+        println!("{factor}: {spacing:?}");
+        for found in [spacing.by_matches.unwrap(), spacing.by_walls.unwrap()] {
+            let off = found.value - (factor - 1.0);
+            assert!(off.abs() < 4.0 * found.sigma, "{factor}: {spacing:?}");
+            assert!(found.sigma < 0.02, "{spacing:?}");
+        }
+        assert!(spacing.agreed().is_some());
+    }
+}
+
+#[test]
+fn without_pairs_nothing_is_known() {
+    assert_eq!(spacing_by_matches(&[]), None);
+}

@@ -1,0 +1,81 @@
+//! What one trip says of its vehicle.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Estimate, Estimates, Motions, Quantity, Spacing, fit_motions};
+
+/// Residuals of the motions so many times as large as usual are none of wheels and matches.
+const EXCESS_MAX: f64 = 5.0;
+
+/// What one trip says of its vehicle, as stored.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct TripCalibration {
+    /// By all of the trip.
+    pub estimates: Estimates,
+    /// By its first and second half alone; empty for what a half does not tell.
+    pub halves: [Estimates; 2],
+    /// Faults that no correction mends, as texts.
+    pub faults: Vec<String>,
+}
+
+impl TripCalibration {
+    /// Of a trip's motions and of what its scans say of the beams and the ranges.
+    ///
+    /// Where the spacing is wrong, motions matched with the stated lidar are wrong too: they are to
+    /// be matched with the corrected one ([`super::Corrections::lidar`] with [`Spacing::agreed`] in
+    /// it), and with the stated mount, odometry and clock.
+    pub fn of(motions: &Motions, spacing: Option<&Spacing>, range_scale: Option<Estimate>) -> Self {
+        let fit = fit_motions(motions);
+        let mut estimates = fit
+            .as_ref()
+            .map_or_else(Estimates::new, |fit| fit.estimates.clone());
+        let mut faults = Vec::new();
+        if let Some(fit) = fit.filter(|fit| fit.excess > EXCESS_MAX) {
+            estimates.clear();
+            faults.push(format!(
+                "wheels and scans disagree {:.0} times as much as is usual ({:.0} mm, {:.1}° a \
+                 motion), whatever is corrected",
+                fit.excess,
+                1e3 * fit.noise[0].hypot(fit.noise[1]),
+                fit.noise[2].to_degrees(),
+            ));
+        }
+        if let Some(agreed) = spacing.and_then(Spacing::agreed) {
+            estimates.insert(Quantity::BeamSpacing, agreed);
+        }
+        if let Some(Spacing {
+            by_matches: Some(matches),
+            by_walls: Some(walls),
+        }) = spacing.filter(|spacing| spacing.disagrees())
+        {
+            faults.push(format!(
+                "the beam spacing is {:.2} % off by matches and {:.2} % by walls: something else \
+                 bends the scans",
+                100.0 * matches.value,
+                100.0 * walls.value,
+            ));
+        }
+        if let Some(range_scale) = range_scale {
+            estimates.insert(Quantity::RangeScale, range_scale);
+        }
+        let halves = motions
+            .halves()
+            .map(|half| fit_motions(&half).map_or_else(Estimates::new, |fit| fit.estimates));
+        Self {
+            estimates,
+            halves,
+            faults,
+        }
+    }
+
+    /// Whether both halves know a quantity and agree on it.
+    pub(super) fn agrees_with_itself(&self, quantity: Quantity) -> bool {
+        let of_half = |k: usize| self.halves[k].get(&quantity);
+        match (of_half(0), of_half(1)) {
+            (Some(first), Some(second)) => {
+                super::Combined::of(&[*first, *second]).is_some_and(|both| both.agrees())
+            }
+            _ => false,
+        }
+    }
+}
