@@ -7,6 +7,8 @@ use crate::scan::SurfacePoint;
 
 /// Farthest counterpart, metres.
 const GATE_M: f64 = 0.2;
+/// Farther beside its counterpart a point lies on another piece of its line, metres.
+const BESIDE_MAX_M: f64 = 0.1;
 /// Scale of the Cauchy weight of a distance, metres.
 const CAUCHY_SCALE_M: f64 = 0.03;
 /// Least cosine between two points' normals.
@@ -58,6 +60,9 @@ pub(super) fn step_of_unknown(
             continue;
         }
         let place = reference.position(found.index);
+        if line.perp(&(position - place)).abs() > BESIDE_MAX_M {
+            continue;
+        }
         let residual_m = line.dot(&(position - place));
         let weight = 1.0 / (1.0 + (residual_m / CAUCHY_SCALE_M).powi(2));
         let axis = to_reference.turn_back(&line);

@@ -13,7 +13,7 @@ const WAY_MAX_M: f64 = 2.0;
 /// … radians …
 const TURN_MAX_RAD: f64 = 0.9;
 /// … and seconds.
-const TIME_MAX_S: f64 = 5.0;
+const TIME_MAX_S: f64 = 20.0;
 /// Largest clock offset that is looked for, seconds.
 pub(super) const OFFSET_MAX_S: f64 = 0.5;
 

@@ -68,7 +68,7 @@ impl Quantity {
             Self::TurnScale => (0.3, 0.1, 0.02, 0.002),
             Self::TurnPerMetre => (0.1, 0.01, 0.003, 0.0002),
             Self::ClockOffset => (0.5, 0.1, 0.03, 0.003),
-            Self::BeamSpacing => (0.2, 0.05, 0.01, 0.0015),
+            Self::BeamSpacing => (0.2, 0.05, 0.012, 0.006),
             Self::RangeScale => (0.2, 0.05, 0.01, 0.001),
         };
         Limits {

@@ -151,7 +151,7 @@ mod tests {
             let found = spacing_by_walls(&scans).unwrap();
             let off = found.value - (factor - 1.0);
             assert!(off.abs() < 4.0 * found.sigma, "{factor}: {found:?}");
-            assert!(found.sigma < 0.01, "{found:?}");
+            assert!(off.abs() < 0.01 && found.sigma < 0.015, "{found:?}");
         }
     }
 

@@ -10,7 +10,7 @@ use super::{Corrections, Motions, OdometryTrack, Quantity, ScanMotion, ScanPair,
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::ids::StampNs;
 use crate::scan::LaserScan;
-use crate::sim::{Hall, OdometryError, SimLidar, Vehicle, drive, normal};
+use crate::sim::{Hall, OdometryError, Scene, SimLidar, Vehicle, normal};
 
 /// A vehicle that weaves: where it is after so many seconds.
 pub(super) fn weaving(seconds: f64) -> Pose2 {
@@ -122,7 +122,7 @@ pub(super) struct SimulatedDrive {
     pub truth: Vec<Pose2>,
 }
 
-/// A drive whose beams are so many times as far apart as stated: 180 beams over 180°.
+/// A noisy lap whose beams are so many times as far apart as stated: 180 beams over 180°.
 pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> SimulatedDrive {
     let stated = SimLidar::sector(std::f64::consts::PI, 180, 15.0, 0.01, MOUNT);
     let mut lidar = stated.clone();
@@ -141,8 +141,9 @@ pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> Simulated
     };
     let hall = Hall::generate(hall).unwrap();
     let stated = Arc::new(stated.geometry);
-    let mut driven = drive(&hall.world, &hall.route, &vehicle, 1, seed);
-    driven.truncate(120);
+    let scene = Scene::lasting(hall.route, hall.world.shapes().cloned(), 0);
+    let mut driven = scene.drive(&vehicle, 1..2, seed);
+    driven.truncate(160);
     let truth = driven.iter().map(|scan| scan.map_from_base).collect();
     let scans = driven.into_iter().map(|scan| {
         let ranges = LaserScan::new(stated.clone(), scan.ranges_m).unwrap();
@@ -159,12 +160,12 @@ impl SimulatedDrive {
         self.scans.iter().map(|(_, scan)| scan)
     }
 
-    /// Each scan with the next but one.
+    /// Each scan with the next but one, 1 m on.
     pub fn pairs(&self) -> Vec<ScanPair<'_>> {
-        let pair = |three: &'_ [(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
+        let pair = |three: & [(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
         let motions = self.scans.windows(3).map(pair);
         let scans = self.scans().zip(self.scans().skip(2));
-        let pairs = motions.zip(scans).step_by(2);
+        let pairs = motions.zip(scans);
         pairs
             .map(|(motion, (from, to))| ScanPair { from, to, motion })
             .collect()
