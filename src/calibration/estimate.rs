@@ -83,6 +83,13 @@ impl Combined {
         self
     }
 
+    /// The same of estimates whose errors are so many times what they say.
+    pub(super) fn scattered(mut self, times: f64) -> Self {
+        self.estimate.sigma *= times;
+        self.chi_squared /= times * times;
+        self
+    }
+
     /// Whether there are at least two and they agree within their errors.
     pub fn agrees(&self) -> bool {
         let freedoms = self.count.saturating_sub(1) as f64;

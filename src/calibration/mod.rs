@@ -7,6 +7,7 @@ mod estimate;
 mod joint_match;
 mod motion_fit;
 mod motion_model;
+mod motion_terms;
 mod motions;
 mod odometry_track;
 mod quantity;

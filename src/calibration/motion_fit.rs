@@ -1,22 +1,23 @@
 //! The errors of a vehicle that its motions show, all at once.
 
-use nalgebra::{SMatrix, SVector};
-
 use super::blocks::{Block, block_count, sigmas};
-use super::motion_model::{Jacobian, UNKNOWNS, change_of_speed, error_with_jacobian};
+use super::motion_model::change_of_speed;
+use super::motion_terms::{Hessian, Term, Unknowns, excess, noise_left, terms, weights};
 use super::motions::{Motions, OFFSET_MAX_S, ScanMotion};
 use super::{Corrections, Estimate, Estimates, Quantity};
-use crate::geometry::{Matrix3, Vector3, wrap_angle};
+use crate::geometry::{Matrix3, wrap_angle};
 
 /// Fewest motions that say anything.
 const MOTIONS_MIN: usize = 40;
 /// The noise of wheels and scans is estimated and the motions weighed anew so many times.
 const ROUNDS: usize = 4;
 const STEPS_MAX: usize = 12;
-/// A motion whose error is so many standard deviations long counts half (Cauchy).
-const CAUCHY_SCALE: f64 = 3.0;
-/// The noise of wheels is at least this: metres, metres, radians.
-const NOISE_MIN: [f64; 3] = [0.002, 0.002, 0.001];
+/// A step so short, in standard deviations of what is known beforehand, is the last.
+const STEP_TOLERANCE: f64 = 1e-6;
+/// An offset is none from here on, seconds.
+const CLOCK_OFFSET_MAX_S: f64 = OFFSET_MAX_S - 0.05;
+/// In units of the quantity: it stays where it is.
+const HELD_SIGMA: f64 = 1e-9;
 const NOISE_START: [f64; 3] = [0.02, 0.02, 0.02];
 /// Steps of the first search for the clock offset, seconds.
 const OFFSET_STEP_S: f64 = 0.025;
@@ -32,17 +33,6 @@ const SPEED_SHOWN_MPS: f64 = 0.1;
 const TURN_RATE_SHOWN_RADPS: f64 = 0.1;
 /// So many motions must show a quantity.
 const SHOWING_MIN: usize = 8;
-/// The median of χ² with three degrees of freedom.
-const CHI_SQUARED_MEDIAN: f64 = 2.366;
-/// Errors are hardly ever so much smaller than the weights say.
-const DISPERSION_MIN: f64 = 0.05;
-/// A standard deviation from a median of absolute values.
-const SIGMA_PER_MEDIAN: f64 = 1.4826;
-
-/// What is usual between wheels and scans, as standard deviations: metres, and a share of the way …
-const USUAL_XY: (f64, f64) = (0.01, 0.02);
-/// … and radians, a share of the turn and radians a metre.
-const USUAL_THETA: (f64, f64, f64) = (0.006, 0.03, 0.005);
 
 /// What a trip's motions say.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,9 +51,6 @@ pub struct MotionFit {
     pub excess: f64,
 }
 
-type Hessian = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
-type Unknowns = SVector<f64, UNKNOWNS>;
-
 /// Fits mount, wheels and clock to a trip's motions; `None` if there are fewer than forty.
 ///
 /// Nonlinear least squares, iteratively reweighted by Cauchy's weights; the noise of the wheels is
@@ -72,33 +59,28 @@ pub fn fit_motions(motions: &Motions) -> Option<MotionFit> {
     if motions.by_scans().len() < MOTIONS_MIN {
         return None;
     }
-    let start = offset_start_s(motions);
-    let mut corrections = Corrections::default().with(Quantity::ClockOffset, start);
-    let mut noise = NOISE_START;
-    for _ in 0..ROUNDS {
-        let weights = weights(motions, &noise, &corrections);
-        for _ in 0..STEPS_MAX {
-            let step = step(motions, &weights, &corrections)?;
-            for (quantity, by) in Quantity::ALL.into_iter().zip(step.iter()) {
-                corrections.set(
-                    quantity,
-                    within_reason(quantity, corrections.get(quantity) + by),
-                );
-            }
-            if step.component_div(&prior_sigmas()).norm() < 1e-6 {
-                break;
-            }
-        }
-        noise = noise_left(motions, &corrections);
-    }
-    let sigmas = sigmas_of(
-        motions,
-        &weights(motions, &noise, &corrections),
-        &corrections,
-    );
+    let free = prior_sigmas();
+    let start = Corrections::default().with(Quantity::ClockOffset, offset_start_s(motions));
+    let fitted = Fitted::to(motions, start, &free)?;
+    let has_offset = fitted.corrections.get(Quantity::ClockOffset).abs() < CLOCK_OFFSET_MAX_S;
+    let fitted = if has_offset {
+        fitted
+    } else {
+        // Beyond what is looked for: no clock, then, explains the motions.
+        let mut held = free;
+        held[Quantity::ClockOffset as usize] = HELD_SIGMA;
+        Fitted::to(motions, Corrections::default(), &held)?
+    };
+    let Fitted {
+        corrections,
+        noise,
+        sigmas,
+    } = fitted;
     let known = |(quantity, sigma): (Quantity, &f64)| {
         let estimate = Estimate::known(quantity, corrections.get(quantity), *sigma)?;
-        is_shown(motions, quantity, &corrections).then_some((quantity, estimate))
+        let is_known = (quantity != Quantity::ClockOffset || has_offset)
+            && is_shown(motions, quantity, &corrections);
+        is_known.then_some((quantity, estimate))
     };
     Some(MotionFit {
         estimates: Quantity::ALL
@@ -111,6 +93,41 @@ pub fn fit_motions(motions: &Motions) -> Option<MotionFit> {
         noise,
         excess: excess(motions, &corrections),
     })
+}
+
+/// Where the iterations have ended.
+struct Fitted {
+    corrections: Corrections,
+    noise: [f64; 3],
+    sigmas: Unknowns,
+}
+
+impl Fitted {
+    /// From a start; `prior` are the standard deviations of what is known without the motions.
+    fn to(motions: &Motions, start: Corrections, prior: &Unknowns) -> Option<Self> {
+        let (mut corrections, mut noise) = (start, NOISE_START);
+        let prior_information = prior.map(|sigma| 1.0 / (sigma * sigma));
+        for _ in 0..ROUNDS {
+            let weights = weights(motions, &noise, &corrections);
+            for _ in 0..STEPS_MAX {
+                let step = step(motions, &weights, &corrections, &prior_information)?;
+                for (quantity, by) in Quantity::ALL.into_iter().zip(step.iter()) {
+                    let value = corrections.get(quantity) + by;
+                    corrections.set(quantity, within_reason(quantity, value));
+                }
+                if step.component_div(prior).norm() < STEP_TOLERANCE {
+                    break;
+                }
+            }
+            noise = noise_left(motions, &corrections);
+        }
+        let weights = weights(motions, &noise, &corrections);
+        Some(Self {
+            sigmas: sigmas_of(motions, &weights, &corrections, &prior_information),
+            corrections,
+            noise,
+        })
+    }
 }
 
 /// Whether there are enough motions that tell a quantity by more than their noise: noise of the
@@ -138,14 +155,10 @@ fn prior_sigmas() -> Unknowns {
     Unknowns::from_fn(|k, _| Quantity::ALL[k].prior())
 }
 
-fn prior_information() -> Unknowns {
-    prior_sigmas().map(|sigma| 1.0 / (sigma * sigma))
-}
-
 /// No clock offset beyond what the odometry covers, and no factor near 0.
 fn within_reason(quantity: Quantity, value: f64) -> f64 {
     let most = match quantity {
-        Quantity::ClockOffset => OFFSET_MAX_S - 0.05,
+        Quantity::ClockOffset => CLOCK_OFFSET_MAX_S,
         _ => 2.0 * quantity.prior(),
     };
     value.clamp(-most, most)
@@ -173,89 +186,15 @@ fn offset_start_s(motions: &Motions) -> f64 {
     }
 }
 
-/// (Ω⁻¹ + Q)⁻¹ for each motion, times a number that makes the errors as long as such weights want
-/// them.
-fn weights(motions: &Motions, noise: &[f64; 3], corrections: &Corrections) -> Vec<Matrix3<f64>> {
-    let noise = Matrix3::from_diagonal(&Vector3::from(noise.map(|sigma| sigma * sigma)));
-    let of_motion = |m: &ScanMotion| weight(m, &noise);
-    let weights: Vec<_> = motions.by_scans().iter().map(of_motion).collect();
-    let dispersion = dispersion(motions, &weights, corrections).max(DISPERSION_MIN);
-    weights
-        .into_iter()
-        .map(|weight| weight / dispersion)
-        .collect()
-}
-
-/// The median square of the errors' lengths by these weights, as a multiple of what it is where
-/// they have the variances that the weights say.
-fn dispersion(motions: &Motions, weights: &[Matrix3<f64>], corrections: &Corrections) -> f64 {
-    let lengths2 = terms(motions, weights, corrections)
-        .map(|term| term.error.dot(&(term.weight * term.error)))
-        .collect();
-    median(lengths2) / CHI_SQUARED_MEDIAN
-}
-
-/// Without inverting Ω, which may be singular.
-fn weight(motion: &ScanMotion, noise: &Matrix3<f64>) -> Matrix3<f64> {
-    let information = motion.information.matrix();
-    let inverse = (Matrix3::identity() + noise * information).try_inverse();
-    inverse.map_or(Matrix3::zeros(), |inverse| information * inverse)
-}
-
-/// A motion's error, its derivatives, its weight matrix and Cauchy's square u² of its length.
-struct Term {
-    error: Vector3<f64>,
-    jacobian: Jacobian,
-    weight: Matrix3<f64>,
-    length2: f64,
-}
-
-fn terms<'a>(
-    motions: &'a Motions,
-    weights: &'a [Matrix3<f64>],
-    corrections: &'a Corrections,
-) -> impl Iterator<Item = Term> + 'a {
-    motions
-        .by_scans()
-        .iter()
-        .zip(weights)
-        .filter_map(|(motion, weight)| {
-            let (error, jacobian) = error_with_jacobian(motions, motion, corrections)?;
-            Some(Term {
-                error,
-                jacobian,
-                weight: *weight,
-                length2: error.dot(&(weight * error)) / (CAUCHY_SCALE * CAUCHY_SCALE),
-            })
-        })
-}
-
-impl Term {
-    fn gradient(&self) -> Unknowns {
-        self.jacobian.transpose() * (self.weight * self.error) / (1.0 + self.length2)
-    }
-
-    /// With a share of its weight.
-    fn hessian(&self, share: f64) -> Hessian {
-        self.jacobian.transpose() * self.weight * self.jacobian * (share / (1.0 + self.length2))
-    }
-
-    /// By how much the curvature of Cauchy's loss is less than its weight, over the directions of
-    /// an error.
-    fn curvature_share(&self) -> f64 {
-        1.0 - 2.0 / 3.0 * self.length2 / (1.0 + self.length2)
-    }
-}
-
 fn step(
     motions: &Motions,
     weights: &[Matrix3<f64>],
     corrections: &Corrections,
+    prior_information: &Unknowns,
 ) -> Option<Unknowns> {
-    let prior = prior_information();
-    let mut hessian = Hessian::from_diagonal(&prior);
+    let mut hessian = Hessian::from_diagonal(prior_information);
     let values = Unknowns::from_fn(|k, _| corrections.get(Quantity::ALL[k]));
-    let mut gradient = prior.component_mul(&values);
+    let mut gradient = prior_information.component_mul(&values);
     for term in terms(motions, weights, corrections) {
         hessian += term.hessian(1.0);
         gradient += term.gradient();
@@ -263,7 +202,12 @@ fn step(
     Some(-hessian.cholesky()?.solve(&gradient))
 }
 
-fn sigmas_of(motions: &Motions, weights: &[Matrix3<f64>], corrections: &Corrections) -> Unknowns {
+fn sigmas_of(
+    motions: &Motions,
+    weights: &[Matrix3<f64>],
+    corrections: &Corrections,
+    prior_information: &Unknowns,
+) -> Unknowns {
     let terms: Vec<Term> = terms(motions, weights, corrections).collect();
     let size = terms.len().div_ceil(block_count(terms.len())).max(1);
     let block = |terms: &[Term]| {
@@ -275,39 +219,7 @@ fn sigmas_of(motions: &Motions, weights: &[Matrix3<f64>], corrections: &Correcti
         block
     };
     let blocks: Vec<_> = terms.chunks(size).map(block).collect();
-    sigmas(&blocks, &prior_information())
-}
-
-/// Robust standard deviations of what is left of the motions that scans fix, by component.
-fn noise_left(motions: &Motions, corrections: &Corrections) -> [f64; 3] {
-    let unit = vec![Matrix3::identity(); motions.by_scans().len()];
-    let left: Vec<Vector3<f64>> = terms(motions, &unit, corrections)
-        .map(|t| t.error)
-        .collect();
-    [0, 1, 2].map(|k| {
-        let sizes = left.iter().map(|error| error[k].abs()).collect();
-        (SIGMA_PER_MEDIAN * median(sizes)).max(NOISE_MIN[k])
-    })
-}
-
-/// The median length of what is left, in units of its median for usual wheels and matches.
-fn excess(motions: &Motions, corrections: &Corrections) -> f64 {
-    let usual = |motion: &ScanMotion| {
-        let way_m = motion.motion.translation().norm();
-        let xy_m = USUAL_XY.0 + USUAL_XY.1 * way_m;
-        let turn_rad = motion.motion.theta.abs();
-        let theta_rad = USUAL_THETA.0 + USUAL_THETA.1 * turn_rad + USUAL_THETA.2 * way_m;
-        let variances = Vector3::new(xy_m * xy_m, xy_m * xy_m, theta_rad * theta_rad);
-        weight(motion, &Matrix3::from_diagonal(&variances))
-    };
-    let weights: Vec<Matrix3<f64>> = motions.by_scans().iter().map(usual).collect();
-    dispersion(motions, &weights, corrections).sqrt()
-}
-
-/// The upper median; 0 of nothing.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    sigmas(&blocks, prior_information)
 }
 
 #[cfg(test)]

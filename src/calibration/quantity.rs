@@ -62,9 +62,9 @@ impl Quantity {
 
     fn limits(self) -> Limits {
         let (prior, known, applied, floor) = match self {
-            Self::MountYaw => (0.5, 0.035, 0.01, 0.0008),
-            Self::MountX | Self::MountY => (0.5, 0.1, 0.02, 0.003),
-            Self::WayScale => (0.3, 0.05, 0.01, 0.001),
+            Self::MountYaw => (0.5, 0.035, 0.01, 0.0012),
+            Self::MountX | Self::MountY => (0.5, 0.1, 0.02, 0.005),
+            Self::WayScale => (0.3, 0.05, 0.01, 0.0015),
             Self::TurnScale => (0.3, 0.1, 0.02, 0.002),
             Self::TurnPerMetre => (0.1, 0.01, 0.003, 0.0002),
             Self::ClockOffset => (0.5, 0.1, 0.03, 0.003),

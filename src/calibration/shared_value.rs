@@ -3,7 +3,7 @@
 use nalgebra::{Matrix1, Vector1};
 
 use super::blocks::{Block, block_count, sigmas};
-use super::motion_fit::median;
+use super::motion_terms::median;
 use super::{Estimate, Quantity};
 
 /// What one observation says of a value, by itself.

@@ -162,7 +162,7 @@ impl SimulatedDrive {
 
     /// Each scan with the next but one, 1 m on.
     pub fn pairs(&self) -> Vec<ScanPair<'_>> {
-        let pair = |three: & [(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
+        let pair = |three: &[(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
         let motions = self.scans.windows(3).map(pair);
         let scans = self.scans().zip(self.scans().skip(2));
         let pairs = motions.zip(scans);

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Estimate, Estimates, Motions, Quantity, Spacing, fit_motions};
 
 /// Residuals of the motions so many times as large as usual are none of wheels and matches.
-const EXCESS_MAX: f64 = 5.0;
+const EXCESS_MAX: f64 = 4.0;
 
 /// What one trip says of its vehicle, as stored.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::motion_terms::median;
 use super::{Combined, Corrections, Estimate, Estimates, Quantity, TripCalibration};
 
 /// So many of the newest trips are kept.
 const TRIPS_MAX: usize = 20;
 /// A value is applied if it is so many standard errors from 0.
 const APPLIED_SIGMAS: f64 = 3.0;
+/// A standard deviation from a median of absolute values.
+const SIGMA_PER_MEDIAN: f64 = 1.4826;
 /// A trip contradicts those before it at so many standard deviations.
 const CHANGED_SIGMAS: f64 = 4.0;
 
@@ -48,7 +51,7 @@ impl VehicleCalibration {
             let Some(before) = self.combined(*quantity) else {
                 continue;
             };
-            if before.estimate.distance(now) > CHANGED_SIGMAS {
+            if before.estimate.distance(now) > CHANGED_SIGMAS * self.scatter(*quantity) {
                 next.since.insert(*quantity, next.trips.len());
                 next.changed.push(Change {
                     quantity: *quantity,
@@ -76,7 +79,25 @@ impl VehicleCalibration {
             .valid_trips(quantity)
             .filter_map(|trip| trip.estimates.get(&quantity).copied())
             .collect();
-        Some(Combined::of(&estimates)?.floored(quantity))
+        let combined = Combined::of(&estimates)?.floored(quantity);
+        Some(combined.scattered(self.scatter(quantity)))
+    }
+
+    /// How many times as far as their errors say a quantity's trips are from the trips that follow
+    /// them, at least 1: what changes from trip to trip (a load, a tyre, a lidar that tilts) is in
+    /// no error of a single trip. The median, since a mount that is knocked once is no scatter; 1
+    /// for fewer than three trips.
+    fn scatter(&self, quantity: Quantity) -> f64 {
+        let estimates = self.trips.iter().filter_map(|t| t.estimates.get(&quantity));
+        let estimates: Vec<&Estimate> = estimates.collect();
+        let apart: Vec<f64> = estimates
+            .windows(2)
+            .map(|pair| pair[0].distance(pair[1]))
+            .collect();
+        match apart.len() {
+            0 | 1 => 1.0,
+            _ => (SIGMA_PER_MEDIAN * median(apart)).max(1.0),
+        }
     }
 
     fn valid_trips(&self, quantity: Quantity) -> impl Iterator<Item = &TripCalibration> {
@@ -89,6 +110,8 @@ impl VehicleCalibration {
     fn to_apply(&self, quantity: Quantity) -> Option<Estimate> {
         let combined = self.combined(quantity)?;
         let agrees = match combined.count {
+            // One that contradicts others has to be confirmed by another one.
+            1 if self.since.contains_key(&quantity) => false,
             1 => {
                 let mut trips = self.valid_trips(quantity);
                 trips.any(|trip| {

@@ -25,7 +25,9 @@ fn without_pairs_nothing_is_known() {
 fn pairs_without_a_turn_are_left_out() {
     let drive = drive_with_spacing(1.05, 1, 1);
     let pairs = drive.pairs().into_iter();
-    let straight: Vec<_> = pairs.filter(|p| p.motion.theta.abs() < TURN_MIN_RAD).collect();
+    let straight: Vec<_> = pairs
+        .filter(|p| p.motion.theta.abs() < TURN_MIN_RAD)
+        .collect();
     assert!(straight.len() > 20);
     assert_eq!(spacing_by_matches(&straight), None);
 }

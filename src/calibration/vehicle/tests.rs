@@ -67,6 +67,24 @@ fn a_mount_that_was_knocked_is_seen() {
 }
 
 #[test]
+fn what_scatters_from_trip_to_trip_is_not_applied() {
+    // Each by itself far from 0, each far from the next.
+    let yaws_rad = [0.03, -0.028, 0.033, -0.03, 0.012, 0.04, 0.02];
+    for count in 2..=yaws_rad.len() {
+        let vehicle = after(
+            yaws_rad[..count]
+                .iter()
+                .map(|yaw| trip_with_yaw(*yaw, 0.002)),
+        );
+        assert!(vehicle.applied().is_empty(), "{count}: {vehicle:?}");
+        assert!(
+            count <= 3 || vehicle.changed().is_empty(),
+            "{count}: {vehicle:?}"
+        );
+    }
+}
+
+#[test]
 fn many_trips_are_forgotten_and_none_is_lost_on_the_way() {
     let trips = (0..3 * TRIPS_MAX).map(|k| trip_with_yaw(if k < 25 { 0.03 } else { -0.03 }, 0.003));
     let vehicle = after(trips);
