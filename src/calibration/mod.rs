@@ -1,4 +1,11 @@
-//! The systematic errors of a vehicle, from what its drives showed.
+//! The systematic errors of a vehicle, from what its drives showed: where its lidar truly sits, how
+//! its wheels and its clock err, how far its beams are apart.
+//!
+//! [`TripCalibration::of_scans`] is the whole way of one trip; its steps are [`Spacing`],
+//! [`matched_motions`] and [`fit_motions`]. [`VehicleCalibration`] keeps what the trips of a vehicle
+//! say, and decides what of it is applied; [`Corrections`] apply it. Every estimate is one of the
+//! difference to what was *stated*: trips are measured with the stated mount, odometry and clock,
+//! whatever is applied elsewhere.
 
 mod blocks;
 mod clock_offset;
@@ -19,6 +26,7 @@ mod spacing_walls;
 #[cfg(test)]
 mod testing;
 mod trip;
+mod trip_scans;
 mod vehicle;
 
 pub use clock_offset::{DrivenPose, clock_offset_s};
@@ -33,4 +41,5 @@ pub use spacing::Spacing;
 pub use spacing_matches::{ScanPair, spacing_by_matches};
 pub use spacing_walls::spacing_by_walls;
 pub use trip::TripCalibration;
+pub use trip_scans::{TripScan, matched_motions};
 pub use vehicle::{Change, VehicleCalibration};

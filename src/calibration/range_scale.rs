@@ -89,11 +89,13 @@ fn said_by(one: &MapScan<'_>) -> Option<Said> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::testing::drive_with_spacing;
+    use crate::calibration::Corrections;
+    use crate::calibration::testing::drive_with;
 
     #[test]
     fn another_vehicle_s_map_tells_the_scale() {
-        let (maker, vehicle) = (drive_with_spacing(1.0, 4, 1), drive_with_spacing(1.0, 4, 2));
+        let sound = Corrections::default();
+        let (maker, vehicle) = (drive_with(&sound, 4, 1), drive_with(&sound, 4, 2));
         let points: Vec<_> = maker.scans().map(surface_points).collect();
         let placed = maker.truth.iter().zip(&points);
         let map = ReferenceCloud::new(placed.map(|(pose, p)| (*pose, p.as_slice()))).unwrap();

@@ -1,10 +1,12 @@
 //! How far a lidar's beams truly are apart, by two witnesses.
 
+use serde::{Deserialize, Serialize};
+
 use super::{Combined, Estimate, Quantity, ScanPair, spacing_by_matches, spacing_by_walls};
 use crate::scan::LaserScan;
 
 /// What a trip says of [`Quantity::BeamSpacing`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Spacing {
     /// By matched pairs of scans.
     pub by_matches: Option<Estimate>,

@@ -6,7 +6,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::corrections::with_spacing;
-use super::{Corrections, Motions, OdometryTrack, Quantity, ScanMotion, ScanPair, is_complete};
+use super::{
+    Corrections, Motions, OdometryTrack, Quantity, ScanMotion, ScanPair, TripScan, is_complete,
+};
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::ids::StampNs;
 use crate::scan::LaserScan;
@@ -116,17 +118,19 @@ pub(super) fn errors(rng: &mut ChaCha8Rng) -> Corrections {
 
 /// Scans along a part of a hall's route.
 pub(super) struct SimulatedDrive {
-    /// Where odometry had the base, and what the stated lidar has of the scan.
-    pub scans: Vec<(Pose2, LaserScan)>,
+    /// What was sent.
+    pub scans: Vec<TripScan>,
     /// Where the base truly was.
     pub truth: Vec<Pose2>,
 }
 
-/// A noisy lap whose beams are so many times as far apart as stated: 180 beams over 180°.
-pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> SimulatedDrive {
+/// A noisy lap of a vehicle whose mount and beam spacing (of 180 beams over 180°) are not as stated.
+pub(super) fn drive_with(truth: &Corrections, hall: u64, seed: u64) -> SimulatedDrive {
     let stated = SimLidar::sector(std::f64::consts::PI, 180, 15.0, 0.01, MOUNT);
     let mut lidar = stated.clone();
+    let factor = 1.0 + truth.get(Quantity::BeamSpacing);
     lidar.geometry = with_spacing(&stated.geometry, stated.beams, factor);
+    lidar.mount_error = MOUNT.between(&truth.mount(&MOUNT));
     let vehicle = Vehicle {
         lidar,
         odometry: OdometryError {
@@ -145,9 +149,10 @@ pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> Simulated
     let mut driven = scene.drive(&vehicle, 1..2, seed);
     driven.truncate(160);
     let truth = driven.iter().map(|scan| scan.map_from_base).collect();
-    let scans = driven.into_iter().map(|scan| {
-        let ranges = LaserScan::new(stated.clone(), scan.ranges_m).unwrap();
-        (scan.odom_from_base, ranges)
+    let scans = driven.into_iter().map(|scan| TripScan {
+        stamp: StampNs((1e9 * scan.time_s) as i64),
+        odom_from_base: scan.odom_from_base,
+        scan: LaserScan::new(stated.clone(), scan.ranges_m).unwrap(),
     });
     SimulatedDrive {
         scans: scans.collect(),
@@ -157,12 +162,12 @@ pub(super) fn drive_with_spacing(factor: f64, hall: u64, seed: u64) -> Simulated
 
 impl SimulatedDrive {
     pub fn scans(&self) -> impl Iterator<Item = &LaserScan> {
-        self.scans.iter().map(|(_, scan)| scan)
+        self.scans.iter().map(|scan| &scan.scan)
     }
 
     /// Each scan with the next but one, 1 m on.
     pub fn pairs(&self) -> Vec<ScanPair<'_>> {
-        let pair = |three: &[(Pose2, LaserScan)]| three[0].0.between(&three[2].0);
+        let pair = |three: &[TripScan]| three[0].odom_from_base.between(&three[2].odom_from_base);
         let motions = self.scans.windows(3).map(pair);
         let scans = self.scans().zip(self.scans().skip(2));
         let pairs = motions.zip(scans);

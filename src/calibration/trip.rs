@@ -14,6 +14,8 @@ pub struct TripCalibration {
     pub estimates: Estimates,
     /// By its first and second half alone; empty for what a half does not tell.
     pub halves: [Estimates; 2],
+    /// What the two witnesses of the beam spacing say.
+    pub spacing: Spacing,
     /// Faults that no correction mends, as texts.
     pub faults: Vec<String>,
 }
@@ -64,6 +66,7 @@ impl TripCalibration {
         Self {
             estimates,
             halves,
+            spacing: spacing.copied().unwrap_or_default(),
             faults,
         }
     }
