@@ -157,7 +157,9 @@ mod tests {
                 let close = if quantity == Quantity::ClockOffset { 2e-3 } else { 1e-6 };
                 prop_assert!(off < close, "{:?}: {} of {}", quantity, off, difference.norm());
             }
-            let driven = motions.corrected(&motion, &corrections).unwrap();
+            let offset_ns = corrections.clock_offset_ns();
+            let by_wheels = motions.by_wheels(&motion, offset_ns).unwrap();
+            let driven = corrections.motion(&by_wheels);
             let predicted = seen(motions.mount(), &corrections, &driven);
             let direct = Pose2::edge_error(&Pose2::IDENTITY, &predicted, &motion.motion);
             prop_assert!((error - direct).norm() < 1e-12);

@@ -1,6 +1,6 @@
 //! Motions of one trip, by its wheels and by its scans.
 
-use super::{Corrections, DrivenPose, OdometryTrack};
+use super::{DrivenPose, OdometryTrack};
 use crate::geometry::{Information, Pose2};
 use crate::ids::StampNs;
 
@@ -112,11 +112,6 @@ impl Motions {
     pub(super) fn by_wheels(&self, motion: &ScanMotion, offset_ns: i64) -> Option<Pose2> {
         let (from, to) = (motion.from.0 - offset_ns, motion.to.0 - offset_ns);
         self.odometry.motion(from, to)
-    }
-
-    /// The same, corrected.
-    pub(super) fn corrected(&self, motion: &ScanMotion, by: &Corrections) -> Option<Pose2> {
-        Some(by.motion(&self.by_wheels(motion, by.clock_offset_ns())?))
     }
 
     /// The first and the second half of the trip.

@@ -114,6 +114,7 @@ fn equations(beams: &[(f64, f64)], fitted: &Vector3<f64>) -> (Matrix3<f64>, Vect
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::{FRAC_PI_2, PI};
     use std::sync::Arc;
 
     use super::*;
@@ -123,8 +124,8 @@ mod tests {
     /// A lidar of 180° beside one wall, whose beams are so many times as far apart as it states.
     fn beside_a_wall(factor: f64, distance_m: f64, bearing_rad: f64) -> LaserScan {
         let lidar = Lidar {
-            angle_min_rad: -1.57,
-            angle_increment_rad: 3.14 / 360.0,
+            angle_min_rad: -FRAC_PI_2,
+            angle_increment_rad: PI / 360.0,
             range_min_m: 0.05,
             range_max_m: 12.0,
             mount: Pose2::new(0.1, 0.0, 0.2),
