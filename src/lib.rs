@@ -12,8 +12,8 @@
 //!
 //! 1. Foundation: [`ids`].
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`calibration`], [`observation`], [`graph`],
-//!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no axum, no SQL, no
-//!    files, no environment, no wall clock, no unseeded randomness.
+//!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no
+//!    axum, no SQL, no files, no environment, no wall clock, no unseeded randomness.
 //! 3. Service: [`formats`], [`experiments`], [`store`], [`pipeline`], [`delivery`], [`api`].
 //! 4. Process: [`config`], [`telemetry`], [`app`], [`cli`].
 //!

@@ -65,7 +65,7 @@ impl Quantity {
             Self::MountYaw => (0.5, 0.035, 0.01, 0.0012),
             Self::MountX | Self::MountY => (0.5, 0.1, 0.02, 0.005),
             Self::WayScale => (0.3, 0.05, 0.01, 0.0015),
-            Self::TurnScale => (0.3, 0.1, 0.02, 0.002),
+            Self::TurnScale => (0.3, 0.1, 0.02, 0.004),
             Self::TurnPerMetre => (0.1, 0.01, 0.003, 0.0002),
             Self::ClockOffset => (0.5, 0.1, 0.03, 0.003),
             Self::BeamSpacing => (0.2, 0.05, 0.012, 0.006),

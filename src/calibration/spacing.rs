@@ -16,6 +16,8 @@ pub struct Spacing {
 
 /// Two witnesses agree within so many standard deviations.
 const AGREE_SIGMAS: f64 = 3.0;
+/// A spacing of fewer standard errors is none.
+const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
 impl Spacing {
     /// Of a trip's scans and pairs of them, in the order of time.
@@ -32,6 +34,23 @@ impl Spacing {
         let agree = matches.distance(&walls) <= AGREE_SIGMAS;
         let combined = Combined::of(&[matches, walls])?.floored(Quantity::BeamSpacing);
         agree.then_some(combined.estimate)
+    }
+
+    /// [`Spacing::agreed`] where it is more than its error: what scans are to be corrected by before
+    /// they are matched.
+    pub fn significant(&self) -> Option<Estimate> {
+        let agreed = self.agreed()?;
+        (agreed.significance() > SIGNIFICANT_SIGMAS).then_some(agreed)
+    }
+
+    /// What the spacing may be off by in scans that were corrected so, as a standard deviation: all
+    /// of what is known of it where nothing was corrected.
+    pub(super) fn left(&self) -> f64 {
+        match (self.significant(), self.agreed()) {
+            (Some(corrected), _) => corrected.sigma,
+            (None, Some(agreed)) => agreed.value.hypot(agreed.sigma),
+            (None, None) => Quantity::BeamSpacing.floor(),
+        }
     }
 
     /// Whether both know it and contradict each other: then something else bends what the lidar
@@ -67,5 +86,8 @@ mod tests {
         assert!(apart.disagrees() && apart.agreed().is_none());
         let alone = spacing(of(-0.05), None);
         assert!(!alone.disagrees() && alone.agreed().is_none());
+        let small = spacing(of(0.004), of(0.003));
+        assert!(both.significant().is_some() && small.significant().is_none());
+        assert!(both.left() < 0.007 && small.left() > 0.003);
     }
 }

@@ -24,8 +24,8 @@ impl TripCalibration {
     /// Of a trip's motions and of what its scans say of the beams and the ranges.
     ///
     /// Where the spacing is wrong, motions matched with the stated lidar are wrong too: they are to
-    /// be matched with the corrected one ([`super::Corrections::lidar`] with [`Spacing::agreed`] in
-    /// it), and with the stated mount, odometry and clock.
+    /// be matched with the corrected one ([`super::Corrections::lidar`] with
+    /// [`Spacing::significant`] in it), and with the stated mount, odometry and clock.
     pub fn of(motions: &Motions, spacing: Option<&Spacing>, range_scale: Option<Estimate>) -> Self {
         let fit = fit_motions(motions);
         let mut estimates = fit
@@ -60,12 +60,20 @@ impl TripCalibration {
         if let Some(range_scale) = range_scale {
             estimates.insert(Quantity::RangeScale, range_scale);
         }
+        let spacing_left = spacing.copied().unwrap_or_default().left();
         let halves = motions
             .halves()
             .map(|half| fit_motions(&half).map_or_else(Estimates::new, |fit| fit.estimates));
+        let [mut first, mut second] = halves;
+        for estimates in [&mut estimates, &mut first, &mut second] {
+            // Beams by a per cent too far apart make all turns by scans a per cent too large.
+            if let Some(turn) = estimates.get_mut(&Quantity::TurnScale) {
+                turn.sigma = turn.sigma.hypot(spacing_left);
+            }
+        }
         Self {
             estimates,
-            halves,
+            halves: [first, second],
             spacing: spacing.copied().unwrap_or_default(),
             faults,
         }

@@ -32,8 +32,6 @@ const PAIR_BACK_MAX_M: f64 = 1.2;
 const PAIRS_MAX: usize = 120;
 /// Way between two scans whose walls are looked at, metres.
 const WALLS_EVERY_M: f64 = 0.4;
-/// A spacing of fewer standard errors is none.
-const SPACING_SIGMAS: f64 = 3.0;
 /// Least share of a match's points with a counterpart, and of those that agree with it.
 const OVERLAP_MIN: f64 = 0.5;
 const INLIER_SHARE_MIN: f64 = 0.75;
@@ -52,10 +50,7 @@ impl TripCalibration {
         let stated = first.scan.lidar();
         let walls = walls_of(scans);
         let spacing = Spacing::of(walls, &pairs_of(scans));
-        let significant = spacing
-            .agreed()
-            .filter(|s| s.significance() > SPACING_SIGMAS);
-        let corrected = significant.and_then(|spacing| {
+        let corrected = spacing.significant().and_then(|spacing| {
             let correction = Corrections::default().with(Quantity::BeamSpacing, spacing.value);
             correction.lidar(stated, first.scan.beam_count()).ok()
         });

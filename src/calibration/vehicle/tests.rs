@@ -140,6 +140,7 @@ fn wheels_that_slip_are_reported() {
 fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
     let path = lap();
     let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let mut corrected = 0;
     for seed in 0..10 {
         let sound = Corrections::default();
         let of = |truth: &Corrections, seed| {
@@ -157,6 +158,8 @@ fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
                 "{quantity:?}: {applied:?}"
             );
         }
-        assert!(vehicle.applied().len() >= 3, "{:?}", vehicle.applied());
+        corrected += vehicle.applied().len();
     }
+    // Of seven values each, some too small to be worth it.
+    assert!(corrected >= 40, "{corrected}");
 }
