@@ -90,7 +90,7 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
 
 fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles, DrawError> {
     let mut scans = Vec::with_capacity(nodes.len());
-    for node in nodes {
+    for node in nodes.iter().filter(|node| node.node.is_localised()) {
         scans.extend(node.decoded_scans()?);
     }
     let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {

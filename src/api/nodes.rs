@@ -38,6 +38,10 @@ pub(super) struct NodeBody {
     /// The block of the graph it lies in; null outside every block with a loop closure.
     #[schema(required)]
     subgraph_id: Option<i64>,
+    /// Whether it is known where it was. Of a vehicle that was carried, or whose odometry broke
+    /// where its scans said nothing either, it is not, until its scans say it: until then the pose
+    /// stands for nothing, and nothing is concluded from what was seen there.
+    localised: bool,
     /// Whether later laps are tied to it.
     reference: bool,
     /// Whether it takes part in the optimisation.
@@ -107,6 +111,7 @@ impl From<NodeRecord> for NodeBody {
             trip_id: node.trip_id.to_string(),
             stamp: timestamp(node.stamp),
             subgraph_id: node.subgraph_id,
+            localised: node.is_localised(),
             reference: node.reference,
             active: node.active,
             client_id: node.client_id,

@@ -4,6 +4,7 @@ mod batch_body;
 mod comparison;
 mod demo;
 mod edge_batch_body;
+mod faults;
 mod fleet;
 mod gateway;
 mod graph_file;
@@ -52,6 +53,8 @@ enum Command {
     Score(score::Args),
     /// Measure how far the map of your recordings moves if little of what was seen is different.
     Stability(stability::Args),
+    /// Measure what faults of odometry do to a map: steps made up, slip, a robot that is carried.
+    Faults(faults::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -67,6 +70,7 @@ pub fn run() -> ExitCode {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Score(args) => score::run(args),
         Command::Stability(args) => stability::run(args),
+        Command::Faults(args) => faults::run(&args),
         Command::Openapi(args) => openapi::run(args),
     };
     match outcome {

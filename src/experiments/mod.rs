@@ -6,8 +6,8 @@
 //!
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
-//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`] asks of
-//! the map alone.
+//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`] and
+//! [`measure_faults`] ask of the map alone.
 
 mod alert;
 mod baselines;
@@ -17,6 +17,7 @@ mod detector;
 mod distance;
 mod drawn;
 mod labels;
+mod odometry_faults;
 mod pictures;
 mod placed;
 mod places;
@@ -39,6 +40,7 @@ pub use detector::Detector;
 pub use distance::region_distance_m;
 pub use drawn::{DrawnObject, altered};
 pub use labels::{Label, read_labels};
+pub use odometry_faults::{Fault, FaultCase, FaultyTrip, faults_text, measure_faults};
 pub use pictures::Picture;
 pub use recording::{Recording, in_sequence};
 pub use report::text_of;

@@ -162,13 +162,13 @@ struct Outcome {
 }
 
 /// A scene, and what passes in it: there for single laps only.
-struct Setting {
+pub(super) struct Setting {
     scene: Scene,
     passing: BTreeSet<usize>,
 }
 
 impl Setting {
-    fn of(world: WorldKind, condition: &Condition, seed: u64) -> anyhow::Result<Self> {
+    pub(super) fn of(world: WorldKind, condition: &Condition, seed: u64) -> anyhow::Result<Self> {
         let third = condition.changes / 3;
         let mut passing = BTreeSet::new();
         let mut scene = match world {
@@ -197,7 +197,7 @@ impl Setting {
         Ok(Self { scene, passing })
     }
 
-    fn drive(&self, fleet: &[Vehicle], seed: u64) -> Vec<Vec<SimScan>> {
+    pub(super) fn drive(&self, fleet: &[Vehicle], seed: u64) -> Vec<Vec<SimScan>> {
         drive(&self.scene, fleet, seed)
     }
 }
@@ -271,7 +271,7 @@ fn would_be_observed(scene: &Scene, fleet: &[Vehicle], seed: u64, change: &World
 }
 
 /// Every vehicle's laps, lap by lap. The first odometry frame is the map's.
-fn recordings_of(
+pub(super) fn recordings_of(
     fleet: &[Vehicle],
     drives: &[Vec<SimScan>],
     trip_a_lap: bool,

@@ -1,6 +1,8 @@
 //! The place of a trip that does not say where it is.
 
-use super::closure::{self, CONTRADICTION_SHARE_MAX, ClosureRule, Slack};
+use super::closure::{
+    self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureRule, Slack,
+};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::{self, Placed};
@@ -42,12 +44,44 @@ pub enum AnchorError {
 }
 
 /// Fewest keyframes that a place is told from.
-const KEYFRAMES_MIN: usize = 4;
+pub(super) const KEYFRAMES_MIN: usize = 4;
 const GRID_RESOLUTION_M: f64 = 0.1;
 const GRID_LEVELS: usize = 7;
 const POINTS_MAX: usize = 300;
-/// Least share of the compared scans that must agree.
-const AGREEING_SHARE_MIN: f64 = 0.6;
+
+/// What the scans must show at the place that looks most like theirs.
+pub(super) struct Confirmation {
+    /// Another place is one like it if it reaches this share of its score.
+    rival_share: f64,
+    slack: Slack,
+    /// Least share of the compared scans that must agree.
+    agreeing_share_min: f64,
+}
+
+/// For a trip that begins. No other place is like the one found, so a match that ends there is
+/// believed although much of the place has changed.
+const TRUSTING: Confirmation = Confirmation {
+    rival_share: 0.9,
+    slack: Slack {
+        distance_m: 0.8,
+        turn_rad: 0.3,
+        well_known: true,
+        contradiction_share_max: CONTRADICTION_SHARE_MAX,
+    },
+    agreeing_share_min: 0.6,
+};
+
+/// For a trip that was lost, perhaps where the map has nothing to tell the place from others: it
+/// can wait until it has driven on.
+pub(super) const STRICT: Confirmation = Confirmation {
+    rival_share: 0.8,
+    slack: Slack {
+        well_known: false,
+        contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
+        ..TRUSTING.slack
+    },
+    agreeing_share_min: 0.9,
+};
 
 const EVERYWHERE: SearchParams = SearchParams {
     score_min: 0.4,
@@ -67,13 +101,10 @@ pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorE
     if extended.is_err() || own.keyframes.len() < KEYFRAMES_MIN {
         return Err(AnchorError::TooShort(own.keyframes.len()));
     }
-    let references: Vec<Placed<'_>> = (0..map.keyframes.len())
-        .filter(|&k| map.keyframes[k].reference && map.keyframes[k].scan.is_some())
-        .map(|k| map.placed(k))
-        .collect();
-    let all_own: Vec<Placed<'_>> = (0..own.keyframes.len()).map(|k| own.placed(k)).collect();
-    let map_from_own = search_everywhere(&references, &all_own)?;
-    confirm(&references, &all_own, &map_from_own)?;
+    // What was driven before the vehicle was carried, if it was.
+    let all_own = (0..own.keyframes.len()).take_while(|&k| !own.is_lost(k));
+    let all_own: Vec<Placed<'_>> = all_own.map(|k| own.placed(k)).collect();
+    let map_from_own = locate(&map.placed_references(), &all_own, &TRUSTING)?;
     Ok(InitialPose {
         pose: map_from_own.compose(&all_own[0].pose),
         sigma_xy_m: 0.05,
@@ -81,7 +112,25 @@ pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorE
     })
 }
 
-fn search_everywhere(references: &[Placed<'_>], own: &[Placed<'_>]) -> Result<Pose2, AnchorError> {
+/// Where scans that are placed among themselves are in the map: `map_from_own`.
+pub(super) fn locate(
+    references: &[Placed<'_>],
+    own: &[Placed<'_>],
+    confirmation: &Confirmation,
+) -> Result<Pose2, AnchorError> {
+    if own.len() < KEYFRAMES_MIN {
+        return Err(AnchorError::TooShort(own.len()));
+    }
+    let map_from_own = search_everywhere(references, own, confirmation.rival_share)?;
+    confirm(references, own, &map_from_own, confirmation)?;
+    Ok(map_from_own)
+}
+
+fn search_everywhere(
+    references: &[Placed<'_>],
+    own: &[Placed<'_>],
+    rival_share: f64,
+) -> Result<Pose2, AnchorError> {
     let reference_map = placed_map(references);
     let grid = reference_map
         .grid(GRID_RESOLUTION_M, GRID_LEVELS)
@@ -94,7 +143,10 @@ fn search_everywhere(references: &[Placed<'_>], own: &[Placed<'_>]) -> Result<Po
         &grid,
         &centred,
         &SearchWindow::everywhere(&grid),
-        &EVERYWHERE,
+        &SearchParams {
+            rival_share,
+            ..EVERYWHERE
+        },
     )
     .ok_or(AnchorError::Unknown)?;
     let own_from_centred = Pose2::new(middle.x, middle.y, 0.0);
@@ -117,39 +169,22 @@ fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
     LocalMap::new(scans.collect())
 }
 
-/// Compares each of the trip's scans with its partners at the place found. No other place is like it,
-/// so a match that ends there is believed although much of the place has changed.
+/// Compares each of the trip's scans with its partners at the place found.
 fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     map_from_own: &Pose2,
+    confirmation: &Confirmation,
 ) -> Result<(), AnchorError> {
-    const SLACK: Slack = Slack {
-        distance_m: 0.8,
-        turn_rad: 0.3,
-        well_known: true,
-        contradiction_share_max: CONTRADICTION_SHARE_MAX,
-    };
-    let rule = ClosureRule::default();
     let (mut compared, mut agreeing) = (0, 0);
     for keyframe in own {
-        let expected = Placed {
-            pose: map_from_own.compose(&keyframe.pose),
-            ..*keyframe
-        };
-        let chosen = partners::choose(&expected, references);
-        if chosen.is_empty() {
-            continue;
+        if let Some(agrees) = agrees(references, keyframe, map_from_own, confirmation) {
+            compared += 1;
+            agreeing += usize::from(agrees);
         }
-        compared += 1;
-        let agrees = chosen.iter().any(|old| {
-            let old_from_new = old.pose.between(&expected.pose);
-            closure::measure(old, &expected, &old_from_new, &SLACK, &rule).is_some()
-        });
-        agreeing += usize::from(agrees);
     }
     let enough = agreeing >= KEYFRAMES_MIN.min(own.len())
-        && agreeing as f64 >= AGREEING_SHARE_MIN * compared as f64;
+        && agreeing as f64 >= confirmation.agreeing_share_min * compared as f64;
     if enough {
         return Ok(());
     }
@@ -158,6 +193,26 @@ fn confirm(
         agreeing,
         compared,
     })
+}
+
+/// Whether a scan shows what its partners at a place do; `None` if it has none.
+pub(super) fn agrees(
+    references: &[Placed<'_>],
+    own: &Placed<'_>,
+    map_from_own: &Pose2,
+    confirmation: &Confirmation,
+) -> Option<bool> {
+    let expected = Placed {
+        pose: map_from_own.compose(&own.pose),
+        ..*own
+    };
+    let (slack, rule) = (&confirmation.slack, ClosureRule::default());
+    let chosen = partners::choose(&expected, references);
+    let agrees = chosen.iter().any(|old| {
+        let old_from_new = old.pose.between(&expected.pose);
+        closure::measure(old, &expected, &old_from_new, slack, &rule).is_some()
+    });
+    (!chosen.is_empty()).then_some(agrees)
 }
 
 const NEARBY: SearchParams = SearchParams {

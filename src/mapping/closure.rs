@@ -1,10 +1,10 @@
 //! A loop closure: two scans of one place, matched twice.
 
+use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
 use crate::ids::EdgeId;
 use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination, agreement};
-use crate::scan::{LaserScan, SurfacePoint};
 
 /// Both measurements of one closure.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,11 +128,7 @@ pub(super) fn measure(
     } else {
         slack.contradiction_share_max
     };
-    let [old_look, new_look] = [(old, old_scan), (new, new_scan)].map(|(placed, scan)| Seen {
-        points: &placed.keyframe.points,
-        scan,
-    });
-    if !plausible || contradiction_share(&old_look, &new_look, &robust.pose) > share_max {
+    if !plausible || contradiction_share(old.keyframe, new.keyframe, &robust.pose)? > share_max {
         return None;
     }
     let all_points = alignment.align_from(&robust.pose, sigma_m, None, &IcpParams::ALL_POINTS);
@@ -168,21 +164,20 @@ pub(super) fn measure_by_score(
     Some(ClosureMeasurement { robust, all_points })
 }
 
-/// A scan with its returns.
-struct Seen<'a> {
-    points: &'a [SurfacePoint],
-    scan: &'a LaserScan,
-}
-
-/// The larger share of one scan's points in the other's free space.
-fn contradiction_share(old: &Seen<'_>, new: &Seen<'_>, old_from_new: &Pose2) -> f64 {
-    let look = |points, scan, pose: &Pose2| {
-        agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD)
-            .contradiction_share()
+/// The larger share of one scan's points in the other's free space; `None` without scans.
+pub(super) fn contradiction_share(
+    old: &Keyframe,
+    new: &Keyframe,
+    old_from_new: &Pose2,
+) -> Option<f64> {
+    let share = |of: &Keyframe, seen_by: &Keyframe, pose: &Pose2| {
+        let (points, scan) = (&of.points, seen_by.scan.as_ref()?);
+        let seen = agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD);
+        Some(seen.contradiction_share())
     };
-    let new_in_old = look(new.points, old.scan, old_from_new);
-    let old_in_new = look(old.points, new.scan, &old_from_new.inverse());
-    new_in_old.max(old_in_new)
+    let new_in_old = share(new, old, old_from_new)?;
+    let old_in_new = share(old, new, &old_from_new.inverse())?;
+    Some(new_in_old.max(old_in_new))
 }
 
 #[cfg(test)]

@@ -83,6 +83,8 @@ impl RouteMap {
     fn update_screen(&mut self) {
         let mut screen = std::mem::take(&mut self.screen);
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
+        // What a lost trip saw, nobody knows where.
+        let keyframes = keyframes.filter(|(keyframe, _)| !keyframe.is_lost());
         let observations = keyframes.flat_map(|(keyframe, node)| {
             keyframe.taken_scans(node.pose).map(|taken| Screened {
                 key: (keyframe.node, taken.place),
@@ -159,7 +161,7 @@ impl RouteMap {
         };
         let (mut old, mut new) = (Vec::new(), Vec::new());
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
-        for (keyframe, node) in keyframes {
+        for (keyframe, node) in keyframes.filter(|(keyframe, _)| !keyframe.is_lost()) {
             let is_own = mismatch.trips.contains(&keyframe.trip);
             for taken in keyframe.taken_scans(node.pose) {
                 let eye = taken.map_from_base.translation();
@@ -254,7 +256,8 @@ impl RouteMap {
         let seen = self.trips.iter();
         for (trip, places) in seen.filter(|(_, places)| self.has_scans(places)) {
             let vehicle = vehicles.get(trip).ok_or(trip);
-            let poses = places.iter().map(|&k| self.trip_pose(k)).collect();
+            let placed = places.iter().filter(|k| !self.is_lost(**k));
+            let poses = placed.map(|&k| self.trip_pose(k)).collect();
             trips_of.entry(vehicle).or_default().push((trip, poses));
         }
         trips_of
@@ -287,7 +290,9 @@ impl RouteMap {
         let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
         let order = |k: &usize| self.keyframes[*k].trip_order;
         // Keyframes on both sides of others that have left are no run.
-        let runs = self.trips[trip].chunk_by(|a, b| order(a) + 1 == order(b));
+        let placed = self.trips[trip].iter().filter(|k| !self.is_lost(**k));
+        let placed: Vec<usize> = placed.copied().collect();
+        let runs = placed.chunk_by(|a, b| order(a) + 1 == order(b));
         let found = runs.flat_map(|run| {
             let poses: Vec<TiedPose> = run.iter().map(|&k| self.tied_pose(k)).collect();
             mismatches(trip, &poses, &references)

@@ -2,18 +2,19 @@
 
 use super::anchor::{self, AnchorError};
 use super::clock::TripClock;
-use super::closure::{
-    self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, Closure, ClosureMeasurement,
-    Slack,
+use super::closure::{self, Closure, ClosureMeasurement};
+use super::drift::{
+    DRIFT_SMALL_M, LOST_DRIFT_M, drift_of, drift_of_motion, is_search_due, slack_after, slack_small,
 };
 use super::drive::{Drive, DriveScan, InitialPose};
-use super::front_end::{Motion, match_scans, measure_motion};
+use super::front_end::{Motion, match_scans};
 use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
-use super::odometry::{OdometryMotion, OdometrySigmas};
+use super::odometry::OdometryMotion;
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
+use super::step::{Step, is_abrupt};
 use crate::geometry::Pose2;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
@@ -25,7 +26,7 @@ const LOCAL_MAP_KEYFRAMES: usize = 8;
 /// A trip's newest keyframes are no partners for its next one.
 const RECENT_KEYFRAMES: usize = 20;
 /// How far a partner may be, metres.
-const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
+pub(super) const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
 
 /// The offset between the clocks of scans and odometry is asked for anew after so many scans.
 const SCANS_PER_OFFSET: usize = 60;
@@ -138,33 +139,74 @@ impl RouteMap {
         let by_odometry = odom_from_last.between(&scan.odom_from_base);
         let rule = KeyframeRule::for_range(scan.scan.lidar().range_max_m);
         let is_due = rule.is_due(&by_odometry);
-        if !is_due && !self.looks_again(last, scan) {
+        let is_silent = !is_due && self.moves_unreported(last, scan);
+        if !is_due && !is_silent && !self.looks_again(last, scan) {
             self.add_intermediate(last, scan, cloud, added);
             return Ok(());
         }
+        let odometry = match is_silent {
+            false => OdometryMotion::told(&by_odometry),
+            true => OdometryMotion::not_told(&self.keyframes[last].last_scan().pose),
+        };
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
-        let sigma_m = scan.scan.lidar().range_sigma_m;
-        let odometry = OdometryMotion::told(&by_odometry);
-        let points = &keyframe.points;
         let motion = match self.weighting {
             Weighting::Robust | Weighting::AllPointsIdentity => {
-                let local_map = self.local_map(last);
-                cloud.follow(last_node, &local_map);
-                measure_motion(&local_map, cloud, points, &odometry, sigma_m)
+                self.step(last, &keyframe, &odometry, cloud).measure()
             }
             Weighting::Paper => {
-                match_scans(&self.keyframes[last].points, points, &odometry, sigma_m)
+                let (last, new) = (&self.keyframes[last].points, &keyframe.points);
+                let sigma_m = scan.scan.lidar().range_sigma_m;
+                Some(match_scans(last, new, &odometry, sigma_m))
             }
         };
-        if !is_due && !is_standing(&motion.measurement) {
+        let last_pose = self.graph.nodes()[last].pose;
+        let Some(motion) = motion else {
+            keyframe.drift_m = keyframe.drift_m.max(LOST_DRIFT_M);
+            let pose = last_pose.compose(&odometry.motion);
+            let index = self.insert_new(keyframe, pose, added)?;
+            return self.close_loops(index, added);
+        };
+        let moved = &motion.measurement;
+        if is_silent && !rule.is_due(moved) {
+            let placed = IntermediateScan::at(*moved, scan, &self.keyframes[last]);
+            self.keep_intermediate(last, placed, added);
+            return Ok(());
+        }
+        if !is_due && !is_silent && !is_standing(moved) {
             self.add_intermediate(last, scan, cloud, added);
             return Ok(());
         }
         keyframe.drift_m += drift_of_motion(&motion, &odometry.sigmas);
-        let pose = self.graph.nodes()[last].pose.compose(&motion.measurement);
+        let pose = last_pose.compose(moved);
         let index = self.insert_new(keyframe, pose, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
         self.close_loops(index, added)
+    }
+
+    /// The step of a trip from its last keyframe to a new one.
+    fn step<'a>(
+        &'a self,
+        last: usize,
+        new: &'a Keyframe,
+        odometry: &'a OdometryMotion,
+        cloud: &'a mut LocalCloud,
+    ) -> Step<'a> {
+        let keyframe = &self.keyframes[last];
+        let before = keyframe.last_scan();
+        let since = before.odom_from_base.between(&new.odom_from_base);
+        let elapsed_s = new.stamp.seconds() - before.stamp.seconds();
+        let trip = self.trip_up_to(last).iter().map(|&k| &self.keyframes[k]);
+        let local_map = self.local_map(last);
+        cloud.follow(keyframe.node, &local_map);
+        Step {
+            last: keyframe,
+            new,
+            local_map,
+            cloud,
+            odometry,
+            before: before.pose,
+            is_abrupt: is_abrupt(&since, elapsed_s, trip),
+        }
     }
 
     /// Keeps a scan that makes no keyframe.
@@ -179,11 +221,23 @@ impl RouteMap {
         let keyframe = &self.keyframes[last];
         cloud.follow(keyframe.node, &local_map);
         let placed = IntermediateScan::place(scan, keyframe, &local_map, cloud);
+        self.keep_intermediate(last, placed, added);
+    }
+
+    fn keep_intermediate(&mut self, last: usize, placed: IntermediateScan, added: &mut Extension) {
         let keyframe = &mut self.keyframes[last];
         added
             .intermediate
             .push((keyframe.node, keyframe.intermediate.len()));
         keyframe.intermediate.push(placed);
+    }
+
+    /// Whether the scans show a motion since the last keyframe that the odometry does not report.
+    fn moves_unreported(&self, last: usize, scan: &DriveScan) -> bool {
+        let keyframe = &self.keyframes[last];
+        let reported = keyframe.odom_from_base.between(&scan.odom_from_base);
+        let seen = keyframe.scan.as_ref();
+        is_standing(&reported) && seen.is_some_and(|seen| seen.differs_from(&scan.scan))
     }
 
     /// Whether a vehicle that has not moved since its trip began looks once more: one look at
@@ -242,25 +296,37 @@ impl RouteMap {
         Ok(())
     }
 
-    /// The newest keyframes of a trip, in the base frame of the one at `last`.
+    /// The newest keyframes of a trip, in the base frame of the one at `last`; of a trip that was
+    /// lost since only those after.
     pub(super) fn local_map(&self, last: usize) -> LocalMap<'_> {
         let nodes = self.graph.nodes();
-        let trip = &self.trips[&self.keyframes[last].trip];
-        let end = trip
-            .iter()
-            .rposition(|&k| k == last)
-            .map_or(trip.len(), |k| k + 1);
-        let newest = &trip[end.saturating_sub(LOCAL_MAP_KEYFRAMES)..end];
+        let trip = self.trip_up_to(last);
+        let newest = &trip[trip.len().saturating_sub(LOCAL_MAP_KEYFRAMES)..];
         let last_pose = nodes[last].pose;
-        let scans = newest.iter().map(|&k| {
+        let together = |k: &&usize| self.is_lost(**k) == self.is_lost(last);
+        let scans = newest.iter().filter(together).map(|&k| {
             let last_from_base = last_pose.between(&nodes[k].pose);
             (last_from_base, self.keyframes[k].points.as_slice())
         });
         LocalMap::new(scans.collect())
     }
 
+    /// The keyframes of a trip up to one of them, in the order of the drive.
+    pub(super) fn trip_up_to(&self, last: usize) -> &[usize] {
+        let trip = &self.trips[&self.keyframes[last].trip];
+        let end = trip.iter().rposition(|&k| k == last);
+        &trip[..end.map_or(trip.len(), |k| k + 1)]
+    }
+
     /// Ties a new node to the reference, then decides whether it becomes part of it.
-    fn close_loops(&mut self, index: usize, added: &mut Extension) -> Result<(), GraphError> {
+    pub(super) fn close_loops(
+        &mut self,
+        index: usize,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        if self.is_lost(index) {
+            return self.find_segment(index, added);
+        }
         let found = self.find_closures(index);
         if !found.is_empty() {
             self.insert_closures(index, &found, added)?;
@@ -271,7 +337,10 @@ impl RouteMap {
             .filter(|&k| self.is_reference_with_scan(k))
             .map(|k| self.graph.nodes()[k].pose);
         self.keyframes[index].reference = !partners::is_covered(&pose, references);
-        Ok(())
+        match found.is_empty() && self.weighting != Weighting::Paper {
+            true => self.find_astray(index, added),
+            false => Ok(()),
+        }
     }
 
     fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
@@ -285,6 +354,8 @@ impl RouteMap {
         let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
         let pose = if is_tied {
             new.pose
+        } else if self.weighting != Weighting::Paper && !self.is_search_due(index) {
+            return Vec::new();
         } else {
             let local_map = self.local_map(index);
             match anchor::relocate(&local_map, &nearby, &new.pose, &slack) {
@@ -316,7 +387,12 @@ impl RouteMap {
     }
 
     /// Reference nodes around a pose that are not the trip's newest.
-    fn references_near(&self, index: usize, pose: &Pose2, within_m: f64) -> Vec<Placed<'_>> {
+    pub(super) fn references_near(
+        &self,
+        index: usize,
+        pose: &Pose2,
+        within_m: f64,
+    ) -> Vec<Placed<'_>> {
         let trip = &self.trips[&self.keyframes[index].trip];
         let recent = trip.len().saturating_sub(RECENT_KEYFRAMES + 1);
         let recent = &trip[recent..];
@@ -330,8 +406,17 @@ impl RouteMap {
             .collect()
     }
 
+    /// Whether a trip that has drifted is searched for at its keyframe at `index`.
+    fn is_search_due(&self, index: usize) -> bool {
+        let drift_m = |k: usize| self.keyframes[k].drift_m;
+        match self.trip_up_to(index) {
+            [.., before, _] => is_search_due(drift_m(*before), drift_m(index)),
+            _ => true,
+        }
+    }
+
     /// Whether later scans can be matched with a node.
-    fn is_reference_with_scan(&self, k: usize) -> bool {
+    pub(super) fn is_reference_with_scan(&self, k: usize) -> bool {
         self.keyframes[k].reference && self.keyframes[k].scan.is_some()
     }
 
@@ -406,50 +491,3 @@ impl RouteMap {
         }
     }
 }
-
-/// A trip that has driven no farther than this since it was tied to the map is where it is
-/// expected, metres.
-const DRIFT_SMALL_M: f64 = 6.0;
-/// Beyond this it comes from afar, and may be tied to what only looks like the place, metres.
-const DRIFT_FAR_M: f64 = 30.0;
-
-/// How far from the expected place a closure may be measured, for a trip that was tied to the map
-/// not long ago, and for one that was found again.
-fn slack_small(drift_m: f64) -> Slack {
-    Slack {
-        distance_m: 0.45,
-        turn_rad: 0.16,
-        well_known: drift_m <= DRIFT_SMALL_M,
-        contradiction_share_max: match drift_m <= DRIFT_FAR_M {
-            true => CONTRADICTION_SHARE_MAX,
-            false => CONTRADICTION_SHARE_MAX_FROM_AFAR,
-        },
-    }
-}
-
-/// Where a trip may be after it has driven a way without being tied to the map: three hundredths
-/// of the way, one degree a metre.
-fn slack_after(drift_m: f64) -> Slack {
-    Slack {
-        distance_m: (0.3 + 0.03 * drift_m).min(4.0),
-        turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
-        well_known: false,
-        contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
-    }
-}
-
-/// A matched motion counts as its length, one by odometry alone as what it may be off.
-fn drift_of_motion(motion: &Motion, odometry: &OdometrySigmas) -> f64 {
-    if motion.matched {
-        return motion.measurement.translation().norm();
-    }
-    drift_of(odometry.xy_m, odometry.theta_rad)
-}
-
-/// The way after which [`slack_after`] is three such standard deviations.
-fn drift_of(sigma_xy_m: f64, sigma_theta_rad: f64) -> f64 {
-    (100.0 * sigma_xy_m).max(150.0 * sigma_theta_rad)
-}
-
-#[cfg(test)]
-mod tests;

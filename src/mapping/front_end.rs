@@ -4,8 +4,8 @@ use super::local_map::{LocalCloud, LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
 use crate::geometry::{Information, Pose2, Vector3};
 use crate::matching::{
-    Alignment, Contrast, Estimate, IcpParams, Prior, ReferenceCloud, SearchParams, SearchWindow,
-    Termination, search,
+    Alignment, Contrast, Estimate, IcpParams, Prior, ReferenceCloud, SearchHit, SearchParams,
+    SearchWindow, Termination, search,
 };
 use crate::scan::SurfacePoint;
 
@@ -104,6 +104,65 @@ pub(super) fn measure_motion(
     }
 }
 
+/// Matches without an odometry explain so much at least, …
+const ALONE_SUPPORT_MIN: f64 = 0.6;
+/// … are looked for no farther from where the scan before was taken than this, metres …
+const ALONE_HALF_WIDTH_M: f64 = 1.5;
+/// … and radians, …
+const ALONE_HALF_TURN_RAD: f64 = 1.0;
+/// … and mean, along a direction that they do not fix, that the vehicle is still about there,
+/// metres.
+const ALONE_SIGMA_M: f64 = 1.0;
+
+/// Matches a scan against the local map (frame: the last keyframe's base) around `before`, where
+/// the scan before it was taken; for vehicles whose odometry says nothing that can be believed.
+///
+/// `None` if the scan fits nowhere, or in two places. Along a corridor the vehicle is taken to be
+/// where it was.
+pub(super) fn match_alone(
+    local_map: &LocalMap<'_>,
+    cloud: &LocalCloud,
+    points: &[SurfacePoint],
+    before: &Pose2,
+    range_sigma_m: f64,
+) -> Option<Motion> {
+    let mut alignment = Alignment::new(cloud.points()?, points);
+    let mut refine =
+        |start: &Pose2| alignment.align_from(start, range_sigma_m, None, &IcpParams::ROBUST);
+    let plausible = |estimate: &Estimate| {
+        estimate.termination != Termination::TooFewPoints
+            && estimate.explained_share() >= ALONE_SUPPORT_MIN
+    };
+    let near = refine(before);
+    let best = if plausible(&near) && near.explained_share() >= SUPPORT_GOOD {
+        near
+    } else {
+        let window = SearchWindow {
+            centre: *before,
+            half_width_m: ALONE_HALF_WIDTH_M,
+            half_turn_rad: ALONE_HALF_TURN_RAD,
+        };
+        let hit = search_around(local_map, points, &window, &ALONE)?;
+        let found = refine(&hit.pose);
+        match (hit.rival, plausible(&near)) {
+            (None, _) => found,
+            (Some(_), true) => near,
+            (Some(_), false) => return None,
+        }
+    };
+    if !plausible(&best) {
+        return None;
+    }
+    let contrast = alignment.contrast(&best.pose, &IcpParams::ROBUST);
+    let (measurement, information) = with_wheels_along(&best, &contrast, before);
+    let weak = Information::from_sigmas(ALONE_SIGMA_M, ALONE_HALF_TURN_RAD);
+    Some(Motion {
+        measurement,
+        information: Information::from_matrix(&(information.matrix() + weak.matrix())),
+        matched: true,
+    })
+}
+
 /// A match with the odometry's word along the direction that the scans do not fix: along a corridor
 /// they end anywhere.
 fn with_wheels_along(
@@ -162,25 +221,41 @@ fn search_start(
     last_from_base: &Pose2,
     sigmas: &OdometrySigmas,
 ) -> Option<Pose2> {
-    let (centre, half_width_m) = (
-        last_from_base.translation(),
-        SEARCH_REACH_M + SEARCH_HALF_WIDTH_MAX_M,
-    );
-    let grid = local_map.grid_around(&centre, half_width_m, SEARCH_RESOLUTION_M, SEARCH_LEVELS)?;
-    let scan = LocalMap::new(vec![(Pose2::IDENTITY, points)]);
     let window = SearchWindow {
         centre: *last_from_base,
         half_width_m: (SEARCH_SIGMAS * sigmas.xy_m).min(SEARCH_HALF_WIDTH_MAX_M),
         half_turn_rad: (SEARCH_SIGMAS * sigmas.theta_rad).min(SEARCH_HALF_TURN_MAX_RAD),
     };
-    let params = SearchParams {
-        score_min: 0.3,
-        distinct_distance_m: f64::INFINITY,
-        distinct_turn_rad: f64::INFINITY,
-        rival_share: 1.0,
-    };
+    Some(search_around(local_map, points, &window, &BEST_START)?.pose)
+}
+
+/// The odometry chooses among rivals.
+const BEST_START: SearchParams = SearchParams {
+    score_min: 0.3,
+    distinct_distance_m: f64::INFINITY,
+    distinct_turn_rad: f64::INFINITY,
+    rival_share: 1.0,
+};
+/// Nothing does.
+const ALONE: SearchParams = SearchParams {
+    score_min: 0.4,
+    distinct_distance_m: 0.7,
+    distinct_turn_rad: 0.35,
+    rival_share: 0.9,
+};
+
+fn search_around(
+    local_map: &LocalMap<'_>,
+    points: &[SurfacePoint],
+    window: &SearchWindow,
+    params: &SearchParams,
+) -> Option<SearchHit> {
+    let centre = window.centre.translation();
+    let half_width_m = SEARCH_REACH_M + SEARCH_HALF_WIDTH_MAX_M;
+    let grid = local_map.grid_around(&centre, half_width_m, SEARCH_RESOLUTION_M, SEARCH_LEVELS)?;
+    let scan = LocalMap::new(vec![(Pose2::IDENTITY, points)]);
     let candidates = scan.thinned(SEARCH_RESOLUTION_M, SEARCH_REACH_M, SEARCH_POINTS_MAX);
-    Some(search(&grid, &candidates, &window, &params)?.pose)
+    search(&grid, &candidates, window, params)
 }
 
 #[cfg(test)]

@@ -73,6 +73,21 @@ impl IntermediateScan {
         placed
     }
 
+    /// A scan that was placed, behind a trip's last keyframe.
+    pub(super) fn at(keyframe_from_base: Pose2, scan: &DriveScan, last: &Keyframe) -> Self {
+        let mut kept = last.intermediate.iter().filter(|s| s.scan.is_some());
+        let from_kept = kept
+            .next_back()
+            .map_or(Pose2::IDENTITY, |s| s.keyframe_from_base);
+        let is_kept = has_moved(scan.scan.lidar(), &from_kept, &keyframe_from_base);
+        Self {
+            stamp: scan.stamp,
+            keyframe_from_base,
+            odom_from_base: scan.odom_from_base,
+            scan: is_kept.then(|| scan.scan.clone()),
+        }
+    }
+
     /// About how much memory it takes, bytes.
     pub(super) fn size_bytes(&self) -> usize {
         size_of::<Self>() + self.scan.as_ref().map_or(0, |s| size_of_val(s.ticks()))
@@ -97,8 +112,8 @@ fn says_something_new(scan: &DriveScan, last: &Keyframe) -> bool {
     waits < WAITS_MAX && scan.stamp.seconds() - stamp.seconds() >= WAITED_S
 }
 
-fn has_moved(lidar: &Lidar, odom_from_before: &Pose2, odom_from_base: &Pose2) -> bool {
-    let motion = odom_from_before.between(odom_from_base);
+fn has_moved(lidar: &Lidar, before: &Pose2, now: &Pose2) -> bool {
+    let motion = before.between(now);
     let moved_m = MOVED_M.min(MOVED_PER_RANGE * lidar.range_max_m);
     motion.translation().norm() >= moved_m || motion.theta.abs() >= TURNED_RAD
 }

@@ -31,6 +31,16 @@ pub struct Keyframe {
     pub intermediate: Vec<IntermediateScan>,
 }
 
+/// Where the newest scan of a keyframe was taken.
+pub(super) struct LastScan {
+    /// When.
+    pub stamp: StampNs,
+    /// `keyframe_from_base`.
+    pub pose: Pose2,
+    /// In the vehicle's own odometry frame.
+    pub odom_from_base: Pose2,
+}
+
 /// A scan of a keyframe, or of one of those behind it, at its pose.
 #[derive(Debug, Clone, Copy)]
 pub struct TakenScan<'a> {
@@ -76,6 +86,23 @@ impl Keyframe {
             points: Vec::new(),
             intermediate: Vec::new(),
         }
+    }
+
+    /// The newest scan of its trip up to its next keyframe: its own, or the last one between.
+    pub(super) fn last_scan(&self) -> LastScan {
+        let last = self.intermediate.last();
+        last.map_or(
+            LastScan {
+                stamp: self.stamp,
+                pose: Pose2::IDENTITY,
+                odom_from_base: self.odom_from_base,
+            },
+            |following| LastScan {
+                stamp: following.stamp,
+                pose: following.keyframe_from_base,
+                odom_from_base: following.odom_from_base,
+            },
+        )
     }
 
     /// Its own scan and those between it and its trip's next keyframe that were kept.

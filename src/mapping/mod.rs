@@ -7,6 +7,7 @@ mod anchor;
 mod attach;
 mod clock;
 mod closure;
+mod drift;
 mod drive;
 mod evidence;
 mod extend;
@@ -15,17 +16,20 @@ mod given;
 mod intermediate;
 mod keyframe;
 mod local_map;
+mod lost;
 mod odometry;
 mod partners;
 mod restate;
 mod route_map;
 mod settle;
+mod step;
 #[cfg(test)]
 mod testing;
 
 pub use anchor::AnchorError;
 pub use attach::Attached;
 pub use closure::{Closure, ClosureRule};
+pub use drift::LOST_DRIFT_M;
 pub use drive::{Drive, DriveScan, InitialPose};
 pub use evidence::{Scope, Sites};
 pub use extend::{Extension, NotExtended};

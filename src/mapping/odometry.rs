@@ -47,6 +47,16 @@ impl OdometryMotion {
     }
 }
 
+impl OdometryMotion {
+    /// Of a vehicle whose odometry says nothing, that was at `last_from_base` a moment ago.
+    pub fn not_told(last_from_base: &Pose2) -> Self {
+        Self {
+            motion: *last_from_base,
+            ..NOT_TOLD
+        }
+    }
+}
+
 impl OdometrySigmas {
     /// What is assumed of any odometry: a tenth of the way and a fifth of the turn.
     pub fn assumed(motion: &Pose2) -> Self {

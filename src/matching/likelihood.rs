@@ -115,6 +115,7 @@ impl LikelihoodGrid {
         cells
     }
 
+    #[inline]
     fn level_size(&self, level: usize) -> (usize, usize) {
         let extra = (1usize << level) - 1;
         (self.width + extra, self.height + extra)
@@ -149,14 +150,14 @@ impl LikelihoodGrid {
     /// The maximum over the window of 2ˡᵉᵛᵉˡ cells that starts at a cell; 0 outside.
     #[inline]
     pub fn value(&self, level: usize, x: i64, y: i64) -> u8 {
+        let (width, height) = self.level_size(level);
         let extra = (1i64 << level) - 1;
-        let (x, y) = (x + extra, y + extra);
-        let width = self.width as i64 + extra;
-        let height = self.height as i64 + extra;
-        if x < 0 || y < 0 || x >= width || y >= height {
+        // A cell before the first is far beyond the last.
+        let (x, y) = ((x + extra) as usize, (y + extra) as usize);
+        if x >= width || y >= height {
             return 0;
         }
-        self.levels[level][(y * width + x) as usize]
+        self.levels[level][y * width + x]
     }
 }
 

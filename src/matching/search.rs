@@ -35,7 +35,7 @@ pub struct SearchHit {
     pub pose: Pose2,
     /// Mean likelihood of the scan's points, in [0, 1].
     pub score: f64,
-    /// The best pose elsewhere, if one reaches the stated share of the score.
+    /// A pose elsewhere that reaches the stated share of the score.
     pub rival: Option<(Pose2, f64)>,
 }
 
@@ -91,18 +91,24 @@ pub fn search(
     };
     let full = 255.0 * points.len() as f64;
     let floor = (params.score_min * full) as u32;
-    let best = descend(grid, &rotations, reach, floor, |_| true)?;
+    let best = descend(grid, &rotations, reach, floor, Wanted::Best, |_| true)?;
     let pose = to_pose(&best);
+    // Whether any pose of a candidate's square is: nothing is lost by passing over the hill of the
+    // best pose, and along a corridor hills are long.
     let elsewhere = |c: &Candidate| {
-        let other = to_pose(c);
-        let distance_m = (other.translation() - pose.translation()).norm();
-        distance_m > params.distinct_distance_m
-            || angle_difference_rad(other.theta, pose.theta) > params.distinct_turn_rad
+        let farthest_cells = |from: i64, best: i64| {
+            let to = from + (1 << c.level) - 1;
+            (from - best).abs().max((to - best).abs()) as f64
+        };
+        let cells = farthest_cells(c.x, best.x).hypot(farthest_cells(c.y, best.y));
+        let heading_rad = rotations.angles_rad[c.turn];
+        cells * grid.resolution_m() > params.distinct_distance_m
+            || angle_difference_rad(heading_rad, pose.theta) > params.distinct_turn_rad
     };
     let rival_floor = (params.rival_share * f64::from(best.bound)) as u32;
     // Nothing beats the best: a rival that must is not looked for.
     let rival = if rival_floor < best.bound {
-        descend(grid, &rotations, reach, rival_floor, elsewhere)
+        descend(grid, &rotations, reach, rival_floor, Wanted::Any, elsewhere)
     } else {
         None
     };
@@ -143,12 +149,21 @@ fn rotate(grid: &LikelihoodGrid, points: &[Vector2<f64>], window: &SearchWindow)
     Rotations { angles_rad, cells }
 }
 
-/// Depth-first branch and bound: the leaf with the greatest sum above `floor` that is `allowed`.
+/// Which leaf is wanted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    Best,
+    Any,
+}
+
+/// Depth-first branch and bound: the leaf with the greatest sum above `floor`, or any with one,
+/// that is `allowed`, as is every candidate that has such a leaf.
 fn descend(
     grid: &LikelihoodGrid,
     rotations: &Rotations,
     reach: i64,
     floor: u32,
+    wanted: Wanted,
     allowed: impl Fn(&Candidate) -> bool,
 ) -> Option<Candidate> {
     let mut top = grid.level_count() - 1;
@@ -160,7 +175,7 @@ fn descend(
     for turn in 0..rotations.cells.len() {
         for x in (-reach..=reach).step_by(side as usize) {
             for y in (-reach..=reach).step_by(side as usize) {
-                let bound = sum(grid, &rotations.cells[turn], x, y, top);
+                let bound = sum(grid, &rotations.cells[turn], x, y, top, floor);
                 if bound > floor {
                     roots.push(Candidate {
                         bound,
@@ -182,14 +197,15 @@ fn descend(
         }
         stack.push(root);
         while let Some(candidate) = stack.pop() {
-            if candidate.bound <= floor {
+            if candidate.bound <= floor || !allowed(&candidate) {
                 continue;
             }
             if candidate.level == 0 {
-                if allowed(&candidate) {
-                    floor = candidate.bound;
-                    best = Some(candidate);
+                if wanted == Wanted::Any {
+                    return Some(candidate);
                 }
+                floor = candidate.bound;
+                best = Some(candidate);
                 continue;
             }
             branch(grid, rotations, reach, floor, &candidate, &mut stack);
@@ -215,7 +231,7 @@ fn branch(
         if x > reach || y > reach {
             continue;
         }
-        let bound = sum(grid, &rotations.cells[parent.turn], x, y, level);
+        let bound = sum(grid, &rotations.cells[parent.turn], x, y, level, floor);
         if bound > floor {
             stack.push(Candidate {
                 bound,
@@ -229,11 +245,33 @@ fn branch(
     stack[first..].sort_by_key(|c| c.bound);
 }
 
-fn sum(grid: &LikelihoodGrid, cells: &[(i64, i64)], x: i64, y: i64, level: usize) -> u32 {
-    cells
-        .iter()
-        .map(|&(cx, cy)| u32::from(grid.value(level, cx + x, cy + y)))
-        .sum()
+/// So many cells are summed before it is asked whether the others can still lift the sum above
+/// the floor.
+const CELLS_TOGETHER: usize = 32;
+
+/// The sum of a level's values at cells that are moved by `(x, y)`; 0 where it is not above the
+/// floor.
+fn sum(
+    grid: &LikelihoodGrid,
+    cells: &[(i64, i64)],
+    x: i64,
+    y: i64,
+    level: usize,
+    floor: u32,
+) -> u32 {
+    let mut sum = 0;
+    let mut left = cells.len();
+    for together in cells.chunks(CELLS_TOGETHER) {
+        let values = together.iter();
+        sum += values
+            .map(|&(cx, cy)| u32::from(grid.value(level, cx + x, cy + y)))
+            .sum::<u32>();
+        left -= together.len();
+        if sum + 255 * left as u32 <= floor {
+            return 0;
+        }
+    }
+    sum
 }
 
 #[cfg(test)]
@@ -278,7 +316,7 @@ mod tests {
         let rotations = rotate(&grid, &points, &window);
         let brute = (0..rotations.cells.len())
             .flat_map(|t| (-10..=10).flat_map(move |x| (-10..=10).map(move |y| (t, x, y))))
-            .map(|(t, x, y)| sum(&grid, &rotations.cells[t], x, y, 0))
+            .map(|(t, x, y)| sum(&grid, &rotations.cells[t], x, y, 0, 0))
             .max()
             .unwrap();
         assert_eq!(

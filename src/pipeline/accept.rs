@@ -137,7 +137,7 @@ pub(super) fn undo(
 fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let keyframes = poses.zip(workspace.map.keyframes());
-    let active = keyframes.filter(|((_, saved), _)| saved.active);
+    let active = keyframes.filter(|((_, saved), keyframe)| saved.active && !keyframe.is_lost());
     let taken = active.flat_map(|((pose, _), keyframe)| keyframe.taken_scans(pose));
     let looks = taken.map(|taken| Look {
         stamp: taken.stamp,

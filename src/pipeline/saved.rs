@@ -12,6 +12,7 @@ pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
         id: node.id,
         pose: node.pose,
         subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        drift_m: keyframe.drift_m,
         reference: keyframe.reference,
         active: true,
     });

@@ -226,6 +226,7 @@ fn node_change_of(record: &NodeWithScan) -> NodeChange {
         id: record.node.id,
         pose: record.node.pose,
         subgraph_id: record.node.subgraph_id,
+        drift_m: record.node.drift_m,
         reference: record.node.reference,
         active: record.node.active,
     }

@@ -33,6 +33,13 @@ pub const NO_RETURN_TICK: u16 = 0;
 /// The tick of an invalid reading; the longest range is one less.
 pub const INVALID_TICK: u16 = u16::MAX;
 
+/// Two measurements differ by more than so many standard deviations, …
+const DIFFERENCE_SIGMAS: f64 = 6.0;
+/// … and more than this, metres.
+const DIFFERENCE_MIN_M: f64 = 0.05;
+/// Two scans differ if one beam in so many does.
+const DIFFERING_ONE_IN: usize = 4;
+
 /// Why a sweep was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ScanError {
@@ -135,6 +142,21 @@ impl LaserScan {
     /// All ranges in beam order, metres.
     pub fn ranges_m(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.beam_count()).map(|beam| self.range_m(beam))
+    }
+
+    /// Whether it was taken from elsewhere than another scan of the lidar, or of another world: a
+    /// quarter of the beams with a measurement in both measures something else.
+    pub fn differs_from(&self, other: &Self) -> bool {
+        let allowed_ticks =
+            (DIFFERENCE_SIGMAS * self.lidar.range_sigma_m).max(DIFFERENCE_MIN_M) / self.tick_m;
+        let measured = |tick: &u16| !matches!(*tick, NO_RETURN_TICK | INVALID_TICK);
+        let pairs = self.ticks.iter().zip(other.ticks.iter());
+        let pairs = pairs.filter(|(a, b)| measured(a) && measured(b));
+        let (differing, both) = pairs.fold((0, 0), |(differing, both), (a, b)| {
+            let differs = f64::from(a.abs_diff(*b)) > allowed_ticks;
+            (differing + usize::from(differs), both + 1)
+        });
+        DIFFERING_ONE_IN * differing > both
     }
 
     /// Beams with a measurement.

@@ -146,19 +146,21 @@ pub(super) async fn update_nodes(
     changes: &[NodeChange],
 ) -> Result<(), StoreError> {
     for rows in changes.chunks(ROWS_MAX) {
-        let mut query =
-            QueryBuilder::new("WITH change(id, x, y, theta, reference, active, block) AS (");
+        let mut query = QueryBuilder::new(
+            "WITH change(id, x, y, theta, drift_m, reference, active, block) AS (",
+        );
         query.push_values(rows, |mut values, change| {
             values.push_bind(change.id.0);
             push_pose(&mut values, &change.pose);
             values
+                .push_bind(change.drift_m)
                 .push_bind(change.reference)
                 .push_bind(change.active)
                 .push_bind(change.subgraph_id);
         });
         query.push(
             ") UPDATE nodes SET x = change.x, y = change.y, theta = change.theta, \
-             reference = change.reference, active = change.active, subgraph_id = change.block FROM change \
+             drift_m = change.drift_m, reference = change.reference, active = change.active, subgraph_id = change.block FROM change \
              WHERE nodes.node_id = change.id AND nodes.route_key = ",
         );
         query.push_bind(route_key);

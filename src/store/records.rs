@@ -9,6 +9,7 @@ use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::mapping::LOST_DRIFT_M;
 use crate::scan::{CodecError, LaserScan, decode_scan};
 
 /// What a route's keeper can set.
@@ -295,7 +296,8 @@ pub struct NodeRecord {
     pub pose: Pose2,
     /// `odom_from_base` as the vehicle sent it.
     pub odom_from_base: Pose2,
-    /// Way driven since the trip was last tied to the map, metres.
+    /// Way driven since the trip was last tied to the map, metres; [`LOST_DRIFT_M`] and more where
+    /// nothing tells where the node is.
     pub drift_m: f64,
     /// Whether later laps are tied to it.
     pub reference: bool,
@@ -308,6 +310,13 @@ pub struct NodeRecord {
     pub trip_order: u32,
     /// What the vehicle calls it, if it came with a batch of edges.
     pub client_id: Option<String>,
+}
+
+impl NodeRecord {
+    /// Whether it is known where the node is: its trip was not lost there.
+    pub fn is_localised(&self) -> bool {
+        self.drift_m < LOST_DRIFT_M
+    }
 }
 
 /// A node with its scan.
@@ -481,6 +490,8 @@ pub struct NodeChange {
     pub pose: Pose2,
     /// The block of the graph it lies in.
     pub subgraph_id: Option<i64>,
+    /// As [`NodeRecord::drift_m`].
+    pub drift_m: f64,
     /// Whether later laps are tied to it.
     pub reference: bool,
     /// Whether it takes part in the optimisation.

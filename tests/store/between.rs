@@ -61,6 +61,7 @@ async fn they_are_read_back_to_the_bit_and_leave_and_come_back_with_their_node()
         id: NodeId(2),
         pose: Pose2::new(1.0, 2.0, std::f64::consts::FRAC_PI_2),
         subgraph_id: None,
+        drift_m: 0.0,
         reference: false,
         active: false,
     }];

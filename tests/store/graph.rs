@@ -100,10 +100,12 @@ async fn changes_touch_what_they_name() {
         node.active = node.id.0 % 5 != 0;
         node.reference = node.id.0 % 3 == 0;
         node.subgraph_id = Some(node.id.0 % 4);
+        node.drift_m = 0.25 * node.id.0 as f64;
         second.changed_nodes.push(NodeChange {
             id: node.id,
             pose: node.pose,
             subgraph_id: node.subgraph_id,
+            drift_m: node.drift_m,
             reference: node.reference,
             active: node.active,
         });

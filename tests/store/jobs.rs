@@ -241,6 +241,7 @@ async fn a_result_that_contradicts_itself_is_refused_whole() {
                 id: mapshift::ids::NodeId(77),
                 pose: mapshift::geometry::Pose2::IDENTITY,
                 subgraph_id: None,
+                drift_m: 0.0,
                 reference: false,
                 active: true,
             });

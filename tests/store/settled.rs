@@ -46,6 +46,7 @@ async fn settled() -> Fixture {
             id: node.id,
             pose: node.pose,
             subgraph_id: node.subgraph_id,
+            drift_m: node.drift_m,
             reference: false,
             active: false,
         })

@@ -6,7 +6,7 @@ use super::super::keyframe::Keyframe;
 use super::*;
 use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::scan::Lidar;
+use crate::scan::{LaserScan, Lidar};
 use crate::sim::Shape;
 
 /// What is seen at a pose in a room of 8 m x 5 m with other things in it.

@@ -1,0 +1,346 @@
+//! Trips that nobody knows how they went on: carried, or with odometry that broke.
+//!
+//! Where neither the odometry nor the scans say how a trip came from one keyframe to the next, no
+//! edge joins the two. What follows is a segment of its own: it observes nothing, nothing is tied
+//! to it, and it bends nothing, until enough of its scans together say where it is.
+//!
+//! A corridor looks the same a few metres on, and a fault may pass unseen. Then the trip drives
+//! past what the map knows and is tied to none of it: it went astray, and is searched for too.
+
+use super::anchor;
+use super::drift::{LOST_DRIFT_M, slack_after};
+use super::extend::{Extension, PARTNER_DISTANCE_MAX_M};
+use super::partners::{self, Placed};
+use super::route_map::RouteMap;
+use crate::geometry::Pose2;
+use crate::graph::{EdgeKind, EdgeStatus, GraphError};
+use crate::ids::EdgeId;
+
+/// So many of a segment's newest keyframes say where it is.
+const KEYFRAMES_MAX: usize = 24;
+/// A segment is searched for when it has grown by this share: sparingly, …
+const SEARCH_GROWTH: f64 = 0.25;
+/// … but at least after so many keyframes.
+const SEARCH_STEP_MAX: usize = 40;
+/// A trip that has driven so far past what the map knows may have gone astray, metres.
+const ASTRAY_DRIFT_M: f64 = 12.0;
+/// It was right up to where so many of its keyframes, one after the other, do not agree.
+const DISAGREEING_MIN: usize = 3;
+
+impl RouteMap {
+    /// Whether nothing tells where the keyframe at a place of the trip is.
+    pub(super) fn is_lost(&self, k: usize) -> bool {
+        self.keyframes[k].is_lost()
+    }
+
+    /// Looks for the lost segment that ends at `index`; where it is found it is moved there, as it
+    /// is, and its keyframes are tied to the map.
+    pub(super) fn find_segment(
+        &mut self,
+        index: usize,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        let segment = self.lost_segment(index);
+        if !is_search_due(segment.len()) {
+            return Ok(());
+        }
+        let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
+        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
+        let Ok(map_from_own) = anchor::locate(&self.placed_references(), &own, &anchor::STRICT)
+        else {
+            return Ok(());
+        };
+        self.move_segment(&segment, &map_from_own, added)
+    }
+
+    /// Looks everywhere for a trip that ends at `index` and has driven past what the map knows.
+    /// Where it is found somewhere else, it is cut off where it went astray and moved there.
+    pub(super) fn find_astray(
+        &mut self,
+        index: usize,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        if !self.may_be_astray(index) {
+            return Ok(());
+        }
+        let untied = self.trip_up_to(index).iter().rev();
+        let untied: Vec<usize> = untied
+            .take_while(|k| self.keyframes[**k].drift_m > 0.0)
+            .copied()
+            .collect();
+        let references = self.placed_references();
+        let others: Vec<Placed<'_>> = references
+            .into_iter()
+            .filter(|r| {
+                !untied
+                    .iter()
+                    .any(|&k| self.keyframes[k].node == r.keyframe.node)
+            })
+            .collect();
+        let newest = untied.iter().take(KEYFRAMES_MAX);
+        let own: Vec<Placed<'_>> = newest.map(|&k| self.placed(k)).collect();
+        let Ok(map_from_own) = anchor::locate(&others, &own, &anchor::STRICT) else {
+            return Ok(());
+        };
+        let pose = self.graph.nodes()[index].pose;
+        let moved = pose.between(&map_from_own.compose(&pose));
+        let slack = slack_after(self.keyframes[index].drift_m);
+        if moved.translation().norm() <= slack.distance_m && moved.theta.abs() <= slack.turn_rad {
+            return Ok(());
+        }
+        let mut segment = Vec::new();
+        let (mut disagreeing, mut right) = (0, 0);
+        for &k in &untied {
+            segment.push(k);
+            match anchor::agrees(&others, &self.placed(k), &map_from_own, &anchor::STRICT) {
+                Some(true) => (disagreeing, right) = (0, segment.len()),
+                Some(false) | None => disagreeing += 1,
+            }
+            if disagreeing >= DISAGREEING_MIN {
+                break;
+            }
+        }
+        segment.truncate(right);
+        segment.reverse();
+        self.cut_before(&segment);
+        self.move_segment(&segment, &map_from_own, added)
+    }
+
+    fn may_be_astray(&self, index: usize) -> bool {
+        let drift_m = self.keyframes[index].drift_m;
+        let before_m = match self.trip_up_to(index) {
+            [.., before, _] => self.keyframes[*before].drift_m,
+            _ => return false,
+        };
+        let number = |drift_m: f64| (drift_m / ASTRAY_DRIFT_M).ln() / SEARCH_GROWTH.ln_1p();
+        if drift_m < ASTRAY_DRIFT_M || number(before_m).floor() == number(drift_m).floor() {
+            return false;
+        }
+        let new = self.placed(index);
+        let nearby = self.references_near(index, &new.pose, PARTNER_DISTANCE_MAX_M);
+        !partners::choose(&new, &nearby).is_empty()
+    }
+
+    /// Quarantines the odometry edges that tie a segment to what the trip drove before.
+    fn cut_before(&mut self, segment: &[usize]) {
+        let Some(&first) = segment.first() else {
+            return;
+        };
+        let edges = self.graph.incident(first).iter();
+        let ties = edges.filter(|&&edge| {
+            self.graph.edges()[edge].kind == EdgeKind::Odometry
+                && self.graph.ends()[edge].1 == first
+        });
+        let ties: Vec<EdgeId> = ties.map(|&edge| self.graph.edges()[edge].id).collect();
+        for edge in ties {
+            self.graph.set_edge_status(edge, EdgeStatus::Quarantined);
+        }
+    }
+
+    /// Moves keyframes that hang together and on nothing else, and ties them to the map.
+    fn move_segment(
+        &mut self,
+        segment: &[usize],
+        map_from_own: &Pose2,
+        added: &mut Extension,
+    ) -> Result<(), GraphError> {
+        for &k in segment {
+            let pose = map_from_own.compose(&self.graph.nodes()[k].pose);
+            self.graph.set_pose_at(k, pose);
+            let keyframe = &mut self.keyframes[k];
+            (keyframe.drift_m, keyframe.reference) = (0.0, false);
+        }
+        for &k in segment {
+            self.close_loops(k, added)?;
+        }
+        Ok(())
+    }
+
+    /// The keyframes of a trip up to the one at `index` that were lost together.
+    fn lost_segment(&self, index: usize) -> Vec<usize> {
+        let trip = self.trip_up_to(index).iter().rev();
+        let mut segment: Vec<usize> = trip.take_while(|k| self.is_lost(**k)).copied().collect();
+        segment.reverse();
+        segment
+    }
+
+    /// What trips can be localised by.
+    pub(super) fn placed_references(&self) -> Vec<Placed<'_>> {
+        (0..self.keyframes.len())
+            .filter(|&k| self.is_reference_with_scan(k))
+            .map(|k| self.placed(k))
+            .collect()
+    }
+}
+
+fn is_search_due(keyframes: usize) -> bool {
+    let number = |keyframes: usize| (keyframes as f64).ln() / SEARCH_GROWTH.ln_1p();
+    keyframes >= anchor::KEYFRAMES_MIN
+        && (number(keyframes).floor() != number(keyframes - 1).floor()
+            || keyframes.is_multiple_of(SEARCH_STEP_MAX))
+}
+
+impl super::keyframe::Keyframe {
+    /// Whether nothing tells where it is.
+    pub fn is_lost(&self) -> bool {
+        self.drift_m >= LOST_DRIFT_M
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::drive::{Drive, DriveScan, InitialPose};
+    use super::super::route_map::Weighting;
+    use super::*;
+    use crate::geometry::angle_difference_rad;
+    use crate::ids::{StampNs, TripId};
+    use crate::observation::testing::{World, all_round};
+
+    const BEAMS: usize = 360;
+    const SCANS: i64 = 200;
+    const EVERY_S: f64 = 0.2;
+
+    /// Two rooms without a likeness, and a door between them.
+    fn rooms() -> World {
+        World::default()
+            .with_rectangle([0.0, 0.0], [14.0, 7.0])
+            .with_side([7.0, 0.0], [7.0, 3.0])
+            .with_side([7.0, 4.5], [7.0, 7.0])
+            .with_rectangle([1.0, 5.2], [2.2, 6.4])
+            .with_rectangle([4.6, 0.3], [5.2, 1.6])
+            .with_rectangle([9.0, 0.6], [11.5, 1.1])
+            .with_rectangle([12.2, 4.8], [13.1, 6.6])
+    }
+
+    /// Where a vehicle is that drives through both.
+    fn truth(scan: i64) -> Pose2 {
+        let phase = 2.0 * std::f64::consts::PI * scan as f64 / SCANS as f64;
+        let (sin, cos) = phase.sin_cos();
+        let ahead = (0.5 * cos).atan2(-4.5 * sin);
+        Pose2::new(7.0 + 4.5 * cos, 3.75 + 0.5 * sin, ahead)
+    }
+
+    /// The vehicle's drive, beginning after `start_s`, where its odometry reports
+    /// `reported(k, motion)` of its k-th motion. It takes the scans `taken`.
+    fn drive(
+        trip: &str,
+        start_s: f64,
+        taken: impl Iterator<Item = i64>,
+        reported: impl Fn(usize, Pose2) -> Pose2,
+    ) -> Drive {
+        let (lidar, world) = (Arc::new(all_round(BEAMS)), rooms());
+        let taken: Vec<i64> = taken.collect();
+        let mut odom_from_base = Pose2::IDENTITY;
+        let scans = taken.iter().enumerate().map(|(k, &scan)| {
+            if k > 0 {
+                let motion = truth(taken[k - 1]).between(&truth(scan));
+                odom_from_base = odom_from_base.compose(&reported(k, motion));
+            }
+            DriveScan {
+                stamp: StampNs((1e9 * (start_s + EVERY_S * k as f64)) as i64),
+                odom_from_base,
+                scan: world.scan(&lidar, BEAMS, &truth(scan), || 0.0),
+            }
+        });
+        Drive {
+            trip: TripId::new(trip).unwrap(),
+            initial_pose: Some(InitialPose {
+                pose: truth(taken[0]),
+                sigma_xy_m: 0.01,
+                sigma_theta_rad: 0.005,
+            }),
+            scans: scans.collect(),
+        }
+    }
+
+    fn known() -> RouteMap {
+        let mut map = RouteMap::new(Weighting::Robust);
+        let sound = drive("known", 0.0, 0..SCANS, |_, motion| motion);
+        map.extend(&sound).unwrap();
+        map
+    }
+
+    /// How far each keyframe of a trip is from the truth, metres; one that is turned is far.
+    fn errors_m(map: &RouteMap, trip: &str, start_s: f64, taken: &[i64]) -> Vec<f64> {
+        let keyframes = map.keyframes().iter().zip(map.graph().nodes());
+        let of_trip = keyframes.filter(|(keyframe, _)| keyframe.trip.as_str() == trip);
+        let error_m = of_trip.map(|(keyframe, node)| {
+            let k = ((keyframe.stamp.seconds() - start_s) / EVERY_S).round();
+            let there = truth(taken[k as usize]);
+            let turned_rad = angle_difference_rad(node.pose.theta, there.theta);
+            (node.pose.translation() - there.translation()).norm() + 10.0 * turned_rad
+        });
+        error_m.collect()
+    }
+
+    #[test]
+    fn a_step_that_odometry_made_up_is_not_taken() {
+        let wrong_turn = Pose2::new(0.0, 0.0, 1.4);
+        let wrong_way = Pose2::new(5.0, 0.0, 0.0);
+        let afresh = Pose2::new(-3.0, 8.0, 2.0);
+        for made_up in [wrong_turn, wrong_way, afresh] {
+            let mut map = RouteMap::new(Weighting::Robust);
+            let taken: Vec<i64> = (0..SCANS).collect();
+            let fault = drive("faulty", 0.0, taken.iter().copied(), |k, motion| match k {
+                80 => made_up.compose(&motion),
+                _ => motion,
+            });
+            map.extend(&fault).unwrap();
+            let worst_m = errors_m(&map, "faulty", 0.0, &taken);
+            let worst_m = worst_m.into_iter().fold(0.0, f64::max);
+            assert!(worst_m < 0.1, "{made_up:?}: {worst_m}");
+            assert!(map.keyframes().iter().all(|keyframe| !keyframe.is_lost()));
+        }
+    }
+
+    #[test]
+    fn a_vehicle_whose_odometry_reports_nothing_is_followed_by_its_scans() {
+        let mut map = RouteMap::new(Weighting::Robust);
+        let taken: Vec<i64> = (0..SCANS).collect();
+        let silent = drive("silent", 0.0, taken.iter().copied(), |_, _| Pose2::IDENTITY);
+        map.extend(&silent).unwrap();
+        let errors_m = errors_m(&map, "silent", 0.0, &taken);
+        assert!(errors_m.len() > 30, "{}", errors_m.len());
+        let worst_m = errors_m.into_iter().fold(0.0, f64::max);
+        assert!(worst_m < 0.15, "{worst_m}");
+    }
+
+    #[test]
+    fn a_carried_vehicle_is_on_its_own_until_its_scans_say_where_it_is() {
+        let mut map = known();
+        let before = map.graph().nodes().to_vec();
+        // From the end of one room into the other, with the odometry running.
+        let taken: Vec<i64> = (0..40).chain(110..SCANS).collect();
+        let carried = drive("carried", 1e4, taken.iter().copied(), |k, motion| match k {
+            40 => Pose2::new(0.1, 0.0, 0.0),
+            _ => motion,
+        });
+        let (mut first, mut rest) = (carried.clone(), carried);
+        rest.initial_pose = None;
+        rest.scans.drain(..45);
+        first.scans.truncate(45);
+        map.extend(&first).unwrap();
+        let newest = map.keyframes().last().unwrap();
+        assert!(newest.is_lost() && !newest.reference);
+        map.extend(&rest).unwrap();
+        assert!(map.keyframes().iter().all(|keyframe| !keyframe.is_lost()));
+        let worst_m = errors_m(&map, "carried", 1e4, &taken);
+        let worst_m = worst_m.into_iter().fold(0.0, f64::max);
+        assert!(worst_m < 0.1, "{worst_m}");
+        // Nothing of what was known before is bent.
+        for (then, now) in before.iter().zip(map.graph().nodes()) {
+            let moved_m = (then.pose.translation() - now.pose.translation()).norm();
+            assert!(moved_m < 0.02, "{moved_m}");
+        }
+    }
+
+    #[test]
+    fn searches_become_rarer_up_to_a_step() {
+        let due: Vec<usize> = (0..400).filter(|n| is_search_due(*n)).collect();
+        assert_eq!(due[0], anchor::KEYFRAMES_MIN);
+        assert!(due.len() < 40, "{due:?}");
+        assert!(due.windows(2).all(|w| w[1] - w[0] <= SEARCH_STEP_MAX));
+    }
+}
