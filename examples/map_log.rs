@@ -91,6 +91,7 @@ fn extend_in_batches(
     for batch in log.scans.chunks(BATCH_SCANS) {
         for scan in batch {
             waiting.push(DriveScan {
+                beam_interval_s: 0.0,
                 stamp: scan.stamp,
                 odom_from_base: scan.odom_from_base,
                 scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?,

@@ -76,6 +76,14 @@ pub(super) struct LidarBody {
     /// Standard deviation of one range, metres; 0.01 if left out.
     #[schema(exclusive_minimum = 0.0, maximum = 1)]
     pub range_sigma: Option<f64>,
+    /// Time from a beam to the next, seconds; a scan's stamp is its first beam's. Where it is sent,
+    /// the motion of the vehicle during a scan is taken out of it.
+    #[schema(minimum = 0)]
+    pub time_increment: Option<f64>,
+    /// Time from a scan to the next, seconds. Without `time_increment` it is taken for one turn of
+    /// the lidar.
+    #[schema(minimum = 0, maximum = 2)]
+    pub scan_time: Option<f64>,
 }
 
 /// A rough pose in the map frame.

@@ -28,6 +28,7 @@ mod subgraphs;
 mod trajectories;
 mod types;
 mod upload;
+mod vehicles;
 mod version_maps;
 mod versions;
 mod webhooks;
@@ -65,6 +66,8 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(trajectories::get_trajectory))
         .routes(routes!(trajectories::get_trajectory_tum))
         .routes(routes!(subgraphs::list_subgraphs))
+        .routes(routes!(vehicles::list_vehicles))
+        .routes(routes!(vehicles::get_vehicle))
         .routes(routes!(residuals::get_residuals))
         .routes(routes!(maps::get_map_png))
         .routes(routes!(maps::get_map_pgm))

@@ -18,6 +18,7 @@ use super::webhooks::add_calls;
         (name = "routes", description = "A route has one map and one pose graph"),
         (name = "batches", description = "Uploads of scans or edges"),
         (name = "graph", description = "Nodes, edges, trajectories"),
+        (name = "vehicles", description = "Who drives, and how it is calibrated"),
         (name = "residuals", description = "The statistics that tell a changed world"),
         (name = "alerts", description = "Where the world has changed, and what was decided about it"),
         (name = "webhooks", description = "Who is told of alerts by a POST: signed as Standard Webhooks has it, with the bytes whose base64 follows `whsec_` in the secret as key"),

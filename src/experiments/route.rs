@@ -166,6 +166,7 @@ impl Route {
             for scan in batch {
                 let ranges_m = scan.ranges_m.iter().copied();
                 waiting.push(DriveScan {
+                    beam_interval_s: 0.0,
                     stamp: scan.stamp,
                     odom_from_base: scan.odom_from_base,
                     scan: LaserScan::new(recording.lidar.clone(), ranges_m)?,

@@ -7,6 +7,7 @@
 
 mod accept;
 mod alerts;
+mod calibrate;
 mod decide;
 mod edges;
 mod engine;

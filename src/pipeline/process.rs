@@ -3,6 +3,7 @@
 use anyhow::Context;
 
 use super::alerts::fold_into;
+use super::calibrate::{kept_scans, trip_calibration};
 use super::findings::findings;
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, of_added};
 use super::stage::stage_of;
@@ -31,6 +32,7 @@ pub(super) fn process(
         return Ok((workspace, result));
     }
     let drive = join(&drives);
+    let known = kept_scans(&workspace.map, &drive.trip);
     let (added, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
             let added = added_by(&drives, &extension, &workspace.map);
@@ -47,7 +49,11 @@ pub(super) fn process(
         }
         Err(NotExtended::Graph(error)) => return Err(error.into()),
     };
-    conclude(workspace, job, &origins, &added, outcomes)
+    let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
+    let (workspace, mut result) = conclude(workspace, job, &origins, &added, outcomes)?;
+    result.calibration =
+        vehicle.and_then(|v| trip_calibration(&workspace.map, &drive.trip, &v, known));
+    Ok((workspace, result))
 }
 
 /// Judges what was added, and gathers what is to be saved.

@@ -110,6 +110,7 @@ pub(super) fn of_added(
         changed_nodes: changed_nodes(&workspace.saved_nodes, &nodes_now),
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
+        calibration: None,
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };

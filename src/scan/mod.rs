@@ -5,6 +5,7 @@ mod keyframe;
 mod laser_scan;
 mod lidar;
 mod points;
+mod undistort;
 
 pub use codec::{CodecError, decode_scan, encode_scan};
 pub use keyframe::{KeyframeRule, is_standing};

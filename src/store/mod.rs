@@ -33,6 +33,7 @@ mod retention;
 mod routes;
 mod settled;
 mod trips;
+mod vehicles;
 mod webhook_attempts;
 mod webhook_deliveries;
 mod webhook_records;
@@ -42,6 +43,7 @@ mod writer;
 pub use alert_records::*;
 pub use error::{Corruption, StoreError};
 pub use records::*;
+pub use vehicles::{TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
 
 use std::collections::BTreeMap;

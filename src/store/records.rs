@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
+use super::vehicles::TripCalibrationRecord;
 pub use crate::change::Detector;
 use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2};
@@ -477,6 +478,8 @@ pub struct JobResult {
     pub alerts: Vec<AlertRecord>,
     /// How far the reference has come.
     pub stage: Stage,
+    /// What the trip says of its vehicle, if it was asked.
+    pub calibration: Option<TripCalibrationRecord>,
     /// When it was computed.
     pub processed_at: Timestamp,
 }

@@ -13,6 +13,7 @@ use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, BatchStatus, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
+use super::vehicles::put_calibration;
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 
@@ -50,6 +51,9 @@ impl Request for ApplyResult {
         update_nodes(transaction, place.route_key, &result.changed_nodes).await?;
         update_edges(transaction, place.route_key, &result.changed_edges).await?;
         write_alerts(transaction, place.route_key, &result.alerts).await?;
+        if let Some(calibration) = &result.calibration {
+            put_calibration(transaction, place.route_key, calibration).await?;
+        }
         let nodes = raise_route(transaction, &place, result).await?;
         for outcome in &result.outcomes {
             end_batch(transaction, &members, outcome, nodes, result).await?;

@@ -72,6 +72,7 @@ pub async fn directory() -> TempDir {
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
         alerts: vec![appeared(&hall), disappeared(&hall)],
+        calibration: None,
         stage: Stage::Mapping,
         processed_at: now,
         route_id: hall,

@@ -25,6 +25,7 @@ mod receiver;
 mod resources;
 mod service;
 mod uploads;
+mod vehicles;
 mod webhook_attempts;
 mod webhook_events;
 mod webhooks;

@@ -152,6 +152,7 @@ async fn seed(directory: &TempDir) {
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
         alerts: Vec::new(),
+        calibration: None,
         stage: Stage::Mapping,
         processed_at: now,
         route_id,

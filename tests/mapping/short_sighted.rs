@@ -28,6 +28,7 @@ fn drive(data: &Path, name: &str) -> Drive {
     let log = log.with_beam_spacing(BEAM_SPACING);
     let lidar = Arc::new(log.lidar);
     let scans = log.scans.iter().map(|scan| DriveScan {
+        beam_interval_s: 0.0,
         stamp: scan.stamp,
         odom_from_base: scan.odom_from_base,
         scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied()).unwrap(),

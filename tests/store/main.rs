@@ -14,4 +14,5 @@ mod settled;
 mod support;
 mod tiers;
 mod trips;
+mod vehicles;
 mod webhooks;

@@ -81,6 +81,7 @@ impl Fixture {
             changed_nodes: vec![],
             changed_edges: vec![],
             alerts: vec![],
+            calibration: None,
             stage: Stage::Mapping,
             processed_at: at(50),
         }

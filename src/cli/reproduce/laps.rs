@@ -89,6 +89,7 @@ impl Laps {
                 lap: scan.lap,
                 truth: scan.map_from_base,
                 scan: DriveScan {
+                    beam_interval_s: 0.0,
                     stamp: StampNs((scan.time_s * 1e9).round() as i64),
                     odom_from_base: scan.odom_from_base,
                     scan: beams,

@@ -32,6 +32,8 @@ pub(super) struct Lidar {
     pub range_max: f64,
     pub mount: Option<Object<Pose>>,
     pub range_sigma: Option<f64>,
+    pub time_increment: Option<f64>,
+    pub scan_time: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]

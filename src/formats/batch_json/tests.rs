@@ -76,6 +76,27 @@ fn what_is_optional_may_be_missing_or_null() {
 }
 
 #[test]
+fn the_time_of_a_beam_is_that_which_is_stated() {
+    let interval_s = |times: Value| {
+        let mut body = valid();
+        let lidar = body["lidar"].as_object_mut().unwrap();
+        lidar.extend(times.as_object().unwrap().clone());
+        decode_value(&body).map(|batch| batch.scans[1].beam_interval_s)
+    };
+    assert_eq!(interval_s(json!({})).unwrap(), 0.0);
+    assert_eq!(interval_s(json!({"time_increment": 0.01})).unwrap(), 0.01);
+    // Beams of half a radian, a turn in 0.1 s.
+    let of_turn_s = interval_s(json!({"scan_time": 0.1})).unwrap();
+    assert!((of_turn_s - 0.05 / std::f64::consts::TAU).abs() < 1e-12);
+    let both = json!({"scan_time": 0.1, "time_increment": 0.02});
+    assert_eq!(interval_s(both).unwrap(), 0.02);
+    // Four beams 0.04 s apart do not fit into a tenth of a second.
+    let error = interval_s(json!({"scan_time": 0.1, "time_increment": 0.04})).unwrap_err();
+    assert_eq!(error.pointer, "/lidar/time_increment");
+    assert!(error.detail.contains("0.120 s"), "{error}");
+}
+
+#[test]
 fn each_mistake_names_its_kind_and_place() {
     use BatchProblem::{InvalidField, MalformedJson, OutOfRange, ScanGeometry, TimestampOrder};
     let cases = [
@@ -94,6 +115,10 @@ fn each_mistake_names_its_kind_and_place() {
         ("/lidar/range_max", Some(json!(501)), ScanGeometry),
         ("/lidar/mount/x", Some(json!(1e39)), OutOfRange),
         ("/lidar/range_sigma", Some(json!(0)), OutOfRange),
+        ("/lidar/scan_time", Some(json!(-0.1)), OutOfRange),
+        ("/lidar/scan_time", Some(json!(100)), OutOfRange),
+        ("/lidar/time_increment", Some(json!(-1e-4)), OutOfRange),
+        ("/lidar/time_increment", Some(json!(1.0)), OutOfRange),
         ("/initial_pose/sigma_xy", Some(json!(0)), OutOfRange),
         ("/initial_pose/sigma_theta", Some(json!(5.7)), OutOfRange),
         ("/initial_pose/theta", Some(json!(1e6)), OutOfRange),

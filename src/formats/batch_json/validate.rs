@@ -22,6 +22,10 @@ const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
 /// A heading that was never wrapped still means something up to here, radians.
 pub(in crate::formats) const HEADING_MAX_RAD: f64 = 1e4;
+/// A sweep takes no longer than this, seconds …
+const SCAN_TIME_MAX_S: f64 = 2.0;
+/// … and no longer than the stated time between scans, with this for rounding.
+const SCAN_TIME_SLACK: f64 = 1.05;
 /// A range beyond this is a sentinel of some driver, not a measurement, metres.
 const RANGE_ABSURD_M: f64 = 1e6;
 /// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
@@ -47,14 +51,19 @@ pub(in crate::formats) fn refuse<T>(
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedBatch> {
     let Object(raw_lidar) = raw.lidar;
     let angle_max_rad = raw_lidar.angle_max;
+    let (time_increment_s, scan_time_s) = (raw_lidar.time_increment, raw_lidar.scan_time);
     let lidar = Arc::new(lidar(raw_lidar)?);
     let initial_pose = raw.initial_pose.map(initial_pose).transpose()?;
     check_counts(&raw.scans)?;
     let beams = raw.scans.kept.first().map_or(0, |scan| scan.ranges.count);
     check_angle_max(&lidar, angle_max_rad, beams)?;
+    let beam_interval_s = beam_interval_s(&lidar, beams, time_increment_s, scan_time_s)?;
     let mut scans: Vec<DriveScan> = Vec::with_capacity(raw.scans.kept.len());
     for (k, raw_scan) in raw.scans.kept.into_iter().enumerate() {
-        let scan = scan(k, raw_scan, &lidar, beams)?;
+        let scan = DriveScan {
+            beam_interval_s,
+            ..scan(k, raw_scan, &lidar, beams)?
+        };
         if let Some(before) = scans.last()
             && scan.stamp <= before.stamp
         {
@@ -139,6 +148,37 @@ fn check_angle_max(lidar: &Lidar, angle_max_rad: Option<f64>, beams: usize) -> C
         return Ok(());
     };
     refuse(BatchProblem::ScanGeometry, "/lidar/angle_max", detail)
+}
+
+/// `time_increment` if it is sent; else that of a lidar that turns once in `scan_time`; else 0.
+fn beam_interval_s(
+    lidar: &Lidar,
+    beams: usize,
+    time_increment_s: Option<f64>,
+    scan_time_s: Option<f64>,
+) -> Checked<f64> {
+    if let Some(scan_time_s) = scan_time_s
+        && !(0.0..=SCAN_TIME_MAX_S).contains(&scan_time_s)
+    {
+        let detail = format!("scan_time {scan_time_s} is not within 0 to {SCAN_TIME_MAX_S} s");
+        return refuse(BatchProblem::OutOfRange, "/lidar/scan_time", detail);
+    }
+    let per_turn_s = scan_time_s.unwrap_or(0.0);
+    let interval_s =
+        time_increment_s.unwrap_or(per_turn_s * lidar.angle_increment_rad / (2.0 * PI));
+    let sweep_s = interval_s * beams.saturating_sub(1) as f64;
+    let longest_s = match scan_time_s {
+        Some(scan_time_s) if scan_time_s > 0.0 => SCAN_TIME_SLACK * scan_time_s,
+        _ => SCAN_TIME_MAX_S,
+    };
+    if interval_s >= 0.0 && sweep_s <= longest_s {
+        return Ok(interval_s);
+    }
+    let detail = format!(
+        "time_increment {interval_s} for {beams} beams makes a scan of {sweep_s:.3} s, which is \
+         not within 0 to {longest_s:.3} s: it is the time from one beam to the next, in seconds"
+    );
+    refuse(BatchProblem::OutOfRange, "/lidar/time_increment", detail)
 }
 
 fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
@@ -230,6 +270,7 @@ fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<D
         )
     })?;
     Ok(DriveScan {
+        beam_interval_s: 0.0,
         stamp,
         odom_from_base,
         scan,

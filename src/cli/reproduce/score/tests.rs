@@ -32,6 +32,7 @@ fn laps() -> Laps {
         let spot = k % SCANS_A_LAP;
         RecordedScan {
             scan: DriveScan {
+                beam_interval_s: 0.0,
                 stamp: StampNs(k as i64),
                 odom_from_base: Pose2::IDENTITY,
                 scan: LaserScan::new(lidar.clone(), [Some(1.0)]).unwrap(),

@@ -1,0 +1,65 @@
+//! The vehicles of a route.
+
+use mapshift::ids::{StampNs, TripId, VehicleId};
+use mapshift::store::{Applied, BatchStatus, TripCalibrationRecord};
+
+use crate::support::{Fixture, route, upload};
+
+fn vehicle() -> VehicleId {
+    VehicleId::new("v").unwrap()
+}
+
+#[tokio::test]
+async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
+    use mapshift::calibration::{Estimate, Quantity, TripCalibration};
+    let fixture = Fixture::new().await;
+    let said = |yaw_rad: f64| TripCalibration {
+        estimates: [(
+            Quantity::MountYaw,
+            Estimate {
+                value: yaw_rad,
+                sigma: 0.01,
+            },
+        )]
+        .into(),
+        ..TripCalibration::default()
+    };
+    for (k, (trip, yaw_rad)) in [("t", 0.1), ("u", 0.2), ("t", 0.3)].into_iter().enumerate() {
+        let sequence = i64::from(k == 2);
+        fixture
+            .journal(upload(&format!("b{k}"), trip, sequence))
+            .await;
+        let job = fixture.claim(0).await.unwrap();
+        let mut result = fixture.result(&job, BatchStatus::Merged).await;
+        result.calibration = Some(TripCalibrationRecord {
+            trip_id: TripId::new(trip).unwrap(),
+            vehicle_id: vehicle(),
+            stamp: StampNs(1 + k as i64),
+            scans: 200,
+            calibration: said(yaw_rad),
+        });
+        let applied = fixture.store.apply_result(result).await.unwrap();
+        assert_eq!(applied, Applied::Committed);
+    }
+    let known = fixture
+        .store
+        .vehicle(&route(), &vehicle())
+        .await
+        .unwrap()
+        .unwrap();
+    assert_eq!(known.calibrations, [said(0.2), said(0.3)]);
+    assert_eq!((known.batches, known.trips), (3, 2));
+    assert_eq!(known.suspected_by, []);
+    let page = fixture
+        .store
+        .vehicle_page(&route(), None, 10)
+        .await
+        .unwrap();
+    assert_eq!(page, std::slice::from_ref(&known));
+    let page = fixture
+        .store
+        .vehicle_page(&route(), Some(&known.id), 10)
+        .await
+        .unwrap();
+    assert_eq!(page, []);
+}
