@@ -45,12 +45,17 @@ pub enum AnchorError {
 
 /// Fewest keyframes that a place is told from.
 pub(super) const KEYFRAMES_MIN: usize = 4;
-const GRID_RESOLUTION_M: f64 = 0.1;
 const GRID_LEVELS: usize = 7;
 const POINTS_MAX: usize = 300;
 
-/// What the scans must show at the place that looks most like theirs.
+/// How a place is looked for, and what the scans must show at the one that looks most like theirs.
 pub(super) struct Confirmation {
+    /// Edge of a cell of the search, metres, …
+    resolution_m: f64,
+    /// … and points that are compared.
+    points_max: usize,
+    /// Whether the rival that is named is the best one: any is found sooner.
+    wants_best_rival: bool,
     /// Another place is one like it if it reaches this share of its score.
     rival_share: f64,
     slack: Slack,
@@ -61,6 +66,9 @@ pub(super) struct Confirmation {
 /// For a trip that begins. No other place is like the one found, so a match that ends there is
 /// believed although much of the place has changed.
 const TRUSTING: Confirmation = Confirmation {
+    resolution_m: 0.1,
+    points_max: POINTS_MAX,
+    wants_best_rival: true,
     rival_share: 0.9,
     slack: Slack {
         distance_m: 0.8,
@@ -72,8 +80,11 @@ const TRUSTING: Confirmation = Confirmation {
 };
 
 /// For a trip that was lost, perhaps where the map has nothing to tell the place from others: it
-/// can wait until it has driven on.
+/// can wait until it has driven on. It is searched for again and again, so coarsely.
 pub(super) const STRICT: Confirmation = Confirmation {
+    resolution_m: 0.2,
+    points_max: 150,
+    wants_best_rival: false,
     rival_share: 0.8,
     slack: Slack {
         well_known: false,
@@ -88,6 +99,7 @@ const EVERYWHERE: SearchParams = SearchParams {
     distinct_distance_m: 0.7,
     distinct_turn_rad: 0.35,
     rival_share: 0.9,
+    wants_best_rival: true,
 };
 
 /// The pose of the drive's first scan in the map.
@@ -121,7 +133,7 @@ pub(super) fn locate(
     if own.len() < KEYFRAMES_MIN {
         return Err(AnchorError::TooShort(own.len()));
     }
-    let map_from_own = search_everywhere(references, own, confirmation.rival_share)?;
+    let map_from_own = search_everywhere(references, own, confirmation)?;
     confirm(references, own, &map_from_own, confirmation)?;
     Ok(map_from_own)
 }
@@ -129,14 +141,15 @@ pub(super) fn locate(
 fn search_everywhere(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
-    rival_share: f64,
+    confirmation: &Confirmation,
 ) -> Result<Pose2, AnchorError> {
+    let resolution_m = confirmation.resolution_m;
     let reference_map = placed_map(references);
     let grid = reference_map
-        .grid(GRID_RESOLUTION_M, GRID_LEVELS)
+        .grid(resolution_m, GRID_LEVELS)
         .ok_or(AnchorError::Unknown)?;
     let own_map = placed_map(own);
-    let points = own_map.thinned(GRID_RESOLUTION_M, f64::INFINITY, POINTS_MAX);
+    let points = own_map.thinned(resolution_m, f64::INFINITY, confirmation.points_max);
     let middle = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
     let centred: Vec<_> = points.iter().map(|p| p - middle).collect();
     let hit = search(
@@ -144,7 +157,8 @@ fn search_everywhere(
         &centred,
         &SearchWindow::everywhere(&grid),
         &SearchParams {
-            rival_share,
+            rival_share: confirmation.rival_share,
+            wants_best_rival: confirmation.wants_best_rival,
             ..EVERYWHERE
         },
     )
@@ -221,6 +235,7 @@ const NEARBY: SearchParams = SearchParams {
     distinct_distance_m: 1.0,
     distinct_turn_rad: 0.2,
     rival_share: 0.9,
+    wants_best_rival: false,
 };
 const NEARBY_RESOLUTION_M: f64 = 0.05;
 /// A hit that lies nearer than this to the border of its window, metres, is the slope of a hill

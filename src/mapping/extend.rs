@@ -28,6 +28,9 @@ const RECENT_KEYFRAMES: usize = 20;
 /// How far a partner may be, metres.
 pub(super) const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
 
+/// A scan that fits nowhere is put off, so many times one after the other, before its trip is lost.
+const PUT_OFF_MAX: usize = 3;
+
 /// The offset between the clocks of scans and odometry is asked for anew after so many scans.
 const SCANS_PER_OFFSET: usize = 60;
 
@@ -146,13 +149,13 @@ impl RouteMap {
         }
         let odometry = match is_silent {
             false => OdometryMotion::told(&by_odometry),
-            true => OdometryMotion::not_told(&self.keyframes[last].last_scan().pose),
+            true => OdometryMotion::not_told(&self.keyframes[last].last_scan(&rule).pose),
         };
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
         let motion = match self.weighting {
-            Weighting::Robust | Weighting::AllPointsIdentity => {
-                self.step(last, &keyframe, &odometry, cloud).measure()
-            }
+            Weighting::Robust | Weighting::AllPointsIdentity => self
+                .step(last, &keyframe, &odometry, &rule, cloud)
+                .measure(),
             Weighting::Paper => {
                 let (last, new) = (&self.keyframes[last].points, &keyframe.points);
                 let sigma_m = scan.scan.lidar().range_sigma_m;
@@ -161,6 +164,11 @@ impl RouteMap {
         };
         let last_pose = self.graph.nodes()[last].pose;
         let Some(motion) = motion else {
+            if self.keyframes[last].put_off_count(&rule) < PUT_OFF_MAX {
+                let placed = IntermediateScan::unseen(odometry.motion, scan);
+                self.keep_intermediate(last, placed, added);
+                return Ok(());
+            }
             keyframe.drift_m = keyframe.drift_m.max(LOST_DRIFT_M);
             let pose = last_pose.compose(&odometry.motion);
             let index = self.insert_new(keyframe, pose, added)?;
@@ -189,10 +197,11 @@ impl RouteMap {
         last: usize,
         new: &'a Keyframe,
         odometry: &'a OdometryMotion,
+        rule: &KeyframeRule,
         cloud: &'a mut LocalCloud,
     ) -> Step<'a> {
         let keyframe = &self.keyframes[last];
-        let before = keyframe.last_scan();
+        let before = keyframe.last_scan(rule);
         let since = before.odom_from_base.between(&new.odom_from_base);
         let elapsed_s = new.stamp.seconds() - before.stamp.seconds();
         let trip = self.trip_up_to(last).iter().map(|&k| &self.keyframes[k]);

@@ -73,6 +73,16 @@ impl IntermediateScan {
         placed
     }
 
+    /// A scan of which nobody knows where it was taken.
+    pub(super) fn unseen(keyframe_from_base: Pose2, scan: &DriveScan) -> Self {
+        Self {
+            stamp: scan.stamp,
+            keyframe_from_base,
+            odom_from_base: scan.odom_from_base,
+            scan: None,
+        }
+    }
+
     /// A scan that was placed, behind a trip's last keyframe.
     pub(super) fn at(keyframe_from_base: Pose2, scan: &DriveScan, last: &Keyframe) -> Self {
         let mut kept = last.intermediate.iter().filter(|s| s.scan.is_some());

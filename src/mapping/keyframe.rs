@@ -3,7 +3,7 @@
 use super::intermediate::IntermediateScan;
 use crate::geometry::Pose2;
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::scan::{LaserScan, SurfacePoint, surface_points};
+use crate::scan::{KeyframeRule, LaserScan, SurfacePoint, surface_points};
 
 /// A node's scan, and where it stands in its trip.
 #[derive(Debug, Clone)]
@@ -88,9 +88,11 @@ impl Keyframe {
         }
     }
 
-    /// The newest scan of its trip up to its next keyframe: its own, or the last one between.
-    pub(super) fn last_scan(&self) -> LastScan {
-        let last = self.intermediate.last();
+    /// The newest scan of its trip up to its next keyframe: its own, or the last one between that
+    /// was not put off.
+    pub(super) fn last_scan(&self, rule: &KeyframeRule) -> LastScan {
+        let mut newest = self.intermediate.iter().rev();
+        let last = newest.find(|following| !self.was_put_off(following, rule));
         last.map_or(
             LastScan {
                 stamp: self.stamp,
@@ -103,6 +105,18 @@ impl Keyframe {
                 odom_from_base: following.odom_from_base,
             },
         )
+    }
+
+    /// How many scans since it would have been keyframes if anything had told where they were.
+    pub(super) fn put_off_count(&self, rule: &KeyframeRule) -> usize {
+        let newest = self.intermediate.iter().rev();
+        newest
+            .take_while(|following| self.was_put_off(following, rule))
+            .count()
+    }
+
+    fn was_put_off(&self, following: &IntermediateScan, rule: &KeyframeRule) -> bool {
+        rule.is_due(&self.odom_from_base.between(&following.odom_from_base))
     }
 
     /// Its own scan and those between it and its trip's next keyframe that were kept.

@@ -26,6 +26,8 @@ pub struct SearchParams {
     pub distinct_turn_rad: f64,
     /// Another place is looked for down to this share of the best score.
     pub rival_share: f64,
+    /// Whether the best such place is wanted; any is found sooner.
+    pub wants_best_rival: bool,
 }
 
 /// The best pose.
@@ -35,7 +37,7 @@ pub struct SearchHit {
     pub pose: Pose2,
     /// Mean likelihood of the scan's points, in [0, 1].
     pub score: f64,
-    /// A pose elsewhere that reaches the stated share of the score.
+    /// A pose elsewhere that reaches the stated share of the score: the best or any, as was wanted.
     pub rival: Option<(Pose2, f64)>,
 }
 
@@ -108,7 +110,11 @@ pub fn search(
     let rival_floor = (params.rival_share * f64::from(best.bound)) as u32;
     // Nothing beats the best: a rival that must is not looked for.
     let rival = if rival_floor < best.bound {
-        descend(grid, &rotations, reach, rival_floor, Wanted::Any, elsewhere)
+        let wanted = match params.wants_best_rival {
+            true => Wanted::Best,
+            false => Wanted::Any,
+        };
+        descend(grid, &rotations, reach, rival_floor, wanted, elsewhere)
     } else {
         None
     };
@@ -283,6 +289,7 @@ mod tests {
         distinct_distance_m: 0.5,
         distinct_turn_rad: 0.3,
         rival_share: 0.9,
+        wants_best_rival: true,
     };
 
     fn corner(x: f64, y: f64) -> impl Iterator<Item = Vector2<f64>> {

@@ -70,7 +70,7 @@ fn information_foretells_the_scatter_of_repeated_matches() {
             "{per_coordinate}"
         );
         assert!(
-            ratios.min() > cautious / 4.0 && ratios.max() < 2.0,
+            ratios.min() > cautious / 8.0 && ratios.max() < 2.0,
             "{ratios}"
         );
     }

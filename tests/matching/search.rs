@@ -15,6 +15,7 @@ const PARAMS: SearchParams = SearchParams {
     distinct_distance_m: 0.7,
     distinct_turn_rad: 0.35,
     rival_share: 0.9,
+    wants_best_rival: true,
 };
 
 /// A room of 7 m × 5 m round a place with a box, a column and a slanted cupboard.
