@@ -241,12 +241,19 @@ impl RouteMap {
         keyframe.intermediate.push(placed);
     }
 
-    /// Whether the scans show a motion since the last keyframe that the odometry does not report.
+    /// Whether the scans show a motion since the last keyframe, of a trip the odometry of which has
+    /// never reported any. Where wheels have, a vehicle that stands by them is believed: a lorry
+    /// that passes close by changes most of what it sees.
     fn moves_unreported(&self, last: usize, scan: &DriveScan) -> bool {
-        let keyframe = &self.keyframes[last];
-        let reported = keyframe.odom_from_base.between(&scan.odom_from_base);
-        let seen = keyframe.scan.as_ref();
-        is_standing(&reported) && seen.is_some_and(|seen| seen.differs_from(&scan.scan))
+        let trip = self.trip_up_to(last);
+        let newest = &trip[trip.len().saturating_sub(LOCAL_MAP_KEYFRAMES)..];
+        let stands = |&k: &usize| {
+            let keyframe = &self.keyframes[k];
+            is_standing(&keyframe.odom_from_base.between(&scan.odom_from_base))
+        };
+        let seen = self.keyframes[last].scan.as_ref();
+        newest.iter().chain(trip.first()).all(stands)
+            && seen.is_some_and(|seen| seen.differs_from(&scan.scan))
     }
 
     /// Whether a vehicle that has not moved since its trip began looks once more: one look at

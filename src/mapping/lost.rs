@@ -309,6 +309,32 @@ mod tests {
     }
 
     #[test]
+    fn a_vehicle_that_stands_by_its_wheels_stays_whatever_passes() {
+        let mut passed = drive("stands", 0.0, 0..60, |_, motion| motion);
+        let (lidar, there) = (Arc::new(all_round(BEAMS)), truth(59));
+        let last = passed.scans[59].clone();
+        let passing = (1..=30).map(|k| {
+            // A long wall of boxes, half a metre beside it, at 1 m/s.
+            let ahead = there.x - 8.0 + 0.2 * k as f64;
+            let [low, high] = [there.y + 0.5, there.y + 0.9];
+            let world = (0..6).fold(rooms(), |world, n| {
+                let x = ahead + 1.3 * f64::from(n);
+                world.with_rectangle([x, low], [x + 1.0, high])
+            });
+            DriveScan {
+                stamp: StampNs(last.stamp.0 + (1e9 * EVERY_S) as i64 * k),
+                scan: world.scan(&lidar, BEAMS, &there, || 0.0),
+                ..last.clone()
+            }
+        });
+        passed.scans.extend(passing);
+        let mut map = RouteMap::new(Weighting::Robust);
+        map.extend(&passed).unwrap();
+        let newest = map.keyframes().last().unwrap();
+        assert!(newest.stamp <= last.stamp && !newest.is_lost());
+    }
+
+    #[test]
     fn a_carried_vehicle_is_on_its_own_until_its_scans_say_where_it_is() {
         let mut map = known();
         let before = map.graph().nodes().to_vec();
@@ -320,8 +346,8 @@ mod tests {
         });
         let (mut first, mut rest) = (carried.clone(), carried);
         rest.initial_pose = None;
-        rest.scans.drain(..45);
-        first.scans.truncate(45);
+        rest.scans.drain(..49);
+        first.scans.truncate(49);
         map.extend(&first).unwrap();
         let newest = map.keyframes().last().unwrap();
         assert!(newest.is_lost() && !newest.reference);
