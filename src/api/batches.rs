@@ -144,7 +144,8 @@ pub(super) struct BatchBody {
     /// Why it is there, for people.
     #[schema(required)]
     reason: Option<String>,
-    /// What was noticed: `clock_skew`, `empty_scans`, `late`, `wild_odometry`, …
+    /// What was noticed: `clock_skew`, `empty_scans`, `gap` (batches before it never came), `late`,
+    /// `not_localised` (at its end nobody knew where the vehicle was), `wild_odometry`, …
     flags: Vec<String>,
     /// Number of scans.
     scans: i64,

@@ -10,7 +10,7 @@ use super::stage::stage_of;
 use super::workspace::Workspace;
 use crate::formats::batch_json;
 use crate::ids::NodeId;
-use crate::mapping::{Drive, DriveScan, Extension, NotExtended, RouteMap};
+use crate::mapping::{Drive, DriveScan, Extension, Keyframe, NotExtended, RouteMap};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -36,7 +36,12 @@ pub(super) fn process(
     let (added, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
             let added = added_by(&drives, &extension, &workspace.map);
-            let outcomes = merged(job, &origins, &added);
+            let mut outcomes = merged(job, &origins, &added);
+            if is_lost(&workspace.map, &extension)
+                && let Some(newest) = outcomes.last_mut()
+            {
+                newest.flags.push("not_localised".to_owned());
+            }
             (added, outcomes)
         }
         Err(NotExtended::Unanchored(reason)) => {
@@ -153,6 +158,12 @@ fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added) -> Vec<BatchOutco
     }
     count_added(&mut outcomes, added);
     outcomes
+}
+
+/// Whether nobody knows where the newest node of an extension is.
+fn is_lost(map: &RouteMap, extension: &Extension) -> bool {
+    let newest = extension.nodes.last().and_then(|node| map.keyframe(*node));
+    newest.is_some_and(Keyframe::is_lost)
 }
 
 /// What an extension added: a node came with its scan, an edge with its newer node.
