@@ -154,7 +154,7 @@ impl RouteMap {
         let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
         let motion = match self.weighting {
             Weighting::Robust | Weighting::AllPointsIdentity => self
-                .step(last, &keyframe, &odometry, &rule, cloud)
+                .step(last, &keyframe, &odometry, &rule, cloud, is_silent)
                 .measure(),
             Weighting::Paper => {
                 let (last, new) = (&self.keyframes[last].points, &keyframe.points);
@@ -199,6 +199,7 @@ impl RouteMap {
         odometry: &'a OdometryMotion,
         rule: &KeyframeRule,
         cloud: &'a mut LocalCloud,
+        is_silent: bool,
     ) -> Step<'a> {
         let keyframe = &self.keyframes[last];
         let before = keyframe.last_scan(rule);
@@ -215,6 +216,7 @@ impl RouteMap {
             odometry,
             before: before.pose,
             is_abrupt: is_abrupt(&since, elapsed_s, trip),
+            is_silent,
         }
     }
 

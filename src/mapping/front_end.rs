@@ -129,12 +129,8 @@ pub(super) fn match_alone(
     let mut alignment = Alignment::new(cloud.points()?, points);
     let mut refine =
         |start: &Pose2| alignment.align_from(start, range_sigma_m, None, &IcpParams::ROBUST);
-    let plausible = |estimate: &Estimate| {
-        estimate.termination != Termination::TooFewPoints
-            && estimate.explained_share() >= ALONE_SUPPORT_MIN
-    };
     let near = refine(before);
-    let best = if plausible(&near) && near.explained_share() >= SUPPORT_GOOD {
+    let best = if is_plausible_alone(&near) && near.explained_share() >= SUPPORT_GOOD {
         near
     } else {
         let window = SearchWindow {
@@ -144,17 +140,45 @@ pub(super) fn match_alone(
         };
         let hit = search_around(local_map, points, &window, &ALONE)?;
         let found = refine(&hit.pose);
-        match (hit.rival, plausible(&near)) {
+        match (hit.rival, is_plausible_alone(&near)) {
             (None, _) => found,
             (Some(_), true) => near,
             (Some(_), false) => return None,
         }
     };
-    if !plausible(&best) {
+    motion_alone(&mut alignment, &best, before)
+}
+
+/// Matches a scan against the local map (frame: the last keyframe's base) from `start` on, without
+/// a word of the odometry's. Along a corridor it stays there.
+///
+/// `None` if the scan does not fit.
+pub(super) fn match_from(
+    cloud: &LocalCloud,
+    points: &[SurfacePoint],
+    start: &Pose2,
+    range_sigma_m: f64,
+) -> Option<Motion> {
+    let mut alignment = Alignment::new(cloud.points()?, points);
+    let matched = alignment.align_from(start, range_sigma_m, None, &IcpParams::ROBUST);
+    motion_alone(&mut alignment, &matched, start)
+}
+
+fn is_plausible_alone(estimate: &Estimate) -> bool {
+    estimate.termination != Termination::TooFewPoints
+        && estimate.explained_share() >= ALONE_SUPPORT_MIN
+}
+
+fn motion_alone(
+    alignment: &mut Alignment<'_>,
+    matched: &Estimate,
+    expected: &Pose2,
+) -> Option<Motion> {
+    if !is_plausible_alone(matched) {
         return None;
     }
-    let contrast = alignment.contrast(&best.pose, &IcpParams::ROBUST);
-    let (measurement, information) = with_wheels_along(&best, &contrast, before);
+    let contrast = alignment.contrast(&matched.pose, &IcpParams::ROBUST);
+    let (measurement, information) = with_wheels_along(matched, &contrast, expected);
     let weak = Information::from_sigmas(ALONE_SIGMA_M, ALONE_HALF_TURN_RAD);
     Some(Motion {
         measurement,

@@ -297,6 +297,21 @@ mod tests {
     }
 
     #[test]
+    fn wheels_that_slip_are_told_by_what_is_out_of_place() {
+        let mut map = RouteMap::new(Weighting::Robust);
+        let taken: Vec<i64> = (0..SCANS).collect();
+        let slip = drive("slips", 0.0, taken.iter().copied(), |k, motion| match k {
+            60..80 => Pose2::new(3.0 * motion.x, 3.0 * motion.y, motion.theta),
+            _ => motion,
+        });
+        map.extend(&slip).unwrap();
+        let worst_m = errors_m(&map, "slips", 0.0, &taken);
+        let worst_m = worst_m.into_iter().fold(0.0, f64::max);
+        assert!(worst_m < 0.1, "{worst_m}");
+        assert!(map.keyframes().iter().all(|keyframe| !keyframe.is_lost()));
+    }
+
+    #[test]
     fn a_vehicle_whose_odometry_reports_nothing_is_followed_by_its_scans() {
         let mut map = RouteMap::new(Weighting::Robust);
         let taken: Vec<i64> = (0..SCANS).collect();

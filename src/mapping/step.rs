@@ -5,7 +5,7 @@
 //! odometry, and where they say nothing either, nobody knows how the trip went on.
 
 use super::closure::contradiction_share;
-use super::front_end::{Motion, match_alone, measure_motion};
+use super::front_end::{Motion, match_alone, match_from, measure_motion};
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::OdometryMotion;
@@ -14,8 +14,20 @@ use crate::geometry::Pose2;
 /// Two scans of a step are not where the odometry has them if more than this share of one's points
 /// lies in the other's free space …
 const CONTRADICTION_SHARE_MAX: f64 = 0.35;
-/// … and not where a match has them if more than this does.
-const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.5;
+/// … and not where a match has them if more than this does, …
+const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.3;
+/// … or this, if the vehicle turned by more than so much, radians, or may have: what a lidar sees
+/// while it turns is never of one moment.
+const CONTRADICTION_SHARE_MAX_IF_TURNED: f64 = 0.5;
+const TURNED_RAD: f64 = 0.2;
+/// Wheels may have slipped if more than this share does, and did …
+const DOUBTED_SHARE: f64 = 0.08;
+/// … if another way along theirs leaves less, no more than this part of it, …
+const SLIPPED_PART_MAX: f64 = 0.3;
+/// … and ends as far as this from where they say, metres.
+const SLIPPED_MIN_M: f64 = 0.2;
+/// Such ways are looked for around these parts of theirs.
+const PARTS_OF_WAY: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.5];
 /// Odometry is abrupt if it is faster by this factor than the trip has been, …
 const ABRUPT_FACTOR: f64 = 3.0;
 /// … and faster than this, m/s …
@@ -46,6 +58,8 @@ pub(super) struct Step<'a> {
     pub before: Pose2,
     /// Whether the odometry moves as the trip never did.
     pub is_abrupt: bool,
+    /// Whether it says nothing.
+    pub is_silent: bool,
 }
 
 impl Step<'_> {
@@ -54,12 +68,13 @@ impl Step<'_> {
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
         let motion = measure_motion(&self.local_map, self.cloud, points, self.odometry, sigma_m);
         let contradicts = self.contradicts(&motion);
-        if !contradicts && !self.is_abrupt {
-            return Some(motion);
+        if self.is_abrupt || (self.is_silent && contradicts) {
+            let alone = match_alone(&self.local_map, self.cloud, points, &self.before, sigma_m);
+            let alone = alone.filter(|alone| !self.contradicts(alone));
+            return alone.or((!contradicts).then_some(motion));
         }
-        let alone = match_alone(&self.local_map, self.cloud, points, &self.before, sigma_m);
-        let alone = alone.filter(|alone| !self.contradicts(alone));
-        alone.or((!contradicts).then_some(motion))
+        let without_slip = self.without_slip(&motion);
+        without_slip.or((!contradicts).then_some(motion))
     }
 
     fn sigma_m(&self) -> f64 {
@@ -67,12 +82,41 @@ impl Step<'_> {
         scan.map_or(0.0, |scan| scan.lidar().range_sigma_m)
     }
 
+    /// The motion of a vehicle whose wheels turned while it moved otherwise. Along a corridor a
+    /// match stays where the wheels have it, but what is seen through doors and at the far end is
+    /// then out of place. `None` if the wheels did not slip, or did not turn.
+    fn without_slip(&self, by_wheels: &Motion) -> Option<Motion> {
+        let share = self.contradiction_share(by_wheels)?;
+        let way = &self.odometry.motion;
+        let have_turned = !self.is_silent && way.translation().norm() >= SLIPPED_MIN_M;
+        if share <= DOUBTED_SHARE || !have_turned {
+            return None;
+        }
+        let (points, sigma_m) = (&self.new.points, self.sigma_m());
+        let others = PARTS_OF_WAY.iter().filter_map(|part| {
+            let start = Pose2::new(part * way.x, part * way.y, way.theta);
+            let other = match_from(self.cloud, points, &start, sigma_m)?;
+            Some((self.contradiction_share(&other)?, other))
+        });
+        let (least, other) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let apart = by_wheels.measurement.between(&other.measurement);
+        let slipped = least <= DOUBTED_SHARE.min(SLIPPED_PART_MAX * share)
+            && apart.translation().norm() >= SLIPPED_MIN_M;
+        slipped.then_some(other)
+    }
+
+    fn contradiction_share(&self, motion: &Motion) -> Option<f64> {
+        contradiction_share(self.last, self.new, &motion.measurement)
+    }
+
     fn contradicts(&self, motion: &Motion) -> bool {
-        let share_max = match motion.matched {
-            true => CONTRADICTION_SHARE_MAX_IF_MATCHED,
-            false => CONTRADICTION_SHARE_MAX,
+        let has_turned = self.is_silent || motion.measurement.theta.abs() > TURNED_RAD;
+        let share_max = match (motion.matched, has_turned) {
+            (true, true) => CONTRADICTION_SHARE_MAX_IF_TURNED,
+            (true, false) => CONTRADICTION_SHARE_MAX_IF_MATCHED,
+            (false, _) => CONTRADICTION_SHARE_MAX,
         };
-        let share = contradiction_share(self.last, self.new, &motion.measurement);
+        let share = self.contradiction_share(motion);
         share.is_some_and(|share| share > share_max)
     }
 }
@@ -106,4 +150,87 @@ pub(super) fn is_abrupt<'a>(
 fn speed(motion: &Pose2, elapsed_s: f64) -> (f64, f64) {
     let m_per_s = motion.translation().norm() / elapsed_s;
     (m_per_s, motion.theta.abs() / elapsed_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::geometry::Vector2;
+    use crate::ids::{NodeId, StampNs, TripId};
+    use crate::scan::{LaserScan, Lidar};
+    use crate::sim::{Shape, World};
+
+    const TRUTH: Pose2 = Pose2 {
+        x: 0.25,
+        y: 0.0,
+        theta: 0.0,
+    };
+
+    fn look(world: &World, k: i64, from: &Pose2) -> Keyframe {
+        let lidar = Arc::new(Lidar {
+            angle_min_rad: -3.1,
+            angle_increment_rad: 0.0172,
+            range_min_m: 0.05,
+            range_max_m: 20.0,
+            mount: Pose2::IDENTITY,
+            range_sigma_m: 0.01,
+        });
+        let ranges = (0..360).map(|beam| {
+            let (sin, cos) = (from.theta + lidar.beam_angle_rad(beam)).sin_cos();
+            let hit = world.cast(&from.translation(), &Vector2::new(cos, sin));
+            hit.map(|hit| hit.range_m + 0.01 * (beam as f64 * beam as f64).sin())
+        });
+        let scan = LaserScan::new(lidar.clone(), ranges.collect::<Vec<_>>()).unwrap();
+        let trip = TripId::new("t").unwrap();
+        Keyframe::new(NodeId(k), trip, StampNs(k), Pose2::IDENTITY, scan)
+    }
+
+    /// The step of a vehicle that moved by [`TRUTH`], the wheels of which say `way`.
+    fn measured(world: &World, way: &Pose2) -> Option<Pose2> {
+        let (last, new) = (look(world, 1, &Pose2::IDENTITY), look(world, 2, &TRUTH));
+        let local_map = LocalMap::new(vec![(Pose2::IDENTITY, &last.points)]);
+        let mut cloud = LocalCloud::default();
+        cloud.follow(last.node, &local_map);
+        let step = Step {
+            last: &last,
+            new: &new,
+            local_map,
+            cloud: &cloud,
+            odometry: &OdometryMotion::told(way),
+            before: Pose2::IDENTITY,
+            is_abrupt: false,
+            is_silent: false,
+        };
+        step.measure().map(|motion| motion.measurement)
+    }
+
+    /// A corridor 1.6 m wide between rooms 5 m deep, a door a metre wide every 3 m on each side.
+    fn with_doors() -> World {
+        let wall =
+            |x: f64, y: f64, length: f64| Shape::rectangle(&Pose2::new(x, y, 0.0), length, 0.1);
+        let between_doors = (-8..=8).flat_map(|k| {
+            let x = 3.0 * f64::from(k);
+            [wall(x, 0.85, 2.0), wall(x + 1.3, -0.85, 2.0)]
+        });
+        World::new(between_doors.chain([wall(0.0, 6.0, 60.0), wall(0.0, -6.0, 60.0)]))
+    }
+
+    #[test]
+    fn where_wheels_slip_along_a_corridor_its_doors_say_how_far() {
+        for part in [1.0, 3.0, 4.0] {
+            let way = Pose2::new(part * TRUTH.x, 0.0, 0.0);
+            let moved = measured(&with_doors(), &way).unwrap();
+            assert!((moved.x - TRUTH.x).abs() < 0.03, "{part}: {moved:?}");
+        }
+    }
+
+    #[test]
+    fn in_a_bare_corridor_nothing_says_that_they_slip() {
+        let wall = |y: f64| Shape::rectangle(&Pose2::new(0.0, y, 0.0), 60.0, 0.1);
+        let way = Pose2::new(3.0 * TRUTH.x, 0.0, 0.0);
+        let moved = measured(&World::new([wall(-0.85), wall(0.85)]), &way).unwrap();
+        assert!((moved.x - way.x).abs() < 0.03, "{moved:?}");
+    }
 }
