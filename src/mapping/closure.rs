@@ -70,6 +70,12 @@ const CONTRADICTION_SHARE_MAX_IF_EXPECTED: f64 = 0.7;
 const EXPECTED_WITHIN_M: f64 = 0.2;
 /// … and radians.
 const EXPECTED_WITHIN_RAD: f64 = 0.06;
+/// What is left of a changed place is at least this share of the points, …
+const LEFT_OVERLAP_MIN: f64 = 0.1;
+/// … of which so many agree, …
+const LEFT_INLIER_SHARE_MIN: f64 = 0.75;
+/// … and fix the loosest direction by this share.
+const LEFT_FIXED_SHARE_MIN: f64 = 0.5;
 /// Depth tolerance of that comparison, metres.
 const DEPTH_TOLERANCE_M: f64 = 0.15;
 /// Turn error allowed for in that comparison, radians.
@@ -133,6 +139,32 @@ pub(super) fn measure(
     }
     let all_points = alignment.align_from(&robust.pose, sigma_m, None, &IcpParams::ALL_POINTS);
     Some(ClosureMeasurement { robust, all_points })
+}
+
+/// Whether two scans agree on what both show, exactly where they are expected, however much of the
+/// place has changed: few points have a counterpart then, but those fit, and fix every direction.
+pub(super) fn what_is_left_fits(old: &Placed<'_>, new: &Placed<'_>) -> bool {
+    let Some(cloud) = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])
+    else {
+        return false;
+    };
+    let Some(scan) = &new.keyframe.scan else {
+        return false;
+    };
+    let expected = old.pose.between(&new.pose);
+    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
+    let sigma_m = scan.lidar().range_sigma_m;
+    let matched = alignment.align_from(&expected, sigma_m, None, &IcpParams::ROBUST);
+    let moved = expected.between(&matched.pose);
+    let fits = matched.termination != Termination::TooFewPoints
+        && matched.overlap >= LEFT_OVERLAP_MIN
+        && matched.inlier_share >= LEFT_INLIER_SHARE_MIN
+        && moved.translation().norm() <= EXPECTED_WITHIN_M
+        && angle_difference_rad(moved.theta, 0.0) <= EXPECTED_WITHIN_RAD;
+    fits && alignment
+        .contrast(&matched.pose, &IcpParams::ROBUST)
+        .fixed_share
+        >= LEFT_FIXED_SHARE_MIN
 }
 
 /// Matches a new scan with an old one, expected at `old_from_new`, as the paper does: with all

@@ -293,7 +293,7 @@ impl RouteMap {
         self.insert_keyframe(pose, keyframe)
     }
 
-    fn add_odometry(
+    pub(super) fn add_odometry(
         &mut self,
         last: NodeId,
         index: usize,

@@ -8,8 +8,11 @@
 //! past what the map knows and is tied to none of it: it went astray, and is searched for too.
 
 use super::anchor;
-use super::drift::{LOST_DRIFT_M, slack_after};
+use super::closure;
+use super::drift::{LOST_DRIFT_M, drift_of_motion, slack_after};
 use super::extend::{Extension, PARTNER_DISTANCE_MAX_M};
+use super::front_end::Motion;
+use super::odometry::OdometryMotion;
 use super::partners::{self, Placed};
 use super::route_map::RouteMap;
 use crate::geometry::Pose2;
@@ -22,6 +25,10 @@ const KEYFRAMES_MAX: usize = 24;
 const SEARCH_GROWTH: f64 = 0.25;
 /// … but at least after so many keyframes.
 const SEARCH_STEP_MAX: usize = 40;
+/// A segment of so many keyframes is where its odometry has it …
+const EXPECTED_KEYFRAMES_MIN: usize = 8;
+/// … if what is left of the place fits in this share of the comparisons.
+const EXPECTED_SHARE_MIN: f64 = 0.6;
 /// A trip that has driven so far past what the map knows may have gone astray, metres.
 const ASTRAY_DRIFT_M: f64 = 12.0;
 /// It was right up to where so many of its keyframes, one after the other, do not agree.
@@ -45,12 +52,65 @@ impl RouteMap {
             return Ok(());
         }
         let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
+        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest) {
+            return self.rejoin(&segment, added);
+        }
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let Ok(map_from_own) = anchor::locate(&self.placed_references(), &own, &anchor::STRICT)
         else {
             return Ok(());
         };
         self.move_segment(&segment, &map_from_own, added)
+    }
+
+    /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
+    /// has changed: what is left of it fits.
+    fn are_where_expected(&self, keyframes: &[usize]) -> bool {
+        let references = self.placed_references();
+        let (mut compared, mut fitting) = (0, 0);
+        for &k in keyframes {
+            let new = self.placed(k);
+            for old in partners::choose(&new, &references) {
+                compared += 1;
+                fitting += usize::from(closure::what_is_left_fits(&old, &new));
+            }
+        }
+        compared >= keyframes.len() && fitting as f64 >= EXPECTED_SHARE_MIN * compared as f64
+    }
+
+    /// Takes a lost segment for what its odometry says: ties it to what the trip drove before, and
+    /// to the map.
+    fn rejoin(&mut self, segment: &[usize], added: &mut Extension) -> Result<(), GraphError> {
+        let Some((&first, before)) = segment.first().and_then(|first| {
+            let [.., before, _] = self.trip_up_to(*first) else {
+                return None;
+            };
+            Some((first, *before))
+        }) else {
+            return Ok(());
+        };
+        let (last, new) = (&self.keyframes[before], &self.keyframes[first]);
+        let odometry = OdometryMotion::told(&last.odom_from_base.between(&new.odom_from_base));
+        let motion = Motion {
+            measurement: odometry.motion,
+            information: odometry.sigmas.information(),
+            matched: false,
+            fixed: false,
+        };
+        let last_node = last.node;
+        let mut drift_m = last.drift_m + drift_of_motion(&motion, &odometry.sigmas);
+        let mut pose = self.graph.nodes()[first].pose;
+        for &k in segment {
+            let next = self.graph.nodes()[k].pose;
+            drift_m += pose.between(&next).translation().norm();
+            pose = next;
+            self.keyframes[k].drift_m = drift_m;
+        }
+        self.add_odometry(last_node, first, &motion, added)?;
+        for &k in segment {
+            self.close_loops(k, added)?;
+        }
+        Ok(())
     }
 
     /// Looks everywhere for a trip that ends at `index` and has driven past what the map knows.

@@ -12,14 +12,13 @@ use super::odometry::OdometryMotion;
 use crate::geometry::Pose2;
 
 /// Two scans of a step are not where the odometry has them if more than this share of one's points
-/// lies in the other's free space …
+/// lies in the other's free space, …
 const CONTRADICTION_SHARE_MAX: f64 = 0.35;
-/// … and not where a match has them if more than this does, …
-const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.3;
-/// … or this, if the vehicle turned by more than so much, radians, or may have: what a lidar sees
-/// while it turns is never of one moment.
-const CONTRADICTION_SHARE_MAX_IF_TURNED: f64 = 0.5;
-const TURNED_RAD: f64 = 0.2;
+/// … not where a match has them that leaves a direction to the odometry if more than this does, …
+const CONTRADICTION_SHARE_MAX_IF_LOOSE: f64 = 0.3;
+/// … and not where a match has them that fixes every direction if more than this does: people walk
+/// by, and what a lidar sees while it turns is not of one moment.
+const CONTRADICTION_SHARE_MAX_IF_FIXED: f64 = 0.5;
 /// Wheels may have slipped if more than this share does, and did …
 const DOUBTED_SHARE: f64 = 0.08;
 /// … if another way along theirs leaves less, no more than this part of it, …
@@ -110,11 +109,10 @@ impl Step<'_> {
     }
 
     fn contradicts(&self, motion: &Motion) -> bool {
-        let has_turned = self.is_silent || motion.measurement.theta.abs() > TURNED_RAD;
-        let share_max = match (motion.matched, has_turned) {
-            (true, true) => CONTRADICTION_SHARE_MAX_IF_TURNED,
-            (true, false) => CONTRADICTION_SHARE_MAX_IF_MATCHED,
+        let share_max = match (motion.matched, motion.fixed) {
             (false, _) => CONTRADICTION_SHARE_MAX,
+            (true, false) => CONTRADICTION_SHARE_MAX_IF_LOOSE,
+            (true, true) => CONTRADICTION_SHARE_MAX_IF_FIXED,
         };
         let share = self.contradiction_share(motion);
         share.is_some_and(|share| share > share_max)
