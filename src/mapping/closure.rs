@@ -42,6 +42,12 @@ pub struct ClosureRule {
     pub inlier_share_min: f64,
 }
 
+/// What a match must reach that ends where it was expected, where much of the place has changed.
+const IF_EXPECTED: ClosureRule = ClosureRule {
+    overlap_min: 0.2,
+    inlier_share_min: 0.9,
+};
+
 impl Default for ClosureRule {
     fn default() -> Self {
         Self {
@@ -119,16 +125,19 @@ pub(super) fn measure(
     let mut alignment = Alignment::new(&cloud, points);
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     let moved = old_from_new.between(&robust.pose);
-    let plausible = robust.termination != Termination::TooFewPoints
-        && robust.observable_directions >= OBSERVABLE_MIN
-        && robust.overlap >= rule.overlap_min
-        && robust.inlier_share >= rule.inlier_share_min
-        && moved.translation().norm() <= slack.distance_m
-        && angle_difference_rad(moved.theta, 0.0) <= slack.turn_rad;
     let is_expected = slack.well_known
         && robust.observable_directions >= OBSERVABLE_ALL
         && moved.translation().norm() <= EXPECTED_WITHIN_M
         && angle_difference_rad(moved.theta, 0.0) <= EXPECTED_WITHIN_RAD;
+    let is_left = is_expected
+        && robust.overlap >= IF_EXPECTED.overlap_min
+        && robust.inlier_share >= IF_EXPECTED.inlier_share_min;
+    let plausible = robust.termination != Termination::TooFewPoints
+        && robust.observable_directions >= OBSERVABLE_MIN
+        && (robust.overlap >= rule.overlap_min || is_left)
+        && robust.inlier_share >= rule.inlier_share_min
+        && moved.translation().norm() <= slack.distance_m
+        && angle_difference_rad(moved.theta, 0.0) <= slack.turn_rad;
     let share_max = if is_expected {
         CONTRADICTION_SHARE_MAX_IF_EXPECTED
     } else {

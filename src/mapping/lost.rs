@@ -9,7 +9,7 @@
 
 use super::anchor;
 use super::closure;
-use super::drift::{LOST_DRIFT_M, drift_of_motion, slack_after};
+use super::drift::{LOST_DRIFT_M, slack_after};
 use super::extend::{Extension, PARTNER_DISTANCE_MAX_M};
 use super::front_end::Motion;
 use super::odometry::OdometryMotion;
@@ -98,13 +98,8 @@ impl RouteMap {
             fixed: false,
         };
         let last_node = last.node;
-        let mut drift_m = last.drift_m + drift_of_motion(&motion, &odometry.sigmas);
-        let mut pose = self.graph.nodes()[first].pose;
         for &k in segment {
-            let next = self.graph.nodes()[k].pose;
-            drift_m += pose.between(&next).translation().norm();
-            pose = next;
-            self.keyframes[k].drift_m = drift_m;
+            self.keyframes[k].drift_m = 0.0;
         }
         self.add_odometry(last_node, first, &motion, added)?;
         for &k in segment {
