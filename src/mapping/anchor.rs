@@ -238,9 +238,11 @@ const NEARBY: SearchParams = SearchParams {
     wants_best_rival: false,
 };
 const NEARBY_RESOLUTION_M: f64 = 0.05;
-/// A hit that lies nearer than this to the border of its window, metres, is the slope of a hill
-/// outside: such hits tied the maps of large buildings falsely.
+/// A hit that lies nearer than this to the end of its slack, metres, …
 const BORDER_M: f64 = 0.1;
+/// … or than this part of the slack, is the slope of a hill outside: such hits tied the maps of
+/// large buildings falsely.
+const BORDER_SHARE: f64 = 0.1;
 
 /// The pose of a trip's newest keyframe among reference nodes, from its local map (frame: the
 /// newest keyframe's base), within a slack around the expected `map_from_base`.
@@ -265,6 +267,7 @@ pub(super) fn relocate(
     };
     let hit = search(&grid, &points, &window, &NEARBY)?;
     let moved = hit.pose.translation() - expected.translation();
-    let is_inside = moved.amax() <= slack.distance_m - BORDER_M;
+    let border_m = BORDER_M.max(BORDER_SHARE * slack.distance_m);
+    let is_inside = moved.norm() <= slack.distance_m - border_m;
     (is_inside && hit.rival.is_none()).then_some(hit.pose)
 }
