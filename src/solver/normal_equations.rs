@@ -1,6 +1,7 @@
 //! H = Σ JᵀΩJ and g = Σ JᵀΩe of a problem, and their solution.
 
 mod growth;
+mod inverse;
 
 use super::block_matrix::BlockMatrix;
 use super::cholesky::BlockCholesky;
