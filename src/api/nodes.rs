@@ -23,7 +23,10 @@ pub(super) struct NodeBody {
     id: i64,
     /// `map_from_base`.
     pose: PoseBody,
-    /// Standard deviations of the pose; null where they were not computed.
+    /// Standard deviations of the pose in the map frame, relative to the first node that it hangs
+    /// together with, which has zeros. From the information of the edges around it, scaled by how
+    /// well loop closures agree. null where it is not known where the node is, and where they were
+    /// not computed yet. Of a node that is not active any more, as they were last.
     #[schema(required)]
     sigma: Option<PoseBody>,
     /// The upload it came with.
@@ -105,7 +108,7 @@ impl From<NodeRecord> for NodeBody {
         Self {
             id: node.id.0,
             pose: node.pose.into(),
-            sigma: None,
+            sigma: node.sigma.map(PoseBody::from),
             batch_id: node.batch_id.to_string(),
             vehicle_id: node.vehicle_id.to_string(),
             trip_id: node.trip_id.to_string(),

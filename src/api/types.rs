@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::geometry::Pose2;
+use crate::geometry::{Pose2, PoseSigma};
 use crate::ids::StampNs;
 
 /// A planar pose as in `geometry_msgs/Pose2D`: metres, radians, counter-clockwise.
@@ -29,6 +29,16 @@ impl From<Pose2> for PoseBody {
             x: pose.x,
             y: pose.y,
             theta: pose.theta,
+        }
+    }
+}
+
+impl From<PoseSigma> for PoseBody {
+    fn from(sigma: PoseSigma) -> Self {
+        Self {
+            x: sigma.x_m,
+            y: sigma.y_m,
+            theta: sigma.theta_rad,
         }
     }
 }

@@ -6,8 +6,8 @@
 //!
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
-//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`] and
-//! [`measure_faults`] ask of the map alone.
+//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`],
+//! [`measure_faults`] and [`measure_pose_consistency`] ask of the map alone.
 
 mod alert;
 mod baselines;
@@ -21,6 +21,7 @@ mod odometry_faults;
 mod pictures;
 mod placed;
 mod places;
+mod pose_consistency;
 mod recording;
 mod report;
 mod route;
@@ -42,6 +43,7 @@ pub use drawn::{DrawnObject, altered};
 pub use labels::{Label, read_labels};
 pub use odometry_faults::{Fault, FaultCase, FaultyTrip, faults_text, measure_faults};
 pub use pictures::Picture;
+pub use pose_consistency::{PoseConsistency, measure_pose_consistency, pose_consistency_text};
 pub use recording::{Recording, in_sequence};
 pub use report::text_of;
 pub use scoring::Score;

@@ -11,7 +11,7 @@ use super::recording::Recording;
 use crate::change::{
     AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold, stays_untouched,
 };
-use crate::geometry::Pose2;
+use crate::geometry::{Pose2, PoseSigma};
 use crate::graph::Node;
 use crate::ids::StampNs;
 use crate::mapping::{Drive, DriveScan, InitialPose, Keyframe, RouteMap, Scope, Sites, Weighting};
@@ -82,6 +82,8 @@ pub(super) struct MapRun {
     pub poses: BTreeMap<StampNs, Pose2>,
     /// Those of keyframes.
     pub keyframes: BTreeMap<StampNs, Pose2>,
+    /// How uncertain these are, where the map says it.
+    pub sigmas: BTreeMap<StampNs, PoseSigma>,
     /// Batches that never found a place in the map.
     pub batches_not_merged: usize,
 }
@@ -99,7 +101,12 @@ impl MapRun {
         }
         let of_node = |(keyframe, node): (&Keyframe, &Node)| (keyframe.stamp, node.pose);
         let keyframes = route.map.keyframes().iter();
+        let stamps = keyframes.clone().map(|keyframe| keyframe.stamp);
+        let sigmas = stamps.zip(route.map.pose_sigmas());
         Ok(Self {
+            sigmas: sigmas
+                .filter_map(|(stamp, sigma)| Some((stamp, sigma?)))
+                .collect(),
             keyframes: keyframes
                 .zip(route.map.graph().nodes())
                 .map(of_node)

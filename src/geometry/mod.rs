@@ -1,13 +1,15 @@
-//! Rigid motions of the plane, angles, and information matrices.
+//! Rigid motions of the plane, angles, and how uncertain they are.
 
 mod angle;
 mod information;
 mod polygon;
 mod pose2;
+mod pose_sigma;
 
 pub use angle::{angle_difference_rad, direction_rad, wrap_angle};
 pub use information::Information;
 pub use polygon::{distance_to_polygon, polygon_gap};
+pub use pose_sigma::PoseSigma;
 pub use pose2::{EdgeError, Pose2, Tangent2, Transform2};
 
 pub use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};

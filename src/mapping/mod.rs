@@ -19,6 +19,7 @@ mod local_map;
 mod lost;
 mod odometry;
 mod partners;
+mod pose_sigma;
 mod restate;
 mod route_map;
 mod settle;

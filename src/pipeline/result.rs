@@ -156,6 +156,7 @@ fn node_record(
         trip_id: keyframe.trip.clone(),
         stamp: keyframe.stamp,
         pose: state.pose,
+        sigma: state.sigma,
         odom_from_base: keyframe.odom_from_base,
         drift_m: keyframe.drift_m,
         reference: state.reference,

@@ -225,6 +225,7 @@ fn node_change_of(record: &NodeWithScan) -> NodeChange {
     NodeChange {
         id: record.node.id,
         pose: record.node.pose,
+        sigma: record.node.sigma,
         subgraph_id: record.node.subgraph_id,
         drift_m: record.node.drift_m,
         reference: record.node.reference,

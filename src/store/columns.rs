@@ -9,7 +9,7 @@ use sqlx::sqlite::SqliteRow;
 use super::error::{Corruption, StoreError};
 use super::records::{BatchKind, BatchStatus, Detector, Stage};
 use crate::change::{AlertAction, AlertStatus, ChangeKind, Tier};
-use crate::geometry::{Information, Pose2, Vector2};
+use crate::geometry::{Information, Pose2, PoseSigma, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId};
 
@@ -216,6 +216,18 @@ pub(super) fn pose(row: &SqliteRow, columns: [&'static str; 3]) -> Result<Pose2,
         y: row.try_get(y)?,
         theta: row.try_get(theta)?,
     })
+}
+
+/// The three columns of a node's standard deviations.
+pub(super) fn pose_sigma(row: &SqliteRow) -> Result<Option<PoseSigma>, StoreError> {
+    let Some(x_m) = row.try_get("sigma_x")? else {
+        return Ok(None);
+    };
+    Ok(Some(PoseSigma {
+        x_m,
+        y_m: row.try_get("sigma_y")?,
+        theta_rad: row.try_get("sigma_theta")?,
+    }))
 }
 
 /// Six columns that make an information matrix.

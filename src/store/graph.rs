@@ -6,7 +6,7 @@ use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 use super::acceptances;
 use super::alerts;
 use super::body::checksum;
-use super::columns::{information, name, pose, text};
+use super::columns::{information, name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
@@ -18,8 +18,8 @@ use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 macro_rules! node_columns {
     () => {
         "nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, stamp_ns, \
-         x, y, theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, \
-         trip_order, client_id "
+         x, y, theta, sigma_x, sigma_y, sigma_theta, odom_x, odom_y, odom_theta, drift_m, \
+         reference, active, subgraph_id, trip_order, client_id "
     };
 }
 
@@ -302,6 +302,7 @@ fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
         trip_id: name(row, "trip_id")?,
         stamp: StampNs(row.try_get("stamp_ns")?),
         pose: pose(row, ["x", "y", "theta"])?,
+        sigma: pose_sigma(row)?,
         odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
         drift_m: row.try_get("drift_m")?,
         reference: row.try_get("reference")?,

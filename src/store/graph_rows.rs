@@ -9,7 +9,7 @@ use super::columns::Text;
 use super::error::StoreError;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
 use super::results::Members;
-use crate::geometry::{Information, Pose2};
+use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::ids::{BatchId, EdgeId};
 
 /// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
@@ -27,7 +27,7 @@ pub(super) async fn insert_nodes(
     for rows in nodes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
-             odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order, \
+             sigma_x, sigma_y, sigma_theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order, \
              client_id) ",
         );
         query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
@@ -37,6 +37,7 @@ pub(super) async fn insert_nodes(
                 .push_bind(batch_key(members, &node.batch_id))
                 .push_bind(node.stamp.0);
             push_pose(&mut values, &node.pose);
+            push_sigma(&mut values, node.sigma);
             push_pose(&mut values, &node.odom_from_base);
             values
                 .push_bind(node.drift_m)
@@ -147,11 +148,13 @@ pub(super) async fn update_nodes(
 ) -> Result<(), StoreError> {
     for rows in changes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
-            "WITH change(id, x, y, theta, drift_m, reference, active, block) AS (",
+            "WITH change(id, x, y, theta, sigma_x, sigma_y, sigma_theta, drift_m, reference, \
+             active, block) AS (",
         );
         query.push_values(rows, |mut values, change| {
             values.push_bind(change.id.0);
             push_pose(&mut values, &change.pose);
+            push_sigma(&mut values, change.sigma);
             values
                 .push_bind(change.drift_m)
                 .push_bind(change.reference)
@@ -160,7 +163,10 @@ pub(super) async fn update_nodes(
         });
         query.push(
             ") UPDATE nodes SET x = change.x, y = change.y, theta = change.theta, \
-             drift_m = change.drift_m, reference = change.reference, active = change.active, subgraph_id = change.block FROM change \
+             sigma_x = change.sigma_x, sigma_y = change.sigma_y, \
+             sigma_theta = change.sigma_theta, drift_m = change.drift_m, \
+             reference = change.reference, active = change.active, \
+             subgraph_id = change.block FROM change \
              WHERE nodes.node_id = change.id AND nodes.route_key = ",
         );
         query.push_bind(route_key);
@@ -217,6 +223,13 @@ pub(super) fn push_pose(values: &mut Values<'_, '_>, pose: &Pose2) {
         .push_bind(pose.x)
         .push_bind(pose.y)
         .push_bind(pose.theta);
+}
+
+fn push_sigma(values: &mut Values<'_, '_>, sigma: Option<PoseSigma>) {
+    values
+        .push_bind(sigma.map(|sigma| sigma.x_m))
+        .push_bind(sigma.map(|sigma| sigma.y_m))
+        .push_bind(sigma.map(|sigma| sigma.theta_rad));
 }
 
 fn push_information(values: &mut Values<'_, '_>, information: &Information) {

@@ -7,7 +7,7 @@ use super::alert_records::{AcceptedChange, AlertRecord};
 use super::vehicles::TripCalibrationRecord;
 pub use crate::change::Detector;
 use crate::change::FALSE_ALERTS_PER_LAP;
-use crate::geometry::{Information, Pose2};
+use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::mapping::LOST_DRIFT_M;
@@ -295,6 +295,9 @@ pub struct NodeRecord {
     pub stamp: StampNs,
     /// `map_from_base`.
     pub pose: Pose2,
+    /// How uncertain the pose is, relative to the first node that the node hangs together with;
+    /// `None` where nothing tells.
+    pub sigma: Option<PoseSigma>,
     /// `odom_from_base` as the vehicle sent it.
     pub odom_from_base: Pose2,
     /// Way driven since the trip was last tied to the map, metres; [`LOST_DRIFT_M`] and more where
@@ -491,6 +494,8 @@ pub struct NodeChange {
     pub id: NodeId,
     /// `map_from_base`.
     pub pose: Pose2,
+    /// As [`NodeRecord::sigma`].
+    pub sigma: Option<PoseSigma>,
     /// The block of the graph it lies in.
     pub subgraph_id: Option<i64>,
     /// As [`NodeRecord::drift_m`].

@@ -136,6 +136,7 @@ fn node(id: i64) -> NodeWithScan {
             trip_id: TripId::new("trip-1").unwrap(),
             stamp: StampNs(START_NS + id * 1_000_000_000),
             pose: pose(id),
+            sigma: None,
             odom_from_base: pose(id),
             drift_m: 0.0,
             reference: id < 3,

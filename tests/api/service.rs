@@ -9,7 +9,7 @@ use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
 use mapshift::delivery::DeliveryOptions;
-use mapshift::geometry::{Information, Pose2};
+use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::pipeline::PipelineOptions;
@@ -192,6 +192,11 @@ fn node(id: i64) -> NodeWithScan {
             trip_id: TripId::new("trip-1").unwrap(),
             stamp: StampNs(1_795_154_399_000_000_000 + id * 1_000_000_000),
             pose: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
+            sigma: (id != 2).then(|| PoseSigma {
+                x_m: 0.01 * (id - 1) as f64,
+                y_m: 0.0,
+                theta_rad: 0.005,
+            }),
             odom_from_base: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
             drift_m: 0.0,
             reference: true,

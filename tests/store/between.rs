@@ -60,6 +60,7 @@ async fn they_are_read_back_to_the_bit_and_leave_and_come_back_with_their_node()
     leaving.changed_nodes = vec![NodeChange {
         id: NodeId(2),
         pose: Pose2::new(1.0, 2.0, std::f64::consts::FRAC_PI_2),
+        sigma: None,
         subgraph_id: None,
         drift_m: 0.0,
         reference: false,

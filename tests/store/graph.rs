@@ -1,4 +1,4 @@
-use mapshift::geometry::{Information, Pose2};
+use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
 use mapshift::store::{
@@ -97,6 +97,11 @@ async fn changes_touch_what_they_name() {
     let mut nodes: Vec<_> = first.nodes.iter().map(|n| n.node.clone()).collect();
     for node in nodes.iter_mut().filter(|node| node.id.0 != 100) {
         node.pose = Pose2::new(node.pose.y, 1.0 / 7.0, 0.2);
+        node.sigma = (node.id.0 % 6 != 0).then(|| PoseSigma {
+            x_m: 0.1 + 0.2,
+            y_m: 1.0 / node.id.0 as f64,
+            theta_rad: 0.0,
+        });
         node.active = node.id.0 % 5 != 0;
         node.reference = node.id.0 % 3 == 0;
         node.subgraph_id = Some(node.id.0 % 4);
@@ -104,6 +109,7 @@ async fn changes_touch_what_they_name() {
         second.changed_nodes.push(NodeChange {
             id: node.id,
             pose: node.pose,
+            sigma: node.sigma,
             subgraph_id: node.subgraph_id,
             drift_m: node.drift_m,
             reference: node.reference,

@@ -240,6 +240,7 @@ async fn a_result_that_contradicts_itself_is_refused_whole() {
             r.changed_nodes.push(mapshift::store::NodeChange {
                 id: mapshift::ids::NodeId(77),
                 pose: mapshift::geometry::Pose2::IDENTITY,
+                sigma: None,
                 subgraph_id: None,
                 drift_m: 0.0,
                 reference: false,

@@ -45,6 +45,7 @@ async fn settled() -> Fixture {
         .map(|node| NodeChange {
             id: node.id,
             pose: node.pose,
+            sigma: node.sigma,
             subgraph_id: node.subgraph_id,
             drift_m: node.drift_m,
             reference: false,

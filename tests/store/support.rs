@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::geometry::{Information, Pose2};
+use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::store::{
@@ -155,6 +155,11 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
         trip_id: batch.trip_id.clone(),
         stamp: StampNs(1_000 * id),
         pose: Pose2::new(id as f64 / 3.0, -0.1, std::f64::consts::PI),
+        sigma: (id % 4 != 0).then(|| PoseSigma {
+            x_m: id as f64 / 7.0,
+            y_m: 1e-300,
+            theta_rad: 0.1,
+        }),
         odom_from_base: Pose2::new(0.0, id as f64, -3.1),
         drift_m: id as f64,
         reference: id % 2 == 0,
