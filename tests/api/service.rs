@@ -192,10 +192,10 @@ fn node(id: i64) -> NodeWithScan {
             trip_id: TripId::new("trip-1").unwrap(),
             stamp: StampNs(1_795_154_399_000_000_000 + id * 1_000_000_000),
             pose: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
-            sigma: (id != 2).then(|| PoseSigma {
+            sigma: (id != 3).then(|| PoseSigma {
                 x_m: 0.01 * (id - 1) as f64,
-                y_m: 0.0,
-                theta_rad: 0.005,
+                y_m: 0.02 * (id - 1) as f64,
+                theta_rad: 0.005 * (id - 1) as f64,
             }),
             odom_from_base: Pose2::new(0.5 * (id - 1) as f64, 0.0, 0.0),
             drift_m: 0.0,
