@@ -156,6 +156,8 @@ async fn scans_between_keyframes_are_the_same_after_restarts() {
     assert!(between > 100, "{between}");
     assert!(continued > 0);
     assert!(kept.nodes.iter().any(|node| !node.active));
+    assert!(kept.nodes.iter().all(|node| node.sigma.is_some()));
+    assert!(kept.nodes[0].sigma.is_some_and(|sigma| sigma.x_m == 0.0));
 }
 
 #[tokio::test(flavor = "multi_thread")]
