@@ -92,6 +92,7 @@ fn extend_in_batches(
         for scan in batch {
             waiting.push(DriveScan {
                 beam_interval_s: 0.0,
+                lidar: Default::default(),
                 stamp: scan.stamp,
                 odom_from_base: scan.odom_from_base,
                 scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?,

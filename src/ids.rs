@@ -79,8 +79,12 @@ name_type!(
     RouteId
 );
 name_type!(
-    /// A vehicle; it carries one lidar.
+    /// A vehicle; it carries one lidar or several.
     VehicleId
+);
+name_type!(
+    /// One of the lidars of a vehicle that has several.
+    LidarId
 );
 name_type!(
     /// One drive of one vehicle, in one odometry frame.

@@ -23,7 +23,7 @@ use crate::store::{
 
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
-/// A drive's scans, all from one lidar.
+/// A drive's scans, from the vehicle's one lidar or from several.
 #[derive(ToSchema)]
 #[schema(as = BatchUpload, example = json!({
     "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
@@ -43,11 +43,17 @@ pub(super) struct BatchUpload {
     /// 0, 1, 2 … within the trip.
     #[schema(minimum = 0)]
     sequence: u32,
-    /// The lidar's geometry, for all scans of the batch.
-    lidar: LidarBody,
+    /// The lidar's geometry, for all scans of the batch. A batch has either this or `lidars`.
+    lidar: Option<LidarBody>,
+    /// The lidars of a vehicle that has several; each scan names the one that took it. The first of
+    /// a trip's first batch takes the keyframes; scans of the others taken within 0.1 s of a
+    /// keyframe's are matched together with it, and all of them observe.
+    #[schema(min_items = 1, max_items = 8)]
+    lidars: Option<Vec<NamedLidarBody>>,
     /// Where the first scan's base is in the map frame, roughly.
     initial_pose: Option<InitialPoseBody>,
-    /// Stamps strictly increasing, all with the same number of beams; at most 4,000,000 beams.
+    /// In the order of time. Of one lidar stamps increase strictly, and all scans have the same
+    /// number of beams; scans of different lidars may share a stamp. At most 4,000,000 beams.
     #[schema(min_items = 1, max_items = 5000)]
     scans: Vec<ScanUpload>,
 }
@@ -86,6 +92,17 @@ pub(super) struct LidarBody {
     pub scan_time: Option<f64>,
 }
 
+/// One of several lidars.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = NamedLidar)]
+pub(super) struct NamedLidarBody {
+    /// Chosen by the client, the same in every batch.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", example = "rear")]
+    id: String,
+    #[serde(flatten)]
+    lidar: LidarBody,
+}
+
 /// A rough pose in the map frame.
 #[derive(ToSchema)]
 #[schema(as = InitialPose)]
@@ -112,6 +129,9 @@ struct ScanUpload {
     /// RFC 3339, between 2000 and 2100.
     #[schema(format = DateTime)]
     stamp: String,
+    /// Which of `lidars` took it; only in a batch with `lidars`, and required there.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    lidar: Option<String>,
     /// The base in the vehicle's own odometry frame; only differences are used.
     odometry: PoseBody,
     /// Metres; null is "no return" (REP-117), which is not evidence of free space.

@@ -10,9 +10,9 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
-use crate::calibration::{Quantity, VehicleCalibration};
+use crate::calibration::{Quantity, TripCalibration, VehicleCalibration};
 use crate::ids::{AlertId, RouteId, VehicleId};
-use crate::store::VehicleRecord;
+use crate::store::{LidarRecord, VehicleRecord};
 
 /// A vehicle as a route knows it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -32,8 +32,45 @@ pub(super) struct VehicleBody {
     /// When its last batch arrived.
     #[schema(value_type = String, format = DateTime)]
     last_seen: Timestamp,
-    /// Where its lidar truly sits and how its wheels and its clock err, as far as its trips say.
+    /// Where its lidar truly sits and how its wheels and its clock err, as far as its trips say. Of
+    /// a vehicle with several lidars see `lidars`.
     calibration: CalibrationBody,
+    /// The same of each of several lidars, by name; empty for a vehicle that has only one.
+    lidars: Vec<VehicleLidarBody>,
+}
+
+/// One of several lidars of a vehicle.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = VehicleLidar)]
+struct VehicleLidarBody {
+    /// As the vehicle names it.
+    id: String,
+    /// By its own scans and the vehicle's odometry.
+    calibration: CalibrationBody,
+    /// Where it sits beside the lidar that takes the keyframes, by what both see of the same places;
+    /// null if no trip has asked. Nothing is corrected by it.
+    #[schema(required)]
+    relative_mount: Option<RelativeMountBody>,
+}
+
+/// How far a lidar sits from its stated mount, taken that the mount of the lidar that takes the
+/// keyframes is as stated. A value is null where no trip tells it.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = RelativeMount)]
+struct RelativeMountBody {
+    /// Trips that were asked.
+    trips: usize,
+    /// Turn of the lidar on its mount, radians, counter-clockwise.
+    #[schema(required)]
+    yaw: Option<CalibratedBody>,
+    /// How far the lidar sits ahead of its stated mount, metres.
+    #[schema(required)]
+    offset_x: Option<CalibratedBody>,
+    /// How far the lidar sits to the left of its stated mount, metres.
+    #[schema(required)]
+    offset_y: Option<CalibratedBody>,
+    /// What the newest trip contradicts of what those before it said: names of the fields above.
+    changed: Vec<String>,
 }
 
 /// Whether what a vehicle sends is believed.
@@ -200,33 +237,68 @@ impl From<VehicleRecord> for VehicleBody {
                 scans: vehicle.scans,
             },
             last_seen: vehicle.last_seen,
-            calibration: vehicle.into(),
+            calibration: CalibrationBody::of(vehicle.calibrations),
+            lidars: vehicle.lidars.into_iter().map(Into::into).collect(),
         }
     }
 }
 
-impl From<VehicleRecord> for CalibrationBody {
-    fn from(vehicle: VehicleRecord) -> Self {
-        let trips = vehicle.calibrations.len();
-        let calibration = vehicle
-            .calibrations
-            .into_iter()
-            .fold(VehicleCalibration::default(), |before, trip| {
-                before.with_trip(trip)
-            });
-        let calibrated = |quantity: Quantity| {
-            let combined = calibration.combined(quantity)?;
-            Some(CalibratedBody {
-                value: combined.estimate.value,
-                sigma: combined.estimate.sigma,
-                sure: calibration.applied().contains_key(&quantity),
-                applied: false,
-            })
-        };
-        let changed = calibration.changed().iter();
-        let changed = changed.filter_map(|change| field_of(change.quantity));
+impl From<LidarRecord> for VehicleLidarBody {
+    fn from(lidar: LidarRecord) -> Self {
+        let beside_primary = Some(lidar.beside_primary).filter(|trips| !trips.is_empty());
         Self {
-            trips,
+            id: lidar.id.to_string(),
+            calibration: CalibrationBody::of(lidar.calibrations),
+            relative_mount: beside_primary.map(RelativeMountBody::of),
+        }
+    }
+}
+
+/// Trips' words as one, the oldest first.
+fn combined(trips: Vec<TripCalibration>) -> VehicleCalibration {
+    let none = VehicleCalibration::default();
+    trips
+        .into_iter()
+        .fold(none, |before, trip| before.with_trip(trip))
+}
+
+fn calibrated(calibration: &VehicleCalibration, quantity: Quantity) -> Option<CalibratedBody> {
+    let combined = calibration.combined(quantity)?;
+    Some(CalibratedBody {
+        value: combined.estimate.value,
+        sigma: combined.estimate.sigma,
+        sure: calibration.applied().contains_key(&quantity),
+        applied: false,
+    })
+}
+
+fn changed(calibration: &VehicleCalibration) -> Vec<String> {
+    let changed = calibration.changed().iter();
+    let changed = changed.filter_map(|change| field_of(change.quantity));
+    changed.map(str::to_owned).collect()
+}
+
+impl RelativeMountBody {
+    fn of(trips: Vec<TripCalibration>) -> Self {
+        let count = trips.len();
+        let combined = combined(trips);
+        Self {
+            trips: count,
+            yaw: calibrated(&combined, Quantity::MountYaw),
+            offset_x: calibrated(&combined, Quantity::MountX),
+            offset_y: calibrated(&combined, Quantity::MountY),
+            changed: changed(&combined),
+        }
+    }
+}
+
+impl CalibrationBody {
+    fn of(trips: Vec<TripCalibration>) -> Self {
+        let count = trips.len();
+        let combined = combined(trips);
+        let calibrated = |quantity| calibrated(&combined, quantity);
+        Self {
+            trips: count,
             yaw: calibrated(Quantity::MountYaw),
             offset_x: calibrated(Quantity::MountX),
             offset_y: calibrated(Quantity::MountY),
@@ -235,8 +307,8 @@ impl From<VehicleRecord> for CalibrationBody {
             turn_per_metre: calibrated(Quantity::TurnPerMetre),
             clock: calibrated(Quantity::ClockOffset),
             beam_spacing: calibrated(Quantity::BeamSpacing),
-            changed: changed.map(str::to_owned).collect(),
-            faults: calibration.uncorrectable().to_vec(),
+            changed: changed(&combined),
+            faults: combined.uncorrectable().to_vec(),
         }
     }
 }

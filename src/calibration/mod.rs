@@ -9,6 +9,7 @@
 
 mod blocks;
 mod clock_offset;
+mod companion_mount;
 mod corrections;
 mod estimate;
 mod joint_match;
@@ -30,6 +31,7 @@ mod trip_scans;
 mod vehicle;
 
 pub use clock_offset::{DrivenPose, clock_offset_s};
+pub use companion_mount::CompanionScan;
 pub use corrections::Corrections;
 pub use estimate::{Combined, Estimate, Estimates};
 pub use motion_fit::{MotionFit, fit_motions};

@@ -174,6 +174,7 @@ impl Route {
                 let ranges_m = scan.ranges_m.iter().copied();
                 waiting.push(DriveScan {
                     beam_interval_s: 0.0,
+                    lidar: Default::default(),
                     stamp: scan.stamp,
                     odom_from_base: scan.odom_from_base,
                     scan: LaserScan::new(recording.lidar.clone(), ranges_m)?,

@@ -1,6 +1,7 @@
 //! The body of a batch upload: JSON to validated scans.
 
 mod flags;
+mod lidars;
 mod raw;
 mod validate;
 
@@ -17,6 +18,8 @@ use super::json::{JsonError, JsonMistake, Object, from_json};
 
 /// Most scans in one batch.
 pub const SCANS_MAX: usize = 5_000;
+/// Most lidars of one vehicle.
+pub const LIDARS_MAX: usize = 8;
 /// Most beams in one batch, all scans together.
 pub const BEAMS_TOTAL_MAX: usize = 4_000_000;
 /// Largest |x| and |y| of a pose, metres.
@@ -33,7 +36,8 @@ pub struct UploadedBatch {
     pub sequence: i64,
     /// Where the first scan's base is, roughly.
     pub initial_pose: Option<InitialPose>,
-    /// 1 to [`SCANS_MAX`], their stamps strictly increasing, all with the same number of beams.
+    /// 1 to [`SCANS_MAX`] in the order of time; of each lidar their stamps strictly increase, and
+    /// all have the same number of beams.
     pub scans: Vec<DriveScan>,
     /// What was noticed, in alphabetical order: `clock_skew`, `empty_scans`, `late`,
     /// `wild_odometry`.

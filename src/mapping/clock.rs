@@ -9,18 +9,21 @@ use super::drive::{Drive, DriveScan};
 use super::route_map::RouteMap;
 use crate::calibration::{DrivenPose, OdometryTrack, clock_offset_s};
 use crate::geometry::Pose2;
-use crate::ids::{StampNs, TripId};
+use crate::ids::{LidarId, StampNs, TripId};
 
 /// So many of a trip's newest keyframes say what the offset is.
 const KEYFRAMES_MAX: usize = 400;
+
+/// What is like no other scan of its trip: when it was taken, and by which lidar.
+type ScanKey = (StampNs, Option<LidarId>);
 
 /// The odometry of one trip while a drive of it is walked.
 pub struct TripClock {
     trip: TripId,
     /// As it was sent, of the trip's newest scans and the drive's.
-    sent: BTreeMap<StampNs, Pose2>,
+    sent: BTreeMap<ScanKey, Pose2>,
     track: OdometryTrack,
-    /// Whether no two scans share a stamp: where they do nothing is corrected.
+    /// Whether no two scans of a lidar share a stamp: where they do nothing is corrected.
     is_in_order: bool,
     offset_ns: i64,
 }
@@ -28,15 +31,20 @@ pub struct TripClock {
 impl TripClock {
     /// Of a drive that is about to be walked.
     pub fn new(map: &RouteMap, drive: &Drive) -> Self {
-        let known = map.driven_poses(&drive.trip).into_iter();
-        let known = known.map(|pose| (pose.stamp, pose.odom_from_base));
-        let new = drive.scans.iter().map(|s| (s.stamp, s.odom_from_base));
-        let all: Vec<(StampNs, Pose2)> = known.chain(new).collect();
-        let sent: BTreeMap<StampNs, Pose2> = all.iter().copied().collect();
+        let known = map.kept_odometry(&drive.trip).into_iter();
+        let new = drive.scans.iter();
+        let new = new.map(|s| ((s.stamp, s.lidar.name.clone()), s.odom_from_base));
+        let all: Vec<(ScanKey, Pose2)> = known.chain(new).collect();
+        let scans = all.len();
+        let sent: BTreeMap<ScanKey, Pose2> = all.into_iter().collect();
+        let by_stamp: BTreeMap<StampNs, Pose2> = sent
+            .iter()
+            .map(|((stamp, _), pose)| (*stamp, *pose))
+            .collect();
         Self {
             trip: drive.trip.clone(),
-            is_in_order: sent.len() == all.len(),
-            track: OdometryTrack::through(sent.iter().map(|(stamp, pose)| (*stamp, *pose))),
+            is_in_order: sent.len() == scans,
+            track: OdometryTrack::through(by_stamp),
             sent,
             offset_ns: 0,
         }
@@ -51,7 +59,7 @@ impl TripClock {
         let offset_s = clock_offset_s(&map.driven_poses(&self.trip));
         self.offset_ns = (1e9 * offset_s).round() as i64;
         if self.offset_ns != 0 {
-            map.set_odometry(&self.trip, |stamp| self.at(stamp));
+            map.set_odometry(&self.trip, |(stamp, _)| self.at(*stamp));
         }
     }
 
@@ -66,6 +74,7 @@ impl TripClock {
                 || scan.scan.clone(),
                 |motion| scan.scan.undistorted(&motion),
             ),
+            lidar: scan.lidar.clone(),
             ..*scan
         }
     }
@@ -91,7 +100,7 @@ impl TripClock {
     /// Gives the trip's keyframes their odometry back as it was sent.
     pub fn restore(&self, map: &mut RouteMap) {
         if self.offset_ns != 0 {
-            map.set_odometry(&self.trip, |stamp| self.sent.get(&stamp).copied());
+            map.set_odometry(&self.trip, |key| self.sent.get(key).copied());
         }
     }
 
@@ -101,8 +110,8 @@ impl TripClock {
 }
 
 impl RouteMap {
-    /// The newest scans of a trip, in the order of time; those between keyframes that were not
-    /// matched have no pose by the map.
+    /// The newest scans of a trip's primary lidar, in the order of time; those between keyframes
+    /// that were not matched have no pose by the map.
     fn driven_poses(&self, trip: &TripId) -> Vec<DrivenPose> {
         let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
         let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
@@ -114,7 +123,7 @@ impl RouteMap {
                 map_from_base: keyframe.scan.is_some().then_some(node.pose),
                 odom_from_base: keyframe.odom_from_base,
             });
-            poses.extend(keyframe.intermediate.iter().map(|following| {
+            poses.extend(keyframe.own_intermediate().map(|following| {
                 DrivenPose {
                     stamp: following.stamp,
                     map_from_base: following
@@ -128,17 +137,35 @@ impl RouteMap {
         poses
     }
 
+    /// The odometry of the newest scans of a trip, of all its lidars.
+    fn kept_odometry(&self, trip: &TripId) -> Vec<(ScanKey, Pose2)> {
+        let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
+        let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
+        let mut kept = Vec::new();
+        for keyframe in newest.iter().map(|&k| &self.keyframes[k]) {
+            let own = (keyframe.stamp, keyframe.lidar.clone());
+            kept.push((own, keyframe.odom_from_base));
+            kept.extend(keyframe.intermediate.iter().map(|following| {
+                let key = (following.stamp, keyframe.lidar_of(following).cloned());
+                (key, following.odom_from_base)
+            }));
+        }
+        kept
+    }
+
     /// Sets the odometry of a trip's newest scans, where `odom_at` has one.
-    fn set_odometry(&mut self, trip: &TripId, odom_at: impl Fn(StampNs) -> Option<Pose2>) {
+    fn set_odometry(&mut self, trip: &TripId, odom_at: impl Fn(&ScanKey) -> Option<Pose2>) {
         let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
         let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
         for &k in newest {
             let keyframe = &mut self.keyframes[k];
-            if let Some(odom_from_base) = odom_at(keyframe.stamp) {
+            let lidar = keyframe.lidar.clone();
+            if let Some(odom_from_base) = odom_at(&(keyframe.stamp, lidar.clone())) {
                 keyframe.odom_from_base = odom_from_base;
             }
             for following in &mut keyframe.intermediate {
-                if let Some(odom_from_base) = odom_at(following.stamp) {
+                let taken_by = following.companion_lidar().or(lidar.as_ref()).cloned();
+                if let Some(odom_from_base) = odom_at(&(following.stamp, taken_by)) {
                     following.odom_from_base = odom_from_base;
                 }
             }
@@ -183,6 +210,7 @@ mod tests {
         let (lidar, world) = (Arc::new(all_round(BEAMS)), room());
         let scan = |k: i64| DriveScan {
             beam_interval_s: 0.0,
+            lidar: Default::default(),
             stamp: StampNs(k * EVERY_MS * 1_000_000),
             odom_from_base: truth(k * EVERY_MS),
             scan: world.scan(&lidar, BEAMS, &truth(k * EVERY_MS - late_ms), || 0.0),
@@ -246,6 +274,7 @@ mod tests {
                 stamp: StampNs(k * EVERY_MS * 1_000_000),
                 odom_from_base: truth(k * EVERY_MS),
                 beam_interval_s,
+                lidar: Default::default(),
                 scan: LaserScan::new(lidar.clone(), ranges.collect::<Vec<_>>()).unwrap(),
             }
         };

@@ -116,11 +116,8 @@ pub(super) fn measure(
     rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let (old_scan, new_scan) = (old.keyframe.scan.as_ref()?, new.keyframe.scan.as_ref()?);
-    let sigma_m = old_scan
-        .lidar()
-        .range_sigma_m
-        .max(new_scan.lidar().range_sigma_m);
+    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
+    let sigma_m = sigmas_m.0.max(sigmas_m.1);
     let points = &new.keyframe.points;
     let mut alignment = Alignment::new(&cloud, points);
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
@@ -189,11 +186,8 @@ pub(super) fn measure_by_score(
     rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let sigmas_m = [old, new].map(|placed| {
-        let scan = placed.keyframe.scan.as_ref();
-        scan.map(|scan| scan.lidar().range_sigma_m)
-    });
-    let sigma_m = sigmas_m[0]?.max(sigmas_m[1]?);
+    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
+    let sigma_m = sigmas_m.0.max(sigmas_m.1);
     let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
     let all_points = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ALL_POINTS);
     let accepted = all_points.termination != Termination::TooFewPoints
@@ -212,8 +206,14 @@ pub(super) fn contradiction_share(
     old_from_new: &Pose2,
 ) -> Option<f64> {
     let share = |of: &Keyframe, seen_by: &Keyframe, pose: &Pose2| {
-        let (points, scan) = (&of.points, seen_by.scan.as_ref()?);
-        let seen = agreement(points, scan, pose, DEPTH_TOLERANCE_M, DEPTH_SIGMA_THETA_RAD);
+        let (points, views) = (&of.points, seen_by.views()?);
+        let seen = agreement(
+            points,
+            &views,
+            pose,
+            DEPTH_TOLERANCE_M,
+            DEPTH_SIGMA_THETA_RAD,
+        );
         Some(seen.contradiction_share())
     };
     let new_in_old = share(new, old, old_from_new)?;

@@ -1,7 +1,7 @@
 //! A part of one vehicle's drive, as it was uploaded.
 
 use crate::geometry::Pose2;
-use crate::ids::{StampNs, TripId};
+use crate::ids::{LidarId, StampNs, TripId};
 use crate::scan::LaserScan;
 
 /// Consecutive scans of one trip.
@@ -11,8 +11,17 @@ pub struct Drive {
     pub trip: TripId,
     /// Where the first scan's base is, if the sender knows.
     pub initial_pose: Option<InitialPose>,
-    /// In the order of time.
+    /// In the order of time; of one lidar no two at the same.
     pub scans: Vec<DriveScan>,
+}
+
+/// Which of its vehicle's lidars took a scan.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct LidarOfVehicle {
+    /// As the vehicle names it; `None` for its only lidar.
+    pub name: Option<LidarId>,
+    /// Its place among the vehicle's lidars, 0 for the first.
+    pub place: usize,
 }
 
 /// One scan with the odometry's word for where it was taken.
@@ -25,6 +34,8 @@ pub struct DriveScan {
     /// From one beam to the next, seconds; the stamp is the first one's. 0 for a lidar that is taken
     /// to see everything at once.
     pub beam_interval_s: f64,
+    /// Which lidar took it.
+    pub lidar: LidarOfVehicle,
     /// What was seen.
     pub scan: LaserScan,
 }

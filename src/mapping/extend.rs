@@ -11,13 +11,14 @@ use super::front_end::{Motion, match_scans};
 use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
+use super::moments::Moment;
 use super::odometry::OdometryMotion;
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
 use super::step::{Step, is_abrupt};
 use crate::geometry::Pose2;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
-use crate::ids::{EdgeId, NodeId};
+use crate::ids::{EdgeId, NodeId, TripId};
 use crate::scan::{KeyframeRule, is_standing};
 use crate::solver::SolveOptions;
 
@@ -52,6 +53,22 @@ pub struct Extension {
     pub intermediate: Vec<(NodeId, usize)>,
 }
 
+/// A scan of the primary lidar and those that lend it their points, with the clocks' offset and the
+/// motion during them taken out.
+struct Seen {
+    scan: DriveScan,
+    lent: Vec<DriveScan>,
+}
+
+impl Seen {
+    fn corrected(clock: &TripClock, scan: &DriveScan, lent: &[&DriveScan]) -> Self {
+        Self {
+            scan: clock.corrected(scan),
+            lent: lent.iter().map(|lent| clock.corrected(lent)).collect(),
+        }
+    }
+}
+
 /// Why a drive could not be used; the map is as it was.
 #[derive(Debug, thiserror::Error)]
 pub enum NotExtended {
@@ -83,13 +100,25 @@ impl RouteMap {
         };
         let mut cloud = LocalCloud::default();
         let mut clock = TripClock::new(self, drive);
-        for scans in drive.scans.chunks(SCANS_PER_OFFSET) {
+        for moments in self.moments(drive).chunks(SCANS_PER_OFFSET) {
             clock.adjust(self);
-            for scan in scans {
-                let scan = &clock.corrected(scan);
+            for moment in moments {
+                let seen = match moment {
+                    Moment::Primary { scan, lent } => Seen::corrected(&clock, scan, lent),
+                    Moment::Companion(scan) => {
+                        self.add_companion(&drive.trip, &clock.corrected(scan), &mut added);
+                        continue;
+                    }
+                };
+                let known = added.nodes.len();
                 match start.take() {
-                    Some(initial) => self.start_trip(drive, scan, &initial, &mut added)?,
-                    None => self.continue_trip(drive, scan, &mut cloud, &mut added)?,
+                    Some(initial) => self.start_trip(drive, &seen, &initial, &mut added)?,
+                    None => self.continue_trip(drive, &seen, &mut cloud, &mut added)?,
+                }
+                if added.nodes.len() == known {
+                    for scan in &seen.lent {
+                        self.add_companion(&drive.trip, scan, &mut added);
+                    }
                 }
             }
         }
@@ -100,16 +129,29 @@ impl RouteMap {
     /// The given pose, the origin for the first trip, or the place that the scans tell.
     fn first_pose(&self, drive: &Drive) -> Result<InitialPose, AnchorError> {
         match drive.initial_pose {
-            Some(given) => Ok(given),
+            Some(given) => Ok(self.at_first_primary(drive, given)),
             None if self.keyframes.is_empty() => Ok(anchor::ORIGIN),
             None => anchor::find(self, drive),
+        }
+    }
+
+    /// A pose given for a drive's first scan as one of the first that becomes a keyframe.
+    fn at_first_primary(&self, drive: &Drive, given: InitialPose) -> InitialPose {
+        let moments = self.moments(drive);
+        match (drive.scans.first(), moments.first()) {
+            (Some(first), Some(Moment::Primary { scan, .. })) if !std::ptr::eq(first, *scan) => {
+                let motion = first.odom_from_base.between(&scan.odom_from_base);
+                let pose = given.pose.compose(&motion);
+                InitialPose { pose, ..given }
+            }
+            _ => given,
         }
     }
 
     fn start_trip(
         &mut self,
         drive: &Drive,
-        scan: &DriveScan,
+        seen: &Seen,
         initial: &InitialPose,
         added: &mut Extension,
     ) -> Result<(), GraphError> {
@@ -118,7 +160,7 @@ impl RouteMap {
         } else {
             drift_of(initial.sigma_xy_m, initial.sigma_theta_rad)
         };
-        let keyframe = self.new_keyframe(drive, scan, drift_m);
+        let keyframe = self.new_keyframe(drive, seen, drift_m);
         let index = self.insert_new(keyframe, initial.pose, added)?;
         self.close_loops(index, added)
     }
@@ -126,10 +168,11 @@ impl RouteMap {
     fn continue_trip(
         &mut self,
         drive: &Drive,
-        scan: &DriveScan,
+        seen: &Seen,
         cloud: &mut LocalCloud,
         added: &mut Extension,
     ) -> Result<(), GraphError> {
+        let scan = &seen.scan;
         let Some(&last) = self.trips.get(&drive.trip).and_then(|trip| trip.last()) else {
             return Ok(());
         };
@@ -151,14 +194,14 @@ impl RouteMap {
             false => OdometryMotion::told(&by_odometry),
             true => OdometryMotion::not_told(&self.keyframes[last].last_scan(&rule).pose),
         };
-        let mut keyframe = self.new_keyframe(drive, scan, last_drift_m);
+        let mut keyframe = self.new_keyframe(drive, seen, last_drift_m);
         let motion = match self.weighting {
             Weighting::Robust | Weighting::AllPointsIdentity => self
                 .step(last, &keyframe, &odometry, &rule, cloud, is_silent)
                 .measure(),
             Weighting::Paper => {
                 let (last, new) = (&self.keyframes[last].points, &keyframe.points);
-                let sigma_m = scan.scan.lidar().range_sigma_m;
+                let sigma_m = keyframe.range_sigma_m().unwrap_or(0.0);
                 Some(match_scans(last, new, &odometry, sigma_m))
             }
         };
@@ -235,6 +278,18 @@ impl RouteMap {
         self.keep_intermediate(last, placed, added);
     }
 
+    /// Keeps a companion's scan that lends its points to no keyframe.
+    fn add_companion(&mut self, trip: &TripId, scan: &DriveScan, added: &mut Extension) {
+        let Some(&last) = self.trips.get(trip).and_then(|trip| trip.last()) else {
+            return;
+        };
+        let keyframe = &self.keyframes[last];
+        let primary = keyframe.scan.as_ref().unwrap_or(&scan.scan);
+        let rule = KeyframeRule::for_range(primary.lidar().range_max_m);
+        let placed = IntermediateScan::of_companion(scan, keyframe, &rule);
+        self.keep_intermediate(last, placed, added);
+    }
+
     fn keep_intermediate(&mut self, last: usize, placed: IntermediateScan, added: &mut Extension) {
         let keyframe = &mut self.keyframes[last];
         added
@@ -253,7 +308,8 @@ impl RouteMap {
             let keyframe = &self.keyframes[k];
             is_standing(&keyframe.odom_from_base.between(&scan.odom_from_base))
         };
-        let seen = self.keyframes[last].scan.as_ref();
+        let is_of_lidar = self.keyframes[last].lidar == scan.lidar.name;
+        let seen = self.keyframes[last].scan.as_ref().filter(|_| is_of_lidar);
         newest.iter().chain(trip.first()).all(stands)
             && seen.is_some_and(|seen| seen.differs_from(&scan.scan))
     }
@@ -275,12 +331,16 @@ impl RouteMap {
     }
 
     /// A keyframe that would be the next node.
-    fn new_keyframe(&self, drive: &Drive, scan: &DriveScan, drift_m: f64) -> Keyframe {
+    fn new_keyframe(&self, drive: &Drive, seen: &Seen, drift_m: f64) -> Keyframe {
+        let Seen { scan, lent } = seen;
         let node = self.next_node_id();
         let (trip, stamp) = (drive.trip.clone(), scan.stamp);
         let mut keyframe = Keyframe::new(node, trip, stamp, scan.odom_from_base, scan.scan.clone());
         keyframe.drift_m = drift_m;
-        keyframe
+        keyframe.lidar.clone_from(&scan.lidar.name);
+        let lent = lent.iter();
+        let lent = lent.filter_map(|lent| IntermediateScan::lending(lent, scan));
+        keyframe.with_intermediate(lent.collect())
     }
 
     fn insert_new(
@@ -289,7 +349,10 @@ impl RouteMap {
         pose: Pose2,
         added: &mut Extension,
     ) -> Result<usize, GraphError> {
-        added.nodes.push(self.take_node_id());
+        let node = self.take_node_id();
+        added.nodes.push(node);
+        let lent = 0..keyframe.intermediate.len();
+        added.intermediate.extend(lent.map(|place| (node, place)));
         self.insert_keyframe(pose, keyframe)
     }
 

@@ -5,12 +5,23 @@ use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::OdometryMotion;
 use crate::geometry::Pose2;
-use crate::ids::StampNs;
-use crate::scan::{LaserScan, Lidar, surface_points};
+use crate::ids::{LidarId, StampNs};
+use crate::scan::{KeyframeRule, LaserScan, Lidar, surface_points};
 
 use super::drive::DriveScan;
 
-/// A scan that was taken after a keyframe and before the next one of its trip.
+/// The lidar beside the one that takes a trip's keyframes, of a scan that it took.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Companion {
+    /// As the vehicle names it.
+    pub lidar: LidarId,
+    /// Whether the scan was taken so near in time to its keyframe's that its points count as the
+    /// keyframe's.
+    pub lends: bool,
+}
+
+/// A scan that was taken after a keyframe and before the next one of its trip, or by another lidar
+/// at about the time of the keyframe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IntermediateScan {
     /// When it was taken.
@@ -19,6 +30,8 @@ pub struct IntermediateScan {
     pub keyframe_from_base: Pose2,
     /// Pose of the base in the vehicle's own odometry frame.
     pub odom_from_base: Pose2,
+    /// Of a lidar beside the one that took the keyframe; `None` for a scan of that one.
+    pub companion: Option<Companion>,
     /// What was seen; `None` where it would repeat the scan before.
     pub scan: Option<LaserScan>,
 }
@@ -53,9 +66,10 @@ impl IntermediateScan {
             stamp: scan.stamp,
             keyframe_from_base: by_odometry,
             odom_from_base: scan.odom_from_base,
+            companion: None,
             scan: None,
         };
-        if !says_something_new(scan, last) {
+        if !says_something_new(scan, last, None) {
             return placed;
         }
         let points = surface_points(&scan.scan);
@@ -79,13 +93,56 @@ impl IntermediateScan {
             stamp: scan.stamp,
             keyframe_from_base,
             odom_from_base: scan.odom_from_base,
+            companion: None,
             scan: None,
         }
     }
 
+    /// A companion's scan that lends its points to the keyframe of a primary scan; `None` if it
+    /// has no name.
+    pub(super) fn lending(scan: &DriveScan, primary: &DriveScan) -> Option<Self> {
+        Some(Self {
+            stamp: scan.stamp,
+            keyframe_from_base: primary.odom_from_base.between(&scan.odom_from_base),
+            odom_from_base: scan.odom_from_base,
+            companion: Companion::of(scan, true),
+            scan: Some(scan.scan.clone()),
+        })
+        .filter(|lending| lending.companion.is_some())
+    }
+
+    /// A companion's scan, behind a trip's last keyframe: by odometry from where the trip's last
+    /// scan was taken.
+    pub(super) fn of_companion(scan: &DriveScan, last: &Keyframe, rule: &KeyframeRule) -> Self {
+        let before = last.last_scan(rule);
+        let since = before.odom_from_base.between(&scan.odom_from_base);
+        let since = OdometryMotion::told(&since).motion;
+        let is_kept = last.put_off_count(rule) == 0
+            && says_something_new(scan, last, scan.lidar.name.as_ref());
+        Self {
+            stamp: scan.stamp,
+            keyframe_from_base: before.pose.compose(&since),
+            odom_from_base: scan.odom_from_base,
+            companion: Companion::of(scan, false),
+            scan: is_kept.then(|| scan.scan.clone()),
+        }
+    }
+
+    /// The pose and the scan of a companion that lends its keyframe its points.
+    pub fn lent(&self) -> Option<(Pose2, &LaserScan)> {
+        let companion = self.companion.as_ref()?;
+        let scan = self.scan.as_ref()?;
+        companion.lends.then_some((self.keyframe_from_base, scan))
+    }
+
+    /// The companion that took it; `None` for the lidar that took its keyframe.
+    pub fn companion_lidar(&self) -> Option<&LidarId> {
+        self.companion.as_ref().map(|companion| &companion.lidar)
+    }
+
     /// A scan that was placed, behind a trip's last keyframe.
     pub(super) fn at(keyframe_from_base: Pose2, scan: &DriveScan, last: &Keyframe) -> Self {
-        let mut kept = last.intermediate.iter().filter(|s| s.scan.is_some());
+        let mut kept = last.own_intermediate().filter(|s| s.scan.is_some());
         let from_kept = kept
             .next_back()
             .map_or(Pose2::IDENTITY, |s| s.keyframe_from_base);
@@ -94,6 +151,7 @@ impl IntermediateScan {
             stamp: scan.stamp,
             keyframe_from_base,
             odom_from_base: scan.odom_from_base,
+            companion: None,
             scan: is_kept.then(|| scan.scan.clone()),
         }
     }
@@ -104,14 +162,25 @@ impl IntermediateScan {
     }
 }
 
+impl Companion {
+    fn of(scan: &DriveScan, lends: bool) -> Option<Self> {
+        let lidar = scan.lidar.name.clone()?;
+        Some(Self { lidar, lends })
+    }
+}
+
 /// By odometry alone, so that it does not depend on what the map knows.
-fn says_something_new(scan: &DriveScan, last: &Keyframe) -> bool {
-    let kept = || last.intermediate.iter().filter(|s| s.scan.is_some());
-    let (stamp, odom_from_kept) = kept()
-        .next_back()
-        .map_or((last.stamp, last.odom_from_base), |s| {
-            (s.stamp, s.odom_from_base)
-        });
+fn says_something_new(scan: &DriveScan, last: &Keyframe, companion: Option<&LidarId>) -> bool {
+    let kept = || {
+        let kept = last.intermediate.iter().filter(|s| s.scan.is_some());
+        kept.filter(|s| s.companion_lidar() == companion)
+    };
+    let newest = kept().next_back().map(|s| (s.stamp, s.odom_from_base));
+    let of_keyframe = (last.stamp, last.odom_from_base);
+    let Some((stamp, odom_from_kept)) = newest.or(companion.is_none().then_some(of_keyframe))
+    else {
+        return true;
+    };
     if has_moved(scan.scan.lidar(), &odom_from_kept, &scan.odom_from_base) {
         return true;
     }

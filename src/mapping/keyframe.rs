@@ -1,8 +1,9 @@
 //! What a node of the graph remembers beside its pose.
 
 use super::intermediate::IntermediateScan;
-use crate::geometry::Pose2;
-use crate::ids::{NodeId, StampNs, TripId};
+use crate::geometry::{Pose2, Vector2};
+use crate::ids::{LidarId, NodeId, StampNs, TripId};
+use crate::matching::Views;
 use crate::scan::{KeyframeRule, LaserScan, SurfacePoint, surface_points};
 
 /// A node's scan, and where it stands in its trip.
@@ -25,9 +26,13 @@ pub struct Keyframe {
     pub drift_m: f64,
     /// What was seen; `None` for a node that came with edges alone.
     pub scan: Option<LaserScan>,
-    /// The scan's returns with normals, base frame; none without a scan.
+    /// Which of the vehicle's lidars saw it; `None` for its only one.
+    pub lidar: Option<LidarId>,
+    /// The scan's returns with normals, base frame, and after them those that companions lend;
+    /// none without a scan.
     pub points: Vec<SurfacePoint>,
-    /// The trip's scans between this keyframe and its next, in the order of time.
+    /// The trip's scans between this keyframe and its next, in the order of time; those that lend
+    /// it their points first.
     pub intermediate: Vec<IntermediateScan>,
 }
 
@@ -83,15 +88,63 @@ impl Keyframe {
             reference: false,
             drift_m: 0.0,
             scan: None,
+            lidar: None,
             points: Vec::new(),
             intermediate: Vec::new(),
         }
     }
 
-    /// The newest scan of its trip up to its next keyframe: its own, or the last one between that
-    /// was not put off.
+    /// With scans behind it, from its first to its last; those that lend it their points do so.
+    #[must_use]
+    pub fn with_intermediate(mut self, intermediate: Vec<IntermediateScan>) -> Self {
+        let lent = intermediate.iter().filter_map(IntermediateScan::lent);
+        for (keyframe_from_base, scan) in lent {
+            let turn = Pose2::new(0.0, 0.0, keyframe_from_base.theta).to_transform();
+            let to_keyframe = keyframe_from_base.to_transform();
+            let points = surface_points(scan).into_iter();
+            self.points.extend(points.map(|point| SurfacePoint {
+                position: to_keyframe.apply(&point.position),
+                normal: point.normal.map(|normal: Vector2<f64>| turn.apply(&normal)),
+                ..point
+            }));
+        }
+        self.intermediate = intermediate;
+        self
+    }
+
+    /// What was seen from it: its own scan and those that lend it their points, each from where it
+    /// was taken. `None` without a scan.
+    pub(super) fn views(&self) -> Option<Views<'_>> {
+        let lent = self.intermediate.iter().filter_map(IntermediateScan::lent);
+        Some(Views::new(self.scan.as_ref()?).with(lent))
+    }
+
+    /// Standard deviation of a range of its points, metres: the largest of the scans that they
+    /// come from. `None` without a scan.
+    pub(super) fn range_sigma_m(&self) -> Option<f64> {
+        let sigma_m = |scan: &LaserScan| scan.lidar().range_sigma_m;
+        let lent = self.intermediate.iter().filter_map(IntermediateScan::lent);
+        let lent = lent.map(|(_, scan)| sigma_m(scan));
+        Some(lent.fold(sigma_m(self.scan.as_ref()?), f64::max))
+    }
+
+    /// Which lidar took one of the scans behind it; `None` for a vehicle's only one.
+    pub fn lidar_of<'a>(&'a self, following: &'a IntermediateScan) -> Option<&'a LidarId> {
+        following.companion_lidar().or(self.lidar.as_ref())
+    }
+
+    /// The scans behind it of the lidar that took its own.
+    pub(super) fn own_intermediate(
+        &self,
+    ) -> impl DoubleEndedIterator<Item = &IntermediateScan> + Clone {
+        let is_own = |following: &&IntermediateScan| following.companion.is_none();
+        self.intermediate.iter().filter(is_own)
+    }
+
+    /// The newest scan of its trip up to its next keyframe: its own, or the last one of its lidar
+    /// between that was not put off.
     pub(super) fn last_scan(&self, rule: &KeyframeRule) -> LastScan {
-        let mut newest = self.intermediate.iter().rev();
+        let mut newest = self.own_intermediate().rev();
         let last = newest.find(|following| !self.was_put_off(following, rule));
         last.map_or(
             LastScan {
@@ -109,7 +162,7 @@ impl Keyframe {
 
     /// How many scans since it would have been keyframes if anything had told where they were.
     pub(super) fn put_off_count(&self, rule: &KeyframeRule) -> usize {
-        let newest = self.intermediate.iter().rev();
+        let newest = self.own_intermediate().rev();
         newest
             .take_while(|following| self.was_put_off(following, rule))
             .count()

@@ -295,6 +295,7 @@ mod tests {
             }
             DriveScan {
                 beam_interval_s: 0.0,
+                lidar: Default::default(),
                 stamp: StampNs((1e9 * (start_s + EVERY_S * k as f64)) as i64),
                 odom_from_base,
                 scan: world.scan(&lidar, BEAMS, &truth(scan), || 0.0),

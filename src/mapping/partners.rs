@@ -6,7 +6,7 @@
 
 use super::keyframe::Keyframe;
 use crate::geometry::{Pose2, angle_difference_rad};
-use crate::matching::{View, Visibility};
+use crate::matching::Visibility;
 
 /// A node becomes a reference unless one is as near as this, metres …
 const COVERED_DISTANCE_M: f64 = 0.3;
@@ -45,17 +45,16 @@ pub(super) fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) 
 
 /// Share of the new scan's points that lie where the old scan looked; 0 without an old scan.
 fn reach_share(new: &Placed<'_>, old: &Placed<'_>) -> f64 {
-    let Some(old_scan) = &old.keyframe.scan else {
+    let Some(views) = old.keyframe.views() else {
         return 0.0;
     };
     let old_from_new = old.pose.between(&new.pose).to_transform();
-    let view = View::new(old_scan);
     let sampled = new.keyframe.points.iter().step_by(REACH_STRIDE);
     let (mut within, mut count) = (0usize, 0usize);
     for point in sampled {
         count += 1;
         let position = old_from_new.apply(&point.position);
-        let seen = view.look_at(&position, REACH_TOLERANCE_M);
+        let seen = views.look_at(&position, REACH_TOLERANCE_M);
         within += usize::from(matches!(seen, Visibility::Surface | Visibility::Free));
     }
     within as f64 / count.max(1) as f64

@@ -77,8 +77,7 @@ impl Step<'_> {
     }
 
     fn sigma_m(&self) -> f64 {
-        let scan = self.new.scan.as_ref();
-        scan.map_or(0.0, |scan| scan.lidar().range_sigma_m)
+        self.new.range_sigma_m().unwrap_or(0.0)
     }
 
     /// The motion of a vehicle whose wheels turned while it moved otherwise. Along a corridor a

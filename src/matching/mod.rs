@@ -22,4 +22,4 @@ pub use estimate::{Estimate, Termination};
 pub use icp::{Alignment, IcpParams, Prior, align};
 pub use likelihood::LikelihoodGrid;
 pub use search::{SearchHit, SearchParams, SearchWindow, search};
-pub use visibility::{Agreement, View, Visibility, agreement};
+pub use visibility::{Agreement, View, Views, Visibility, agreement};

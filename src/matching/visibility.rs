@@ -5,17 +5,17 @@ use std::f64::consts::TAU;
 use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
 use crate::scan::{LaserScan, SurfacePoint};
 
-/// What a scan says about a point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a scan says about a point; of several scans from one place the greatest holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Visibility {
     /// Outside the field of view, or the beam has no return: no evidence.
     Unseen,
+    /// The beam ended before it.
+    Occluded,
     /// The beam passed through the point and went on.
     Free,
     /// The beam ended there.
     Surface,
-    /// The beam ended before it.
-    Occluded,
 }
 
 /// What a scan says about another's points.
@@ -131,23 +131,57 @@ impl<'a> View<'a> {
     }
 }
 
-/// What the scan `seen_by` says about the points of another scan.
+/// What the lidars of a vehicle saw at one time, each from where it was.
+pub struct Views<'a> {
+    own: View<'a>,
+    /// Each with `its_base_from_base`.
+    others: Vec<(Transform2, View<'a>)>,
+}
+
+impl<'a> Views<'a> {
+    /// Of one scan alone.
+    pub fn new(scan: &'a LaserScan) -> Self {
+        Self {
+            own: View::new(scan),
+            others: Vec::new(),
+        }
+    }
+
+    /// And of others, each with `base_from_its_base`: the base may have moved in between.
+    #[must_use]
+    pub fn with(mut self, others: impl Iterator<Item = (Pose2, &'a LaserScan)>) -> Self {
+        let view =
+            |(pose, scan): (Pose2, &'a LaserScan)| (pose.inverse().to_transform(), View::new(scan));
+        self.others.extend(others.map(view));
+        self
+    }
+
+    /// What they say about a point of the base frame, as [`View::look_at`]: it is a surface if one
+    /// of them ended there, else free if one passed through it.
+    pub fn look_at(&self, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
+        let by_others = self.others.iter();
+        let by_others =
+            by_others.map(|(to_its, view)| view.look_at(&to_its.apply(point), tolerance_m));
+        by_others.fold(self.own.look_at(point, tolerance_m), Visibility::max)
+    }
+}
+
+/// What the scans `seen_by` say about the points of another place.
 ///
 /// The tolerance grows with range by the turn error `sigma_theta_rad` (3 σ).
 pub fn agreement(
     points: &[SurfacePoint],
-    seen_by: &LaserScan,
+    seen_by: &Views<'_>,
     seen_by_from_points: &Pose2,
     tolerance_m: f64,
     sigma_theta_rad: f64,
 ) -> Agreement {
     let mut counts = Agreement::default();
     let to_seen_by = seen_by_from_points.to_transform();
-    let view = View::new(seen_by);
     for point in points {
         let position = to_seen_by.apply(&point.position);
         let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
-        match view.look_at(&position, allowed_m) {
+        match seen_by.look_at(&position, allowed_m) {
             Visibility::Unseen => counts.unseen += 1,
             Visibility::Free => counts.free += 1,
             Visibility::Surface => counts.surface += 1,

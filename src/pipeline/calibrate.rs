@@ -1,65 +1,93 @@
 //! What a trip says of its vehicle: asked once it has driven enough, and once more when it has
 //! driven much.
 
-use crate::calibration::{TripCalibration, TripScan};
-use crate::ids::{TripId, VehicleId};
-use crate::mapping::RouteMap;
-use crate::scan::LaserScan;
+use std::collections::BTreeMap;
+
+use crate::calibration::{CompanionScan, TripCalibration, TripScan};
+use crate::geometry::Pose2;
+use crate::ids::{LidarId, TripId, VehicleId};
+use crate::mapping::{Keyframe, RouteMap};
+use crate::scan::{LaserScan, SurfacePoint, surface_points};
 use crate::store::TripCalibrationRecord;
 
 /// A trip is asked when the map keeps so many of its scans. Each costs about half a millisecond.
 const SCANS: [usize; 2] = [150, 600];
+/// So many of a companion's scans are compared with what the primary lidar saw …
+const COMPANIONS_MAX: usize = 60;
+/// … at every so many of so many keyframes before and after. Each costs a few milliseconds.
+const AROUND_STEP: usize = 2;
+const AROUND: usize = 12;
 
-/// The trip's word, if it is due: if its scans in the map, of which there were `known` before, have
-/// come to one of the numbers at which it is asked.
+/// How many scans of each of a trip's lidars the map keeps; of a vehicle's only one without a name.
+pub(super) type KeptScans = BTreeMap<Option<LidarId>, usize>;
+
+/// The trip's word on each of its lidars that is due: if its scans in the map, of which there were
+/// `known` before, have come to one of the numbers at which it is asked.
 ///
-/// It rests on what was sent, not on what the map makes of it, and changes nothing: the map is the
-/// same whether it was asked or not.
-pub(super) fn trip_calibration(
+/// It rests on what was sent, not on what the map makes of it (but for where a companion's mount
+/// sits beside the primary one, which needs a place for each scan), and changes nothing: the map is
+/// the same whether it was asked or not.
+pub(super) fn trip_calibrations(
     map: &RouteMap,
     trip: &TripId,
     vehicle: &VehicleId,
-    known: usize,
-) -> Option<TripCalibrationRecord> {
-    let count = kept_scans(map, trip);
-    SCANS.iter().find(|due| known < **due && **due <= count)?;
-    let scans = scans_of(map, trip);
-    let newest = scans.last()?.stamp;
-    Some(TripCalibrationRecord {
-        trip_id: trip.clone(),
-        vehicle_id: vehicle.clone(),
-        stamp: newest,
-        scans: u32::try_from(scans.len()).ok()?,
-        calibration: TripCalibration::of_scans(&scans),
-    })
+    known: &KeptScans,
+) -> Vec<TripCalibrationRecord> {
+    let due = kept_scans(map, trip).into_iter().filter(|(lidar, count)| {
+        let known = known.get(lidar).copied().unwrap_or(0);
+        SCANS.iter().any(|due| known < *due && due <= count)
+    });
+    let record = |(lidar, _): (Option<LidarId>, usize)| {
+        let scans = scans_of(map, trip, lidar.as_ref());
+        Some(TripCalibrationRecord {
+            trip_id: trip.clone(),
+            vehicle_id: vehicle.clone(),
+            stamp: scans.last()?.stamp,
+            scans: u32::try_from(scans.len()).ok()?,
+            calibration: TripCalibration::of_scans(&scans),
+            beside_primary: lidar
+                .as_ref()
+                .and_then(|lidar| beside_primary(map, trip, lidar)),
+            lidar,
+        })
+    };
+    due.filter_map(record).collect()
 }
 
 /// How many of a trip's scans the map keeps.
-pub(super) fn kept_scans(map: &RouteMap, trip: &TripId) -> usize {
-    let keyframes = map.keyframes().iter().filter(|k| k.trip == *trip);
-    let kept = keyframes.map(|keyframe| {
-        let between = keyframe.intermediate.iter().filter(|s| s.scan.is_some());
-        usize::from(keyframe.scan.is_some()) + between.count()
-    });
-    kept.sum()
+pub(super) fn kept_scans(map: &RouteMap, trip: &TripId) -> KeptScans {
+    let mut kept = KeptScans::new();
+    for keyframe in map.keyframes().iter().filter(|k| k.trip == *trip) {
+        if keyframe.scan.is_some() {
+            *kept.entry(keyframe.lidar.clone()).or_default() += 1;
+        }
+        for following in keyframe.intermediate.iter().filter(|s| s.scan.is_some()) {
+            *kept
+                .entry(keyframe.lidar_of(following).cloned())
+                .or_default() += 1;
+        }
+    }
+    kept
 }
 
-/// Those of one lidar, that of the first, in the order of time.
-fn scans_of(map: &RouteMap, trip: &TripId) -> Vec<TripScan> {
+/// Those of one of the trip's lidars, alike to the first, in the order of time.
+fn scans_of(map: &RouteMap, trip: &TripId, lidar: Option<&LidarId>) -> Vec<TripScan> {
     let keyframes = map.keyframes().iter().filter(|k| k.trip == *trip);
     let scans = keyframes.flat_map(|keyframe| {
         let own = (
+            keyframe.lidar.as_ref(),
             keyframe.stamp,
             keyframe.odom_from_base,
             keyframe.scan.as_ref(),
         );
-        let between = keyframe
-            .intermediate
-            .iter()
-            .map(|s| (s.stamp, s.odom_from_base, s.scan.as_ref()));
+        let between = keyframe.intermediate.iter().map(|s| {
+            let lidar = keyframe.lidar_of(s);
+            (lidar, s.stamp, s.odom_from_base, s.scan.as_ref())
+        });
         std::iter::once(own).chain(between)
     });
-    let scans = scans.filter_map(|(stamp, odom_from_base, scan)| {
+    let scans = scans.filter(|(taken_by, ..)| *taken_by == lidar);
+    let scans = scans.filter_map(|(_, stamp, odom_from_base, scan)| {
         Some(TripScan {
             stamp,
             odom_from_base,
@@ -77,6 +105,58 @@ fn scans_of(map: &RouteMap, trip: &TripId) -> Vec<TripScan> {
     scans
 }
 
+/// A trip's placed keyframe with what its lidar saw.
+struct Around<'a> {
+    keyframe: &'a Keyframe,
+    map_from_base: Pose2,
+    points: Vec<SurfacePoint>,
+}
+
+/// Where a companion's mount sits beside that of the lidar that takes the trip's keyframes; `None`
+/// if the companion is that lidar.
+fn beside_primary(map: &RouteMap, trip: &TripId, lidar: &LidarId) -> Option<TripCalibration> {
+    let keyframes = map.keyframes().iter().zip(map.graph().nodes());
+    let keyframes = keyframes.filter(|(keyframe, _)| keyframe.trip == *trip && !keyframe.is_lost());
+    let around = keyframes.filter_map(|(keyframe, node)| {
+        Some(Around {
+            keyframe,
+            map_from_base: node.pose,
+            points: surface_points(keyframe.scan.as_ref()?),
+        })
+    });
+    let around: Vec<Around<'_>> = around.collect();
+    if around.last()?.keyframe.lidar.as_ref() == Some(lidar) {
+        return None;
+    }
+    let companions = around.iter().enumerate().flat_map(|(k, at)| {
+        let of_lidar = at.keyframe.intermediate.iter();
+        let of_lidar = of_lidar.filter(|s| s.companion_lidar() == Some(lidar));
+        of_lidar.filter_map(move |s| {
+            Some((
+                k,
+                at.map_from_base.compose(&s.keyframe_from_base),
+                s.scan.as_ref()?,
+            ))
+        })
+    });
+    let companions: Vec<(usize, Pose2, &LaserScan)> = companions.collect();
+    let every = companions.len().div_ceil(COMPANIONS_MAX).max(1);
+    let companions = companions
+        .into_iter()
+        .step_by(every)
+        .map(|(k, pose, scan)| {
+            let near = k.saturating_sub(AROUND)..(k + AROUND + 1).min(around.len());
+            let near = around[near].iter().step_by(AROUND_STEP);
+            let near =
+                near.map(|other| (pose.between(&other.map_from_base), other.points.as_slice()));
+            CompanionScan {
+                scan,
+                around: near.collect(),
+            }
+        });
+    Some(TripCalibration::of_companion(companions))
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -84,8 +164,8 @@ mod tests {
     use super::*;
     use crate::calibration::Quantity;
     use crate::ids::StampNs;
-    use crate::mapping::{Drive, DriveScan, Weighting};
-    use crate::sim::{Hall, Vehicle, drive};
+    use crate::mapping::{Drive, DriveScan, LidarOfVehicle, Weighting};
+    use crate::sim::{Hall, Scene, SimLidar, SimScan, Vehicle, drive};
 
     const TURN_RAD: f64 = 0.04;
 
@@ -97,6 +177,7 @@ mod tests {
         let scans = drive(&hall.world, &hall.route, &vehicle, 1, 5).into_iter();
         let scans = scans.map(|scan| DriveScan {
             beam_interval_s: 0.0,
+            lidar: Default::default(),
             stamp: StampNs((1e9 * scan.time_s) as i64),
             odom_from_base: scan.odom_from_base,
             scan: LaserScan::new(lidar.clone(), scan.ranges_m).unwrap(),
@@ -116,19 +197,93 @@ mod tests {
         let mut rest = whole.clone();
         rest.scans = whole.scans.split_off(60);
         map.extend(&whole).unwrap();
-        assert_eq!(trip_calibration(&map, &trip, &vehicle, 0), None, "too few");
+        let none = KeptScans::new();
+        assert_eq!(
+            trip_calibrations(&map, &trip, &vehicle, &none),
+            [],
+            "too few"
+        );
         let known = kept_scans(&map, &trip);
         map.extend(&rest).unwrap();
-        let asked = trip_calibration(&map, &trip, &vehicle, known).unwrap();
-        assert_eq!(asked.scans as usize, kept_scans(&map, &trip));
+        let asked = trip_calibrations(&map, &trip, &vehicle, &known);
+        let [asked] = asked.as_slice() else {
+            panic!("{} were asked", asked.len());
+        };
+        assert_eq!(asked.scans as usize, kept_scans(&map, &trip)[&None]);
+        assert_eq!((&asked.lidar, &asked.beside_primary), (&None, &None));
         let yaw = asked.calibration.estimates[&Quantity::MountYaw];
         assert!((yaw.value - TURN_RAD).abs() < 4.0 * yaw.sigma, "{yaw:?}");
         assert!(yaw.sigma < 0.01, "{yaw:?}");
         let known = kept_scans(&map, &trip);
         assert_eq!(
-            trip_calibration(&map, &trip, &vehicle, known),
-            None,
+            trip_calibrations(&map, &trip, &vehicle, &known),
+            [],
             "no news"
         );
+    }
+
+    /// A lap of a vehicle with two lidars, of which the rear one sits turned.
+    #[test]
+    fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
+        let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+        let hall = Hall::generate(5).unwrap();
+        let [front, rear] = SimLidar::front_and_rear(std::f64::consts::PI, 181, 20.0, 0.01);
+        let mount_error = Pose2::new(0.0, 0.0, TURN_RAD);
+        let lidars = [
+            front.clone(),
+            SimLidar {
+                mount_error,
+                ..rear
+            },
+        ];
+        let driven_by = Vehicle {
+            lidar: front,
+            ..Vehicle::of_fleet(0, 0.0)
+        };
+        let scene = Scene::of_hall(&hall, 0);
+        let ahead = scene.drive(&driven_by, 0..1, 5);
+        let back = scene.drive_of_companion(&driven_by, (1, &lidars[1]), 0..1, 5);
+        let scan = |place: usize, scan: SimScan| DriveScan {
+            beam_interval_s: 0.0,
+            lidar: LidarOfVehicle {
+                name: Some(LidarId::new(["front", "rear"][place]).unwrap()),
+                place,
+            },
+            stamp: StampNs((1e9 * scan.time_s) as i64),
+            odom_from_base: scan.odom_from_base,
+            scan: {
+                let geometry = Arc::new(lidars[place].geometry.clone());
+                LaserScan::new(geometry, scan.ranges_m).unwrap()
+            },
+        };
+        let both = ahead.into_iter().zip(back);
+        let scans = both.flat_map(|(ahead, back)| [scan(0, ahead), scan(1, back)]);
+        let mut map = RouteMap::new(Weighting::Robust);
+        map.extend(&Drive {
+            trip: trip.clone(),
+            initial_pose: None,
+            scans: scans.collect(),
+        })
+        .unwrap();
+        let told = trip_calibrations(&map, &trip, &vehicle, &KeptScans::new());
+        let [front, rear] = told.as_slice() else {
+            panic!("{} were asked", told.len());
+        };
+        let names = [front, rear].map(|record| record.lidar.as_ref().unwrap().as_str());
+        assert_eq!(names, ["front", "rear"]);
+        assert_eq!(front.beside_primary, None);
+        let yaws = [
+            (&front.calibration, 0.0),
+            (&rear.calibration, TURN_RAD),
+            (rear.beside_primary.as_ref().unwrap(), TURN_RAD),
+        ];
+        for (told, truth) in yaws {
+            let yaw = told.estimates[&Quantity::MountYaw];
+            assert!(
+                (yaw.value - truth).abs() < 4.0 * yaw.sigma,
+                "{yaw:?}, not {truth}"
+            );
+            assert!(yaw.sigma < 0.01, "{yaw:?}");
+        }
     }
 }

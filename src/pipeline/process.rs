@@ -3,7 +3,7 @@
 use anyhow::Context;
 
 use super::alerts::fold_into;
-use super::calibrate::{kept_scans, trip_calibration};
+use super::calibrate::{kept_scans, trip_calibrations};
 use super::findings::findings;
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, of_added};
 use super::stage::stage_of;
@@ -56,8 +56,9 @@ pub(super) fn process(
     };
     let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
     let (workspace, mut result) = conclude(workspace, job, &origins, &added, outcomes)?;
-    result.calibration =
-        vehicle.and_then(|v| trip_calibration(&workspace.map, &drive.trip, &v, known));
+    if let Some(vehicle) = vehicle {
+        result.calibrations = trip_calibrations(&workspace.map, &drive.trip, &vehicle, &known);
+    }
     Ok((workspace, result))
 }
 

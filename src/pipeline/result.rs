@@ -110,7 +110,7 @@ pub(super) fn of_added(
         changed_nodes: changed_nodes(&workspace.saved_nodes, &nodes_now),
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
-        calibration: None,
+        calibrations: Vec::new(),
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };
@@ -169,6 +169,7 @@ fn node_record(
     Ok(NodeWithScan {
         node,
         scan,
+        lidar: keyframe.lidar.clone(),
         intermediate: Vec::new(),
     })
 }
@@ -187,6 +188,8 @@ fn intermediate_record(
             stamp: scan.stamp,
             keyframe_from_base: scan.keyframe_from_base,
             odom_from_base: scan.odom_from_base,
+            companion: scan.companion_lidar().cloned(),
+            lends: scan.lent().is_some(),
             scan: scan.scan.as_ref().map(encode_scan).transpose()?,
         },
     })

@@ -8,7 +8,7 @@ use anyhow::{Context, anyhow};
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
-use crate::mapping::{IntermediateScan, Keyframe, RouteMap, Weighting};
+use crate::mapping::{Companion, IntermediateScan, Keyframe, RouteMap, Weighting};
 use crate::scan::decode_scan;
 use crate::store::{
     AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, IntermediateRecord, NodeChange,
@@ -187,10 +187,10 @@ fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
     keyframe.reference = node.reference;
     keyframe.drift_m = node.drift_m;
     keyframe.trip_order = node.trip_order;
+    keyframe.lidar.clone_from(&record.lidar);
     let intermediate = record.intermediate.iter();
     let intermediate = intermediate.map(|scan| intermediate_of(node.id, scan));
-    keyframe.intermediate = intermediate.collect::<Result<_, _>>()?;
-    Ok(keyframe)
+    Ok(keyframe.with_intermediate(intermediate.collect::<Result<_, _>>()?))
 }
 
 fn intermediate_of(node: NodeId, record: &IntermediateRecord) -> anyhow::Result<IntermediateScan> {
@@ -200,6 +200,10 @@ fn intermediate_of(node: NodeId, record: &IntermediateRecord) -> anyhow::Result<
         stamp: record.stamp,
         keyframe_from_base: record.keyframe_from_base,
         odom_from_base: record.odom_from_base,
+        companion: record.companion.clone().map(|lidar| Companion {
+            lidar,
+            lends: record.lends,
+        }),
         scan,
     })
 }

@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
+use rand_chacha::ChaCha8Rng;
+
 use super::random::{Purpose, stream};
 use super::walker::Walkers;
-use super::{Route, Scene, Vehicle, World};
+use super::{Route, Scene, SimLidar, Vehicle, World};
 use crate::geometry::Pose2;
 
 /// A scan with the truth beside it.
@@ -47,7 +49,33 @@ impl Scene {
     /// as they were.
     pub fn drive(&self, vehicle: &Vehicle, laps: Range<usize>, seed: u64) -> Vec<SimScan> {
         let from_lap = laps.start;
-        let mut ranges = stream(seed, Purpose::Ranges { from_lap });
+        let ranges = stream(seed, Purpose::Ranges { from_lap });
+        self.drive_with(vehicle, &vehicle.lidar, laps, seed, ranges)
+    }
+
+    /// What another lidar of the vehicle sees on the same drive, at the same moments. `number`
+    /// tells the noise of several such lidars apart.
+    pub fn drive_of_companion(
+        &self,
+        vehicle: &Vehicle,
+        (number, companion): (usize, &SimLidar),
+        laps: Range<usize>,
+        seed: u64,
+    ) -> Vec<SimScan> {
+        let (from_lap, lidar) = (laps.start, number);
+        let ranges = stream(seed, Purpose::CompanionRanges { from_lap, lidar });
+        self.drive_with(vehicle, companion, laps, seed, ranges)
+    }
+
+    fn drive_with(
+        &self,
+        vehicle: &Vehicle,
+        lidar: &SimLidar,
+        laps: Range<usize>,
+        seed: u64,
+        mut ranges: ChaCha8Rng,
+    ) -> Vec<SimScan> {
+        let from_lap = laps.start;
         let mut odometry = stream(seed, Purpose::Odometry { from_lap });
         let mut scans: Vec<SimScan> = Vec::new();
         for lap in laps {
@@ -56,7 +84,7 @@ impl Scene {
             let path_noise_m = if lap == 0 { 0.0 } else { vehicle.path_noise_m };
             let mut path = stream(seed, Purpose::Path { lap });
             let spacing_m = vehicle.scan_spacing_m;
-            let shared = &vehicle.lidar.pass_errors;
+            let shared = &lidar.pass_errors;
             let errors = shared.draw(seed, lap, self.seed, self.objects.len());
             for map_from_base in self.route.lap(spacing_m, path_noise_m, &mut path) {
                 let (time_s, odom_from_base) = match scans.last() {
@@ -79,9 +107,7 @@ impl Scene {
                         object,
                     ))
                 };
-                let beams = vehicle
-                    .lidar
-                    .scan(cast, &map_from_base, &errors, &mut ranges);
+                let beams = lidar.scan(cast, &map_from_base, &errors, &mut ranges);
                 scans.push(SimScan {
                     time_s,
                     lap,
@@ -126,6 +152,26 @@ mod tests {
         assert_eq!(once.len(), 2 * per_lap);
         assert_eq!(once.iter().filter(|s| s.lap == 1).count(), per_lap);
         assert!(once.windows(2).all(|w| w[1].time_s > w[0].time_s));
+    }
+
+    #[test]
+    fn another_lidar_is_on_the_same_drive_with_noise_of_its_own() {
+        let hall = Hall::generate(11).unwrap();
+        let scene = Scene::of_hall(&hall, 0);
+        let vehicle = vehicle();
+        let alone = scene.drive(&vehicle, 0..1, 1);
+        let rear = |number| scene.drive_of_companion(&vehicle, (number, &vehicle.lidar), 0..1, 1);
+        let (first, second) = (rear(1), rear(2));
+        assert_eq!(alone.len(), first.len());
+        for (a, b) in alone.iter().zip(&first) {
+            assert_eq!(a.time_s, b.time_s);
+            assert_eq!(
+                (a.map_from_base, a.odom_from_base),
+                (b.map_from_base, b.odom_from_base)
+            );
+            assert_ne!(a.ranges_m, b.ranges_m);
+        }
+        assert_ne!(first[0].ranges_m, second[0].ranges_m);
     }
 
     #[test]

@@ -58,6 +58,19 @@ impl SimLidar {
         lidar
     }
 
+    /// Two lidars of one make, at the front and at the rear of a vehicle 0.8 m long, that look
+    /// ahead and back, at opposite corners.
+    pub fn front_and_rear(
+        field_rad: f64,
+        beams: usize,
+        range_max_m: f64,
+        range_sigma_m: f64,
+    ) -> [Self; 2] {
+        let front = Pose2::new(0.4, 0.1, 0.0);
+        let rear = Pose2::new(-0.4, -0.1, std::f64::consts::PI);
+        [front, rear].map(|mount| Self::sector(field_rad, beams, range_max_m, range_sigma_m, mount))
+    }
+
     /// One scan: metres to the millimetre and what was met there, `None` for no return. `cast`
     /// follows a ray from an origin in a direction, map frame; `errors` are the lap's.
     pub(super) fn scan<T: Copy + PartialEq>(

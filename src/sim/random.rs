@@ -16,6 +16,11 @@ pub(super) enum Purpose {
     Ranges {
         from_lap: usize,
     },
+    /// Of the lidar beside the first, on such a drive.
+    CompanionRanges {
+        from_lap: usize,
+        lidar: usize,
+    },
     Odometry {
         from_lap: usize,
     },
@@ -53,6 +58,7 @@ pub(super) fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::PassErrors { lap } => of_lap(lap, 4),
         Purpose::Doors { lap } => of_lap(lap, 5),
         Purpose::Leans => 6,
+        Purpose::CompanionRanges { from_lap, lidar } => of_lap(from_lap, 100 + lidar as u64),
         Purpose::Walker { lap, walker } => of_lap(lap + 1, 1_000 + walker as u64),
     });
     rng

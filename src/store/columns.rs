@@ -11,7 +11,7 @@ use super::records::{BatchKind, BatchStatus, Detector, Stage};
 use crate::change::{AlertAction, AlertStatus, ChangeKind, Tier};
 use crate::geometry::{Information, Pose2, PoseSigma, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus};
-use crate::ids::{AlertId, BatchId, InvalidName, RouteId, TripId, VehicleId};
+use crate::ids::{AlertId, BatchId, InvalidName, LidarId, RouteId, TripId, VehicleId};
 
 /// An enumeration that is stored as text.
 pub(super) trait Text: Sized {
@@ -112,7 +112,7 @@ macro_rules! name_column {
     };
 }
 
-name_column!(RouteId, VehicleId, TripId, BatchId);
+name_column!(RouteId, VehicleId, TripId, BatchId, LidarId);
 
 /// A value that no version of this program writes.
 pub(super) fn corrupt(column: &'static str) -> StoreError {
@@ -127,6 +127,17 @@ pub(super) fn text<T: Text>(row: &SqliteRow, column: &'static str) -> Result<T, 
 /// A name's column.
 pub(super) fn name<T: Name>(row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
     T::from_text(row.try_get(column)?).map_err(|_| corrupt(column))
+}
+
+/// A name's column, if there is one.
+pub(super) fn optional_name<T: Name>(
+    row: &SqliteRow,
+    column: &'static str,
+) -> Result<Option<T>, StoreError> {
+    let text: Option<String> = row.try_get(column)?;
+    text.map(T::from_text)
+        .transpose()
+        .map_err(|_| corrupt(column))
 }
 
 /// A time as it is stored.
@@ -179,6 +190,16 @@ pub(super) fn json<T: DeserializeOwned>(
     column: &'static str,
 ) -> Result<T, StoreError> {
     serde_json::from_str(row.try_get(column)?).map_err(|_| corrupt(column))
+}
+
+/// A column of JSON, if there is one.
+pub(super) fn optional_json<T: DeserializeOwned>(
+    row: &SqliteRow,
+    column: &'static str,
+) -> Result<Option<T>, StoreError> {
+    let text: Option<&str> = row.try_get(column)?;
+    let value = text.map(serde_json::from_str).transpose();
+    value.map_err(|_| corrupt(column))
 }
 
 /// The corners of a polygon as bytes.

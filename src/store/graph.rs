@@ -6,7 +6,7 @@ use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 use super::acceptances;
 use super::alerts;
 use super::body::checksum;
-use super::columns::{information, name, pose, pose_sigma, text};
+use super::columns::{information, name, optional_name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
@@ -41,7 +41,7 @@ macro_rules! select_nodes {
 macro_rules! select_nodes_with_scans {
     ($join:literal, $rest:literal) => {
         select_nodes!(
-            ", scan, scan_sha256",
+            ", scan, scan_sha256, lidar",
             concat!(
                 $join,
                 " node_scans ON node_scans.route_key = nodes.route_key \
@@ -320,6 +320,7 @@ fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, S
     Ok(NodeWithScan {
         node,
         scan,
+        lidar: optional_name(row, "lidar")?,
         intermediate: Vec::new(),
     })
 }

@@ -10,7 +10,7 @@ use super::error::StoreError;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
 use super::results::Members;
 use crate::geometry::{Information, Pose2, PoseSigma};
-use crate::ids::{BatchId, EdgeId};
+use crate::ids::{BatchId, EdgeId, LidarId};
 
 /// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
 pub(super) const ROWS_MAX: usize = 256;
@@ -59,19 +59,21 @@ async fn insert_scans(
     nodes: &[NodeWithScan],
 ) -> Result<(), StoreError> {
     let with_scans = nodes.iter();
-    let with_scans = with_scans.filter_map(|node| Some((node.node.id, node.scan.as_deref()?)));
+    let with_scans = with_scans
+        .filter_map(|node| Some((node.node.id, node.scan.as_deref()?, node.lidar.as_ref())));
     let with_scans: Vec<_> = with_scans.collect();
     if with_scans.is_empty() {
         return Ok(());
     }
     let mut query =
-        QueryBuilder::new("INSERT INTO node_scans (route_key, node_id, scan, scan_sha256) ");
-    query.push_values(with_scans, |mut values, (node, scan)| {
+        QueryBuilder::new("INSERT INTO node_scans (route_key, node_id, scan, scan_sha256, lidar) ");
+    query.push_values(with_scans, |mut values, (node, scan, lidar)| {
         values
             .push_bind(route_key)
             .push_bind(node.0)
             .push_bind(scan)
-            .push_bind(checksum(scan).to_vec());
+            .push_bind(checksum(scan).to_vec())
+            .push_bind(lidar.map(LidarId::as_str));
     });
     query.build().execute(transaction).await?;
     Ok(())

@@ -6,12 +6,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, SqliteConnection, SqlitePool};
 
 use super::body::checksum;
-use super::columns::{corrupt, json_text, pose};
+use super::columns::{corrupt, json_text, optional_name, pose};
 use super::error::StoreError;
 use super::graph::scan_of;
 use super::graph_rows::{ROWS_MAX, push_pose};
 use super::records::{IntermediateRecord, NewIntermediate, TrajectoryPose};
-use crate::ids::{NodeId, RouteId, StampNs, TripId};
+use crate::ids::{LidarId, NodeId, RouteId, StampNs, TripId};
 
 /// Inserts scans between keyframes; their keyframes are there already.
 ///
@@ -25,7 +25,7 @@ pub(super) async fn insert_intermediate(
     for rows in new.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO intermediate_scans (route_key, node_id, place, stamp_ns, x, y, theta, \
-             odom_x, odom_y, odom_theta, scan_sha256, scan) ",
+             odom_x, odom_y, odom_theta, companion, lends, scan_sha256, scan) ",
         );
         query.push_values(rows, |mut values, new| {
             let scan = &new.scan;
@@ -37,6 +37,8 @@ pub(super) async fn insert_intermediate(
             push_pose(&mut values, &scan.keyframe_from_base);
             push_pose(&mut values, &scan.odom_from_base);
             values
+                .push_bind(scan.companion.as_ref().map(LidarId::as_str))
+                .push_bind(scan.lends)
                 .push_bind(scan.scan.as_deref().map(|scan| checksum(scan).to_vec()))
                 .push_bind(scan.scan.as_deref());
         });
@@ -82,7 +84,7 @@ pub(super) async fn active_intermediate(
     let rows = sqlx::query(
         "SELECT intermediate.node_id, place, intermediate.stamp_ns, intermediate.x, \
              intermediate.y, intermediate.theta, intermediate.odom_x, intermediate.odom_y, \
-             intermediate.odom_theta, scan_sha256, scan \
+             intermediate.odom_theta, companion, lends, scan_sha256, scan \
          FROM routes CROSS JOIN nodes ON nodes.route_key = routes.route_key AND nodes.active = 1 \
          CROSS JOIN intermediate_scans AS intermediate \
              ON intermediate.route_key = nodes.route_key \
@@ -115,6 +117,8 @@ fn intermediate_of(
         stamp: StampNs(row.try_get("stamp_ns")?),
         keyframe_from_base: pose(row, ["x", "y", "theta"])?,
         odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
+        companion: optional_name(row, "companion")?,
+        lends: row.try_get("lends")?,
         scan: has_scan.then(|| scan_of(row, route, node)).transpose()?,
     })
 }

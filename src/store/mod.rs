@@ -43,7 +43,7 @@ mod writer;
 pub use alert_records::*;
 pub use error::{Corruption, StoreError};
 pub use records::*;
-pub use vehicles::{TripCalibrationRecord, VehicleRecord};
+pub use vehicles::{LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
 
 use std::collections::BTreeMap;

@@ -9,7 +9,7 @@ pub use crate::change::Detector;
 use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::graph::{EdgeKind, EdgeStatus};
-use crate::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::ids::{BatchId, EdgeId, LidarId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::mapping::LOST_DRIFT_M;
 use crate::scan::{CodecError, LaserScan, decode_scan};
 
@@ -330,6 +330,8 @@ pub struct NodeWithScan {
     pub node: NodeRecord,
     /// The bytes of [`crate::scan::encode_scan`]; `None` if it came with a batch of edges.
     pub scan: Option<Vec<u8>>,
+    /// Which of the vehicle's lidars took the scan; `None` for its only one.
+    pub lidar: Option<LidarId>,
     /// The trip's scans between it and its next keyframe, in the order of time; none of a new
     /// node: a result brings them in [`JobResult::intermediate`].
     pub intermediate: Vec<IntermediateRecord>,
@@ -344,6 +346,10 @@ pub struct IntermediateRecord {
     pub keyframe_from_base: Pose2,
     /// Pose of the base in the vehicle's own odometry frame.
     pub odom_from_base: Pose2,
+    /// The lidar beside that of its keyframe that took it; `None` for a scan of the keyframe's.
+    pub companion: Option<LidarId>,
+    /// Whether its points count as the keyframe's; a companion's only.
+    pub lends: bool,
     /// The bytes of [`crate::scan::encode_scan`]; `None` where it would repeat the scan before.
     pub scan: Option<Vec<u8>>,
 }
@@ -481,8 +487,8 @@ pub struct JobResult {
     pub alerts: Vec<AlertRecord>,
     /// How far the reference has come.
     pub stage: Stage,
-    /// What the trip says of its vehicle, if it was asked.
-    pub calibration: Option<TripCalibrationRecord>,
+    /// What the trip says of its vehicle by each of its lidars that was asked.
+    pub calibrations: Vec<TripCalibrationRecord>,
     /// When it was computed.
     pub processed_at: Timestamp,
 }

@@ -51,7 +51,7 @@ impl Request for ApplyResult {
         update_nodes(transaction, place.route_key, &result.changed_nodes).await?;
         update_edges(transaction, place.route_key, &result.changed_edges).await?;
         write_alerts(transaction, place.route_key, &result.alerts).await?;
-        if let Some(calibration) = &result.calibration {
+        for calibration in &result.calibrations {
             put_calibration(transaction, place.route_key, calibration).await?;
         }
         let nodes = raise_route(transaction, &place, result).await?;

@@ -72,7 +72,7 @@ pub async fn directory() -> TempDir {
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
         alerts: vec![appeared(&hall), disappeared(&hall)],
-        calibration: None,
+        calibrations: Vec::new(),
         stage: Stage::Mapping,
         processed_at: now,
         route_id: hall,
@@ -146,6 +146,7 @@ fn node(id: i64) -> NodeWithScan {
             client_id: None,
         },
         scan: Some(encode_scan(&look_around(&pose(id), id == 3)).unwrap()),
+        lidar: None,
         intermediate: Vec::new(),
     }
 }

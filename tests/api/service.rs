@@ -152,7 +152,7 @@ async fn seed(directory: &TempDir) {
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
         alerts: Vec::new(),
-        calibration: None,
+        calibrations: Vec::new(),
         stage: Stage::Mapping,
         processed_at: now,
         route_id,
@@ -206,6 +206,7 @@ fn node(id: i64) -> NodeWithScan {
             client_id: None,
         },
         scan: Some(encode_scan(&scan).unwrap()),
+        lidar: None,
         intermediate: Vec::new(),
     }
 }
@@ -221,6 +222,8 @@ fn intermediate(node: i64, place: u32) -> NewIntermediate {
             stamp: StampNs(stamp + 250_000_000 * i64::from(place + 1)),
             keyframe_from_base,
             odom_from_base: keyframe_from_base,
+            companion: None,
+            lends: false,
             scan: None,
         },
     }

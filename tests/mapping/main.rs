@@ -5,6 +5,7 @@
 
 mod anchors;
 mod laps;
+mod lidars;
 mod restored;
 #[allow(dead_code, reason = "the matching tests use the rest")]
 #[path = "../common/scans.rs"]

@@ -12,7 +12,7 @@ fn through_bytes(scan: &LaserScan) -> LaserScan {
 }
 
 /// The map after a way through the bytes of a store.
-fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
+pub fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
     let nodes: Vec<(Pose2, Keyframe)> = map
         .keyframes()
         .iter()
@@ -23,13 +23,13 @@ fn put_away(map: &RouteMap, weighting: Weighting) -> RouteMap {
             let mut again = Keyframe::new(node.id, trip, stamp, keyframe.odom_from_base, scan);
             again.reference = keyframe.reference;
             again.drift_m = keyframe.drift_m;
+            again.lidar.clone_from(&keyframe.lidar);
             let intermediate = keyframe.intermediate.iter();
             let intermediate = intermediate.map(|between| IntermediateScan {
                 scan: between.scan.as_ref().map(through_bytes),
                 ..between.clone()
             });
-            again.intermediate = intermediate.collect();
-            (node.pose, again)
+            (node.pose, again.with_intermediate(intermediate.collect()))
         })
         .collect();
     let edges = map.graph().edges().to_vec();

@@ -29,6 +29,7 @@ fn drive(data: &Path, name: &str) -> Drive {
     let lidar = Arc::new(log.lidar);
     let scans = log.scans.iter().map(|scan| DriveScan {
         beam_interval_s: 0.0,
+        lidar: Default::default(),
         stamp: scan.stamp,
         odom_from_base: scan.odom_from_base,
         scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied()).unwrap(),

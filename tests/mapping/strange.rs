@@ -141,6 +141,7 @@ fn along_a_corridor(scale: f64, seed: u64) -> (Vec<DriveScan>, Vec<Pose2>) {
         let at = Pose2::new(way_m, 0.2 * (0.3 * way_m).sin(), 0.06 * (0.3 * way_m).cos());
         scans.push(DriveScan {
             beam_interval_s: 0.0,
+            lidar: Default::default(),
             stamp: StampNs(i64::from(k) * 250_000_000),
             odom_from_base: Pose2::new(at.x * scale, at.y, at.theta),
             scan: look(&world, &lidar, 360, &at, &mut noise),

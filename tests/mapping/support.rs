@@ -95,6 +95,7 @@ impl Trip {
         let lidar = Arc::new(vehicle.lidar.geometry.clone().validated().unwrap());
         let scan = |k: usize| DriveScan {
             beam_interval_s: 0.0,
+            lidar: Default::default(),
             stamp: StampNs((recorded[k].time_s * 1e9) as i64),
             odom_from_base: recorded[k].odom_from_base,
             scan: LaserScan::new(lidar.clone(), recorded[k].ranges_m.clone()).unwrap(),

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
 
 use mapshift::geometry::{Pose2, Vector2};
-use mapshift::matching::{Agreement, View, Visibility, agreement};
+use mapshift::matching::{Agreement, View, Views, Visibility, agreement};
 use mapshift::scan::{LaserScan, Lidar, SurfacePoint, surface_points};
 
 use Visibility::{Free, Occluded, Surface, Unseen};
@@ -197,7 +197,7 @@ fn agreement_counts_by_hand_and_widens_with_range() {
         at(6.0, 0.0),
         at(0.0, 3.0),
     ];
-    let counts = agreement(&points, &scan, &seen_by_from_points, 0.1, 0.0);
+    let counts = agreement(&points, &Views::new(&scan), &seen_by_from_points, 0.1, 0.0);
     let expected = Agreement {
         surface: 1,
         free: 3,
@@ -207,7 +207,13 @@ fn agreement_counts_by_hand_and_widens_with_range() {
     assert_eq!(counts, expected);
     assert!((counts.contradiction_share() - 0.75).abs() < 1e-12);
     // 3 · 0.005 rad · 3.85 m = 5.8 cm more: the third point is on the wall now.
-    let counts = agreement(&points, &scan, &seen_by_from_points, 0.1, 0.005);
+    let counts = agreement(
+        &points,
+        &Views::new(&scan),
+        &seen_by_from_points,
+        0.1,
+        0.005,
+    );
     assert_eq!((counts.free, counts.surface), (2, 2));
     assert_eq!(Agreement::default().contradiction_share(), 0.0);
 }
@@ -216,7 +222,7 @@ fn agreement_counts_by_hand_and_widens_with_range() {
 fn a_scan_agrees_with_itself() {
     let scan = arc_ahead(Pose2::new(0.3, -0.1, 2.0));
     let points = surface_points(&scan);
-    let counts = agreement(&points, &scan, &Pose2::IDENTITY, 0.01, 0.0);
+    let counts = agreement(&points, &Views::new(&scan), &Pose2::IDENTITY, 0.01, 0.0);
     assert_eq!(counts.surface, points.len());
     assert_eq!(counts.contradiction_share(), 0.0);
 }

@@ -12,6 +12,7 @@ mod edge_laps;
 mod edges;
 mod intel;
 mod kill;
+mod lidars;
 mod odd_trips;
 mod order;
 mod parallel;

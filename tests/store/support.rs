@@ -5,7 +5,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
-use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::ids::{BatchId, EdgeId, LidarId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use mapshift::store::{
     BatchContent, BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord,
     IntermediateRecord, JobResult, Journaled, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
@@ -81,7 +81,7 @@ impl Fixture {
             changed_nodes: vec![],
             changed_edges: vec![],
             alerts: vec![],
-            calibration: None,
+            calibrations: Vec::new(),
             stage: Stage::Mapping,
             processed_at: at(50),
         }
@@ -171,6 +171,7 @@ pub fn node(batch: &BatchRecord, id: i64) -> NodeWithScan {
     NodeWithScan {
         node,
         scan: Some(id.to_le_bytes().to_vec()),
+        lidar: (id % 2 == 0).then(|| LidarId::new("front").unwrap()),
         intermediate: vec![],
     }
 }
@@ -181,6 +182,8 @@ pub fn intermediate(node: i64, place: u32) -> NewIntermediate {
         stamp: StampNs(1_000 * node + 1 + i64::from(place)),
         keyframe_from_base: Pose2::new(f64::from(place) / 7.0, -1e-300, 0.1 + 0.2),
         odom_from_base: Pose2::new(1.0 / 3.0, node as f64, std::f64::consts::PI),
+        companion: (place % 2 == 1).then(|| LidarId::new("rear").unwrap()),
+        lends: place == 1,
         scan: (place % 3 != 2).then(|| vec![node as u8, place as u8]),
     };
     NewIntermediate {

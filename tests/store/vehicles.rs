@@ -1,7 +1,7 @@
 //! The vehicles of a route.
 
-use mapshift::ids::{StampNs, TripId, VehicleId};
-use mapshift::store::{Applied, BatchStatus, TripCalibrationRecord};
+use mapshift::ids::{LidarId, StampNs, TripId, VehicleId};
+use mapshift::store::{Applied, BatchStatus, LidarRecord, TripCalibrationRecord};
 
 use crate::support::{Fixture, route, upload};
 
@@ -31,13 +31,28 @@ async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
             .await;
         let job = fixture.claim(0).await.unwrap();
         let mut result = fixture.result(&job, BatchStatus::Merged).await;
-        result.calibration = Some(TripCalibrationRecord {
+        let of_only_one = TripCalibrationRecord {
             trip_id: TripId::new(trip).unwrap(),
             vehicle_id: vehicle(),
+            lidar: None,
             stamp: StampNs(1 + k as i64),
             scans: 200,
             calibration: said(yaw_rad),
-        });
+            beside_primary: None,
+        };
+        let lidar = |name: &str| Some(LidarId::new(name).unwrap());
+        let front = TripCalibrationRecord {
+            lidar: lidar("front"),
+            calibration: said(1.0 + yaw_rad),
+            ..of_only_one.clone()
+        };
+        let rear = TripCalibrationRecord {
+            lidar: lidar("rear"),
+            calibration: said(2.0 + yaw_rad),
+            beside_primary: Some(said(3.0 + yaw_rad)),
+            ..of_only_one.clone()
+        };
+        result.calibrations = vec![of_only_one, front, rear];
         let applied = fixture.store.apply_result(result).await.unwrap();
         assert_eq!(applied, Applied::Committed);
     }
@@ -48,6 +63,20 @@ async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
         .unwrap()
         .unwrap();
     assert_eq!(known.calibrations, [said(0.2), said(0.3)]);
+    let lidars = known.lidars.iter().map(|lidar| {
+        let LidarRecord {
+            id,
+            calibrations,
+            beside_primary,
+        } = lidar.clone();
+        (id.to_string(), calibrations, beside_primary)
+    });
+    let yaws = |added_rad: f64| vec![said(added_rad + 0.2), said(added_rad + 0.3)];
+    let expected = [
+        ("front".to_owned(), yaws(1.0), vec![]),
+        ("rear".to_owned(), yaws(2.0), yaws(3.0)),
+    ];
+    assert_eq!(lidars.collect::<Vec<_>>(), expected);
     assert_eq!((known.batches, known.trips), (3, 2));
     assert_eq!(known.suspected_by, []);
     let page = fixture

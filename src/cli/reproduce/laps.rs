@@ -90,6 +90,7 @@ impl Laps {
                 truth: scan.map_from_base,
                 scan: DriveScan {
                     beam_interval_s: 0.0,
+                    lidar: Default::default(),
                     stamp: StampNs((scan.time_s * 1e9).round() as i64),
                     odom_from_base: scan.odom_from_base,
                     scan: beams,

@@ -69,6 +69,7 @@ fn drive_of(
     let scans = recording.scans[first..].iter().map(|scan| {
         Ok(DriveScan {
             beam_interval_s: 0.0,
+            lidar: Default::default(),
             stamp: scan.stamp,
             odom_from_base: scan.odom_from_base,
             scan: LaserScan::new(recording.lidar.clone(), scan.ranges_m.iter().copied())?,

@@ -6,9 +6,9 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
-use super::{BEAMS_TOTAL_MAX, SCANS_MAX};
+use super::{BEAMS_TOTAL_MAX, LIDARS_MAX, SCANS_MAX};
 use crate::formats::json::Object;
-use crate::ids::{TripId, VehicleId};
+use crate::ids::{LidarId, TripId, VehicleId};
 use crate::scan::BEAMS_MAX;
 
 #[derive(Deserialize)]
@@ -17,7 +17,8 @@ pub(super) struct Batch {
     pub vehicle_id: VehicleId,
     pub trip_id: TripId,
     pub sequence: u32,
-    pub lidar: Object<Lidar>,
+    pub lidar: Option<Object<Lidar>>,
+    pub lidars: Option<Lidars>,
     pub initial_pose: Option<Object<InitialPose>>,
     pub scans: Scans,
 }
@@ -25,6 +26,7 @@ pub(super) struct Batch {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Lidar {
+    pub id: Option<LidarId>,
     pub angle_min: f64,
     pub angle_max: Option<f64>,
     pub angle_increment: f64,
@@ -58,9 +60,16 @@ pub(super) struct InitialPose {
 #[serde(deny_unknown_fields)]
 pub(super) struct Scan {
     pub stamp: Timestamp,
+    pub lidar: Option<LidarId>,
     pub odometry: Object<Pose>,
     pub ranges: Numbers,
     pub intensities: Option<Numbers>,
+}
+
+/// The lidars up to the limit of a batch, and how many there were.
+pub(super) struct Lidars {
+    pub kept: Vec<Lidar>,
+    pub count: usize,
 }
 
 /// The scans up to the limits of a batch, and how many there were.
@@ -74,6 +83,34 @@ pub(super) struct Scans {
 pub(super) struct Numbers {
     pub kept: Vec<f64>,
     pub count: usize,
+}
+
+impl<'de> Deserialize<'de> for Lidars {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct LidarsVisitor;
+        impl<'de> Visitor<'de> for LidarsVisitor {
+            type Value = Lidars;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an array of lidars")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Lidars, A::Error> {
+                let mut kept = Vec::new();
+                while kept.len() < LIDARS_MAX {
+                    let Some(Object(lidar)) = seq.next_element::<Object<Lidar>>()? else {
+                        let count = kept.len();
+                        return Ok(Lidars { kept, count });
+                    };
+                    kept.push(lidar);
+                }
+                let mut count = kept.len();
+                while seq.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                Ok(Lidars { kept, count })
+            }
+        }
+        deserializer.deserialize_seq(LidarsVisitor)
+    }
 }
 
 impl<'de> Deserialize<'de> for Scans {

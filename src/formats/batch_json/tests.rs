@@ -153,6 +153,241 @@ fn each_mistake_names_its_kind_and_place() {
     }
 }
 
+/// A body of two lidars with different fans; the rear one's scan shares a stamp with the front's.
+fn of_two_lidars() -> Value {
+    let mut body = valid();
+    let fields = body.as_object_mut().unwrap();
+    fields.remove("lidar");
+    fields.insert(
+        "lidars".into(),
+        json!([
+            {"id": "front", "angle_min": -1.5, "angle_increment": 0.5, "range_min": 0.05,
+             "range_max": 20.0, "mount": {"x": 0.2, "y": 0.0, "theta": 0.0}},
+            {"id": "rear", "angle_min": -0.7, "angle_increment": 0.7, "angle_max": 0.7,
+             "range_min": 0.1, "range_max": 10.0, "mount": {"x": -0.2, "y": 0.0, "theta": 3.1},
+             "time_increment": 0.01},
+        ]),
+    );
+    let scan = |stamp: &str, lidar: &str, ranges: Value| {
+        let odometry = json!({"x": 0.0, "y": 0.0, "theta": 0.0});
+        json!({"stamp": stamp, "lidar": lidar, "odometry": odometry, "ranges": ranges})
+    };
+    fields.insert(
+        "scans".into(),
+        json!([
+            scan("2026-11-20T06:00:00Z", "rear", json!([1, 2, 3])),
+            scan("2026-11-20T06:00:00Z", "front", json!([1, 2, 3, 4])),
+            scan("2026-11-20T06:00:00.1Z", "front", json!([1, 2, 3, 4])),
+            scan("2026-11-20T06:00:00.1Z", "rear", json!([1, null, 3])),
+        ]),
+    );
+    body
+}
+
+#[test]
+fn each_scan_is_one_of_the_lidar_it_names() {
+    let batch = decode_value(&of_two_lidars()).unwrap();
+    assert!(batch.flags.is_empty(), "{:?}", batch.flags);
+    let which = batch.scans.iter().map(|scan| {
+        let name = scan.lidar.name.as_ref().unwrap();
+        (name.as_str(), scan.lidar.place, scan.scan.beam_count())
+    });
+    let expected = [
+        ("rear", 1, 3),
+        ("front", 0, 4),
+        ("front", 0, 4),
+        ("rear", 1, 3),
+    ];
+    assert_eq!(which.collect::<Vec<_>>(), expected);
+    let [rear, front] = [&batch.scans[0], &batch.scans[1]];
+    assert_eq!(rear.scan.lidar().mount, Pose2::new(-0.2, 0.0, 3.1));
+    assert_eq!(front.scan.lidar().mount, Pose2::new(0.2, 0.0, 0.0));
+    assert_eq!((rear.beam_interval_s, front.beam_interval_s), (0.01, 0.0));
+    // One that took no scan, and one alone with a name.
+    let mut body = of_two_lidars();
+    body["scans"]
+        .as_array_mut()
+        .unwrap()
+        .retain(|scan| scan["lidar"] == "front");
+    assert_eq!(decode_value(&body).unwrap().scans.len(), 2);
+    body["lidars"].as_array_mut().unwrap().truncate(1);
+    assert_eq!(decode_value(&body).unwrap().scans.len(), 2);
+}
+
+#[test]
+fn mistakes_with_several_lidars_are_explained() {
+    use BatchProblem::{InvalidField, MalformedJson, OutOfRange, ScanGeometry, TimestampOrder};
+    let refused = |pointer: &str, value: Option<Value>| {
+        let mut body = of_two_lidars();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        let parent = body.pointer_mut(parent).unwrap();
+        match (parent, value) {
+            (Value::Object(fields), Some(value)) => drop(fields.insert(key.into(), value)),
+            (Value::Object(fields), None) => drop(fields.remove(key)),
+            (place, value) => place[key.parse::<usize>().unwrap()] = value.unwrap(),
+        }
+        decode_value(&body).unwrap_err()
+    };
+    let lidar = &of_two_lidars()["lidars"][0];
+    let nine = (0..9).map(|k| {
+        let mut lidar = lidar.clone();
+        lidar["id"] = json!(format!("l{k}"));
+        lidar
+    });
+    let nine = Value::Array(nine.collect());
+    let cases = [
+        (
+            "/lidar",
+            Some(lidar.clone()),
+            InvalidField,
+            "/lidars",
+            "either",
+        ),
+        ("/lidars", None, InvalidField, "", "`lidars`"),
+        (
+            "/lidars",
+            Some(json!([])),
+            InvalidField,
+            "/lidars",
+            "1 to 8",
+        ),
+        (
+            "/lidars",
+            Some(nine),
+            InvalidField,
+            "/lidars",
+            "1 to 8 lidars, this one 9",
+        ),
+        ("/lidars", Some(json!({})), InvalidField, "/lidars", "array"),
+        (
+            "/lidars/1/id",
+            None,
+            InvalidField,
+            "/lidars/1",
+            "missing field `id`",
+        ),
+        (
+            "/lidars/1/id",
+            Some(json!("front")),
+            InvalidField,
+            "/lidars/1/id",
+            "same",
+        ),
+        (
+            "/lidars/1/id",
+            Some(json!("a b")),
+            InvalidField,
+            "/lidars/1/id",
+            "characters",
+        ),
+        (
+            "/lidars/1/surprise",
+            Some(json!(1)),
+            MalformedJson,
+            "/lidars/1/surprise",
+            "unknown",
+        ),
+        (
+            "/lidars/1/range_max",
+            Some(json!(501)),
+            ScanGeometry,
+            "/lidars/1/range_max",
+            "range_max",
+        ),
+        (
+            "/lidars/1/mount/x",
+            Some(json!(1e39)),
+            OutOfRange,
+            "/lidars/1/mount/x",
+            "metres",
+        ),
+        (
+            "/lidars/1/angle_max",
+            Some(json!(9.0)),
+            ScanGeometry,
+            "/lidars/1/angle_max",
+            "beams",
+        ),
+        (
+            "/lidars/1/scan_time",
+            Some(json!(-1)),
+            OutOfRange,
+            "/lidars/1/scan_time",
+            "scan_time",
+        ),
+        (
+            "/lidars/1/time_increment",
+            Some(json!(2)),
+            OutOfRange,
+            "/lidars/1/time_increment",
+            "s",
+        ),
+        (
+            "/scans/2/lidar",
+            None,
+            InvalidField,
+            "/scans/2",
+            "front, rear",
+        ),
+        (
+            "/scans/2/lidar",
+            Some(json!("top")),
+            InvalidField,
+            "/scans/2/lidar",
+            "front, rear",
+        ),
+        (
+            "/scans/3/ranges",
+            Some(json!([1])),
+            ScanGeometry,
+            "/scans/3/ranges",
+            "lidar rear",
+        ),
+        (
+            "/scans/2/stamp",
+            Some(json!("2026-11-20T06:00:00Z")),
+            TimestampOrder,
+            "/scans/2/stamp",
+            "of lidar front",
+        ),
+        (
+            "/scans/3/stamp",
+            Some(json!("2026-11-20T06:00:00.05Z")),
+            TimestampOrder,
+            "/scans/3/stamp",
+            "whichever lidar",
+        ),
+    ];
+    for (spoilt, value, problem, pointer, says) in cases {
+        let error = refused(spoilt, value);
+        assert_eq!(
+            (error.problem, error.pointer.as_str()),
+            (problem, pointer),
+            "{error}"
+        );
+        assert!(error.detail.contains(says), "{spoilt}: {error}");
+    }
+    for (pointer, value) in [
+        ("/lidar/id", json!("front")),
+        ("/scans/0/lidar", json!("front")),
+    ] {
+        let error = decode_value(&with(pointer, Some(value))).unwrap_err();
+        assert_eq!(
+            (error.problem, error.pointer.as_str()),
+            (MalformedJson, pointer),
+            "{error}"
+        );
+    }
+    for missing in [None, Some(Value::Null)] {
+        let error = decode_value(&with("/lidar", missing)).unwrap_err();
+        assert_eq!(
+            (error.problem, error.pointer.as_str()),
+            (InvalidField, ""),
+            "{error}"
+        );
+    }
+}
+
 #[test]
 fn a_missing_field_points_to_its_parent() {
     for (pointer, parent) in [

@@ -2,11 +2,11 @@
 //! NaN in [`raw::Numbers`] stands for null.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 use jiff::Timestamp;
 
 use super::flags::flags;
+use super::lidars::{self, Lidars, SendingLidar};
 use super::raw;
 use super::{
     BEAMS_TOTAL_MAX, BatchBodyError, BatchProblem, COORDINATE_MAX_M, SCANS_MAX, UploadedBatch,
@@ -22,10 +22,6 @@ const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
 /// A heading that was never wrapped still means something up to here, radians.
 pub(in crate::formats) const HEADING_MAX_RAD: f64 = 1e4;
-/// A sweep takes no longer than this, seconds …
-const SCAN_TIME_MAX_S: f64 = 2.0;
-/// … and no longer than the stated time between scans, with this for rounding.
-const SCAN_TIME_SLACK: f64 = 1.05;
 /// A range beyond this is a sentinel of some driver, not a measurement, metres.
 const RANGE_ABSURD_M: f64 = 1e6;
 /// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
@@ -49,28 +45,22 @@ pub(in crate::formats) fn refuse<T>(
 }
 
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedBatch> {
-    let Object(raw_lidar) = raw.lidar;
-    let angle_max_rad = raw_lidar.angle_max;
-    let (time_increment_s, scan_time_s) = (raw_lidar.time_increment, raw_lidar.scan_time);
-    let lidar = Arc::new(lidar(raw_lidar)?);
+    let stated = lidars::stated(raw.lidar, raw.lidars)?;
     let initial_pose = raw.initial_pose.map(initial_pose).transpose()?;
     check_counts(&raw.scans)?;
-    let beams = raw.scans.kept.first().map_or(0, |scan| scan.ranges.count);
-    check_angle_max(&lidar, angle_max_rad, beams)?;
-    let beam_interval_s = beam_interval_s(&lidar, beams, time_increment_s, scan_time_s)?;
+    let mut lidars = Lidars::of(stated, &raw.scans.kept)?;
     let mut scans: Vec<DriveScan> = Vec::with_capacity(raw.scans.kept.len());
     for (k, raw_scan) in raw.scans.kept.into_iter().enumerate() {
-        let scan = DriveScan {
-            beam_interval_s,
-            ..scan(k, raw_scan, &lidar, beams)?
-        };
+        let lidar = lidars.that_took(k, raw_scan.lidar.as_ref())?;
+        let scan = scan(k, raw_scan, lidar)?;
+        lidar.check_stamp(k, scan.stamp)?;
         if let Some(before) = scans.last()
-            && scan.stamp <= before.stamp
+            && scan.stamp < before.stamp
         {
             return refuse(
                 BatchProblem::TimestampOrder,
                 format!("/scans/{k}/stamp"),
-                "the stamps of a batch must increase strictly; this one is not after the one before it".into(),
+                "the scans of a batch must be in the order of time, whichever lidar took them; this one was taken before the one it follows".into(),
             );
         }
         scans.push(scan);
@@ -102,9 +92,10 @@ fn check_counts(scans: &raw::Scans) -> Checked<()> {
     Ok(())
 }
 
-fn lidar(raw: raw::Lidar) -> Checked<Lidar> {
+/// The lidar stated at a pointer.
+pub(super) fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
     let mount = match raw.mount {
-        Some(Object(mount)) => pose(mount, "/lidar/mount")?,
+        Some(Object(mount)) => pose(mount, &format!("{pointer}/mount"))?,
         None => Pose2::IDENTITY,
     };
     let lidar = Lidar {
@@ -124,61 +115,8 @@ fn lidar(raw: raw::Lidar) -> Checked<Lidar> {
             LidarError::Mount => (BatchProblem::OutOfRange, "mount"),
             LidarError::RangeSigma(_) => (BatchProblem::OutOfRange, "range_sigma"),
         };
-        refuse(problem, format!("/lidar/{field}"), error.to_string())
+        refuse(problem, format!("{pointer}/{field}"), error.to_string())
     })
-}
-
-/// `angle_max` may be left out; where it is sent it must fit the beams to within one.
-fn check_angle_max(lidar: &Lidar, angle_max_rad: Option<f64>, beams: usize) -> Checked<()> {
-    let Some(angle_max_rad) = angle_max_rad else {
-        return Ok(());
-    };
-    let covered_rad = angle_max_rad - lidar.angle_min_rad;
-    let expected = covered_rad / lidar.angle_increment_rad + 1.0;
-    let detail = if covered_rad <= 0.0 {
-        format!(
-            "angle_max {angle_max_rad} must be above angle_min {}",
-            lidar.angle_min_rad
-        )
-    } else if (expected - beams as f64).abs() > 1.5 {
-        format!(
-            "angle_min, angle_max and angle_increment make {expected:.0} beams, the scans have {beams}"
-        )
-    } else {
-        return Ok(());
-    };
-    refuse(BatchProblem::ScanGeometry, "/lidar/angle_max", detail)
-}
-
-/// `time_increment` if it is sent; else that of a lidar that turns once in `scan_time`; else 0.
-fn beam_interval_s(
-    lidar: &Lidar,
-    beams: usize,
-    time_increment_s: Option<f64>,
-    scan_time_s: Option<f64>,
-) -> Checked<f64> {
-    if let Some(scan_time_s) = scan_time_s
-        && !(0.0..=SCAN_TIME_MAX_S).contains(&scan_time_s)
-    {
-        let detail = format!("scan_time {scan_time_s} is not within 0 to {SCAN_TIME_MAX_S} s");
-        return refuse(BatchProblem::OutOfRange, "/lidar/scan_time", detail);
-    }
-    let per_turn_s = scan_time_s.unwrap_or(0.0);
-    let interval_s =
-        time_increment_s.unwrap_or(per_turn_s * lidar.angle_increment_rad / (2.0 * PI));
-    let sweep_s = interval_s * beams.saturating_sub(1) as f64;
-    let longest_s = match scan_time_s {
-        Some(scan_time_s) if scan_time_s > 0.0 => SCAN_TIME_SLACK * scan_time_s,
-        _ => SCAN_TIME_MAX_S,
-    };
-    if interval_s >= 0.0 && sweep_s <= longest_s {
-        return Ok(interval_s);
-    }
-    let detail = format!(
-        "time_increment {interval_s} for {beams} beams makes a scan of {sweep_s:.3} s, which is \
-         not within 0 to {longest_s:.3} s: it is the time from one beam to the next, in seconds"
-    );
-    refuse(BatchProblem::OutOfRange, "/lidar/time_increment", detail)
 }
 
 fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
@@ -232,13 +170,15 @@ fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
     Ok(Pose2::new(raw.x, raw.y, raw.theta))
 }
 
-fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<DriveScan> {
+fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan> {
+    let beams = taken_by.beams;
     let stamp = stamp(raw.stamp, format!("/scans/{k}/stamp"))?;
     let odom_from_base = pose(raw.odometry.0, &format!("/scans/{k}/odometry"))?;
     let ranges_pointer = || format!("/scans/{k}/ranges");
     if raw.ranges.count != beams {
         let detail = format!(
-            "all scans of a batch have the same number of beams: the first has {beams}, this one {}",
+            "all scans of {} have the same number of beams: the first has {beams}, this one {}",
+            taken_by.scans_of(),
             raw.ranges.count
         );
         return refuse(BatchProblem::ScanGeometry, ranges_pointer(), detail);
@@ -262,7 +202,7 @@ fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<D
     }
     check_ranges(k, &raw.ranges.kept)?;
     let ranges_m = raw.ranges.kept.iter().map(|r| (!r.is_nan()).then_some(*r));
-    let scan = LaserScan::new(lidar.clone(), ranges_m).or_else(|error| {
+    let scan = LaserScan::new(taken_by.geometry.clone(), ranges_m).or_else(|error| {
         refuse(
             BatchProblem::ScanGeometry,
             ranges_pointer(),
@@ -270,7 +210,8 @@ fn scan(k: usize, raw: raw::Scan, lidar: &Arc<Lidar>, beams: usize) -> Checked<D
         )
     })?;
     Ok(DriveScan {
-        beam_interval_s: 0.0,
+        beam_interval_s: taken_by.beam_interval_s,
+        lidar: taken_by.which.clone(),
         stamp,
         odom_from_base,
         scan,

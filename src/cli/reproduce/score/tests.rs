@@ -33,6 +33,7 @@ fn laps() -> Laps {
         RecordedScan {
             scan: DriveScan {
                 beam_interval_s: 0.0,
+                lidar: Default::default(),
                 stamp: StampNs(k as i64),
                 odom_from_base: Pose2::IDENTITY,
                 scan: LaserScan::new(lidar.clone(), [Some(1.0)]).unwrap(),
