@@ -11,14 +11,14 @@ use super::front_end::{Motion, match_scans};
 use super::intermediate::IntermediateScan;
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
-use super::moments::Moment;
+use super::moments::{Moment, Seen};
 use super::odometry::OdometryMotion;
 use super::partners::{self, Placed};
 use super::route_map::{RouteMap, Weighting};
 use super::step::{Step, is_abrupt};
 use crate::geometry::Pose2;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
-use crate::ids::{EdgeId, NodeId, TripId};
+use crate::ids::{EdgeId, NodeId};
 use crate::scan::{KeyframeRule, is_standing};
 use crate::solver::SolveOptions;
 
@@ -51,22 +51,6 @@ pub struct Extension {
     /// New scans between keyframes: the keyframe that each follows, and its place among the
     /// keyframe's [`Keyframe::intermediate`].
     pub intermediate: Vec<(NodeId, usize)>,
-}
-
-/// A scan of the primary lidar and those that lend it their points, with the clocks' offset and the
-/// motion during them taken out.
-struct Seen {
-    scan: DriveScan,
-    lent: Vec<DriveScan>,
-}
-
-impl Seen {
-    fn corrected(clock: &TripClock, scan: &DriveScan, lent: &[&DriveScan]) -> Self {
-        Self {
-            scan: clock.corrected(scan),
-            lent: lent.iter().map(|lent| clock.corrected(lent)).collect(),
-        }
-    }
 }
 
 /// Why a drive could not be used; the map is as it was.
@@ -132,19 +116,6 @@ impl RouteMap {
             Some(given) => Ok(self.at_first_primary(drive, given)),
             None if self.keyframes.is_empty() => Ok(anchor::ORIGIN),
             None => anchor::find(self, drive),
-        }
-    }
-
-    /// A pose given for a drive's first scan as one of the first that becomes a keyframe.
-    fn at_first_primary(&self, drive: &Drive, given: InitialPose) -> InitialPose {
-        let moments = self.moments(drive);
-        match (drive.scans.first(), moments.first()) {
-            (Some(first), Some(Moment::Primary { scan, .. })) if !std::ptr::eq(first, *scan) => {
-                let motion = first.odom_from_base.between(&scan.odom_from_base);
-                let pose = given.pose.compose(&motion);
-                InitialPose { pose, ..given }
-            }
-            _ => given,
         }
     }
 
@@ -278,19 +249,12 @@ impl RouteMap {
         self.keep_intermediate(last, placed, added);
     }
 
-    /// Keeps a companion's scan that lends its points to no keyframe.
-    fn add_companion(&mut self, trip: &TripId, scan: &DriveScan, added: &mut Extension) {
-        let Some(&last) = self.trips.get(trip).and_then(|trip| trip.last()) else {
-            return;
-        };
-        let keyframe = &self.keyframes[last];
-        let primary = keyframe.scan.as_ref().unwrap_or(&scan.scan);
-        let rule = KeyframeRule::for_range(primary.lidar().range_max_m);
-        let placed = IntermediateScan::of_companion(scan, keyframe, &rule);
-        self.keep_intermediate(last, placed, added);
-    }
-
-    fn keep_intermediate(&mut self, last: usize, placed: IntermediateScan, added: &mut Extension) {
+    pub(super) fn keep_intermediate(
+        &mut self,
+        last: usize,
+        placed: IntermediateScan,
+        added: &mut Extension,
+    ) {
         let keyframe = &mut self.keyframes[last];
         added
             .intermediate

@@ -6,7 +6,7 @@ use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::OdometryMotion;
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs};
-use crate::scan::{KeyframeRule, LaserScan, Lidar, surface_points};
+use crate::scan::{LaserScan, Lidar, surface_points};
 
 use super::drive::DriveScan;
 
@@ -105,23 +105,23 @@ impl IntermediateScan {
             stamp: scan.stamp,
             keyframe_from_base: primary.odom_from_base.between(&scan.odom_from_base),
             odom_from_base: scan.odom_from_base,
-            companion: Companion::of(scan, true),
+            companion: Some(Companion::of(scan, true)?),
             scan: Some(scan.scan.clone()),
         })
-        .filter(|lending| lending.companion.is_some())
     }
 
-    /// A companion's scan, behind a trip's last keyframe: by odometry from where the trip's last
-    /// scan was taken.
-    pub(super) fn of_companion(scan: &DriveScan, last: &Keyframe, rule: &KeyframeRule) -> Self {
-        let before = last.last_scan(rule);
-        let since = before.odom_from_base.between(&scan.odom_from_base);
-        let since = OdometryMotion::told(&since).motion;
-        let is_kept = last.put_off_count(rule) == 0
-            && says_something_new(scan, last, scan.lidar.name.as_ref());
+    /// A companion's scan behind a trip's last keyframe; one whose place `is_known` is kept if it says
+    /// something new.
+    pub(super) fn of_companion(
+        keyframe_from_base: Pose2,
+        scan: &DriveScan,
+        last: &Keyframe,
+        is_known: bool,
+    ) -> Self {
+        let is_kept = is_known && says_something_new(scan, last, scan.lidar.name.as_ref());
         Self {
             stamp: scan.stamp,
-            keyframe_from_base: before.pose.compose(&since),
+            keyframe_from_base,
             odom_from_base: scan.odom_from_base,
             companion: Companion::of(scan, false),
             scan: is_kept.then(|| scan.scan.clone()),

@@ -7,6 +7,7 @@ mod anchor;
 mod attach;
 mod clock;
 mod closure;
+mod companions;
 mod drift;
 mod drive;
 mod evidence;

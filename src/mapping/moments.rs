@@ -3,13 +3,17 @@
 
 use std::collections::BTreeMap;
 
-use super::drive::{Drive, DriveScan};
+use super::clock::TripClock;
+use super::drive::{Drive, DriveScan, InitialPose};
 use super::route_map::RouteMap;
 use crate::ids::{LidarId, StampNs};
 
 /// A companion's scan lends its points to a primary scan taken no more than this before or after,
 /// nanoseconds: until then odometry errs by no more than a match does.
 const LENDING_MAX_NS: u64 = 100_000_000;
+/// No vehicle moves farther meanwhile, metres and radians: where odometry does, it has jumped.
+const LENDING_MAX_M: f64 = 2.0;
+const LENDING_MAX_RAD: f64 = 0.5;
 
 /// A step of the walk through a drive.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +26,22 @@ pub(super) enum Moment<'a> {
     },
     /// A scan of a companion that lends its points to none.
     Companion(&'a DriveScan),
+}
+
+/// A scan of the primary lidar and those that lend it their points, with the clocks' offset and the
+/// motion during them taken out.
+pub(super) struct Seen {
+    pub scan: DriveScan,
+    pub lent: Vec<DriveScan>,
+}
+
+impl Seen {
+    pub fn corrected(clock: &TripClock, scan: &DriveScan, lent: &[&DriveScan]) -> Self {
+        Self {
+            scan: clock.corrected(scan),
+            lent: lent.iter().map(|lent| clock.corrected(lent)).collect(),
+        }
+    }
 }
 
 impl RouteMap {
@@ -37,6 +57,19 @@ impl RouteMap {
             }
         }
         moments
+    }
+
+    /// A pose given for a drive's first scan as one of the first that becomes a keyframe.
+    pub(super) fn at_first_primary(&self, drive: &Drive, given: InitialPose) -> InitialPose {
+        let moments = self.moments(drive);
+        match (drive.scans.first(), moments.first()) {
+            (Some(first), Some(Moment::Primary { scan, .. })) if !std::ptr::eq(first, *scan) => {
+                let motion = first.odom_from_base.between(&scan.odom_from_base);
+                let pose = given.pose.compose(&motion);
+                InitialPose { pose, ..given }
+            }
+            _ => given,
+        }
     }
 
     /// Whether a scan of a drive is one of the primary lidar: of that which took the trip's last
@@ -62,7 +95,7 @@ fn moments(scans: &[DriveScan], is_primary: impl Fn(&DriveScan) -> bool) -> Vec<
     let mut lent: BTreeMap<(usize, &LidarId), (u64, StampNs)> = BTreeMap::new();
     for scan in companions {
         if let Some(name) = &scan.lidar.name
-            && let Some((primary, apart_ns)) = nearest(&primaries, scan.stamp)
+            && let Some((primary, apart_ns)) = nearest(&primaries, scan)
         {
             let nearest = lent
                 .entry((primary, name))
@@ -71,7 +104,7 @@ fn moments(scans: &[DriveScan], is_primary: impl Fn(&DriveScan) -> bool) -> Vec<
         }
     }
     let lends = |scan: &DriveScan| {
-        let (primary, _) = nearest(&primaries, scan.stamp)?;
+        let (primary, _) = nearest(&primaries, scan)?;
         let (_, lending) = lent.get(&(primary, scan.lidar.name.as_ref()?))?;
         (*lending == scan.stamp).then_some(primary)
     };
@@ -92,14 +125,18 @@ fn moments(scans: &[DriveScan], is_primary: impl Fn(&DriveScan) -> bool) -> Vec<
     scans.iter().filter_map(moment).collect()
 }
 
-/// The scan nearest in time, the earlier of two, and how far in time, if that is near enough to
-/// lend points.
-fn nearest(primaries: &[&DriveScan], stamp: StampNs) -> Option<(usize, u64)> {
-    let after = primaries.partition_point(|primary| primary.stamp < stamp);
+/// The primary scan nearest in time, the earlier of two, and how far in time, if it is near enough
+/// for points to be lent.
+fn nearest(primaries: &[&DriveScan], scan: &DriveScan) -> Option<(usize, u64)> {
+    let after = primaries.partition_point(|primary| primary.stamp < scan.stamp);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
-    let apart = around.filter_map(|k| Some((primaries.get(k)?.stamp.0.abs_diff(stamp.0), k)));
+    let apart = around.filter_map(|k| Some((primaries.get(k)?.stamp.0.abs_diff(scan.stamp.0), k)));
     let (apart_ns, k) = apart.min()?;
-    (apart_ns <= LENDING_MAX_NS).then_some((k, apart_ns))
+    let moved = primaries[k].odom_from_base.between(&scan.odom_from_base);
+    let is_near = apart_ns <= LENDING_MAX_NS
+        && moved.translation().norm() <= LENDING_MAX_M
+        && moved.theta.abs() <= LENDING_MAX_RAD;
+    is_near.then_some((k, apart_ns))
 }
 
 #[cfg(test)]

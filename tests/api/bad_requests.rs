@@ -561,6 +561,20 @@ fn documents() -> Vec<Case> {
             "",
         ),
         case(
+            "lidar and lidars",
+            upload("/lidars", json!([])),
+            400,
+            "invalid-field",
+            "/lidars",
+        ),
+        case(
+            "a scan's lidar without lidars",
+            upload("/scans/1/lidar", json!("rear")),
+            400,
+            "malformed-json",
+            "/scans/1/lidar",
+        ),
+        case(
             "wrong type",
             upload("/sequence", json!("one")),
             400,
