@@ -226,3 +226,41 @@ fn a_scan_agrees_with_itself() {
     assert_eq!(counts.surface, points.len());
     assert_eq!(counts.contradiction_share(), 0.0);
 }
+
+/// One lidar ahead of the base looks on, one behind it looks back; the second scan was taken half a
+/// metre farther on.
+#[test]
+fn each_of_several_scans_is_looked_at_from_its_own_origin() {
+    let (ahead, back) = (
+        arc_ahead(Pose2::new(1.0, 0.0, 0.0)),
+        arc_ahead(Pose2::new(-1.0, 0.0, PI)),
+    );
+    let moved = Pose2::new(0.5, 0.0, 0.0);
+    let views = Views::new(&ahead).with([(moved, &back)].into_iter());
+    for (x, expected) in [
+        (5.5, Occluded),
+        (5.0, Surface),
+        (3.0, Free),
+        // Between the two nobody looks.
+        (0.0, Unseen),
+        (-1.0, Free),
+        (-4.5, Surface),
+        (-5.0, Occluded),
+    ] {
+        let seen = views.look_at(&Vector2::new(x, 0.0), 0.1);
+        assert_eq!(seen, expected, "{x} m");
+    }
+    // Two that look the same way: a surface of either is one, and what is hidden from one alone
+    // may be free.
+    let near = LaserScan::new(ahead.lidar().clone(), vec![Some(2.0); 41]).unwrap();
+    let both = Views::new(&near).with([(Pose2::IDENTITY, &ahead)].into_iter());
+    for (x, expected) in [
+        (2.0, Free),
+        (3.0, Surface),
+        (4.0, Free),
+        (5.0, Surface),
+        (6.0, Occluded),
+    ] {
+        assert_eq!(both.look_at(&Vector2::new(x, 0.0), 0.1), expected, "{x} m");
+    }
+}

@@ -33,7 +33,7 @@ async fn a_graph_is_read_back_to_the_bit() {
     result.edges.push(loop_closure.clone());
     result.nodes[5].node.active = false;
     // As a batch of edges brings them.
-    result.nodes[7].scan = None;
+    (result.nodes[7].scan, result.nodes[7].lidar) = (None, None);
     result.nodes[7].node.client_id = Some("07".to_owned());
     result.stage = Stage::Monitoring;
     let applied = fixture.store.apply_result(result.clone()).await.unwrap();

@@ -85,6 +85,20 @@ fn the_first_lidar_with_scans_is_the_primary_one() {
 }
 
 #[test]
+fn nothing_is_lent_across_a_jump_of_the_odometry() {
+    let mut drive = drive(&[(0, 0), (1, 20), (0, 100), (1, 120)]);
+    for scan in &mut drive.scans[3..] {
+        scan.odom_from_base = Pose2::new(5.0, 0.0, 0.0);
+    }
+    let expected = [
+        ((0, 0), vec![(1, 20)]),
+        ((0, 100), vec![]),
+        ((1, 120), vec![]),
+    ];
+    assert_eq!(walked(&drive), expected);
+}
+
+#[test]
 fn scans_without_a_name_are_all_primary() {
     let mut drive = drive(&[(0, 0), (0, 50), (0, 100)]);
     for scan in &mut drive.scans {
