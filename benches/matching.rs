@@ -41,6 +41,7 @@ fn scan(map_from_lidar: &Pose2) -> LaserScan {
         range_max_m: 30.0,
         mount: Pose2::IDENTITY,
         range_sigma_m: RANGE_SIGMA_M,
+        band: None,
     });
     let eye = map_from_lidar.translation();
     let ranges = (0..BEAMS).map(|beam| {

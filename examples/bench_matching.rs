@@ -127,6 +127,7 @@ fn read_pairs(text: &str) -> anyhow::Result<Vec<Pair>> {
                 range_max_m: RANGE_MAX_M,
                 mount: Pose2::IDENTITY,
                 range_sigma_m: RANGE_SIGMA_M,
+                band: None,
             });
             let scan = |line: &str| {
                 let ranges_m = numbers(line)?;

@@ -17,6 +17,7 @@ use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::formats::batch_json;
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
+use crate::scan::BandView;
 use crate::store::{
     BatchContent, BatchFilter, BatchKind, BatchRecord, BatchStatus, Journaled, NewBatch,
 };
@@ -90,6 +91,40 @@ pub(super) struct LidarBody {
     /// the lidar.
     #[schema(minimum = 0, maximum = 2)]
     pub scan_time: Option<f64>,
+    /// Of virtual scans, made of a cloud: the heights that they are made of.
+    pub band: Option<BandBody>,
+}
+
+/// A height band of the clouds of a 3D lidar. Scans of different bands are compared with their like
+/// alone; those of lidars without a band are a layer of their own. A beam without a return (null) says
+/// that the band is free; where it was not measured, send 0.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = HeightBand)]
+pub(super) struct BandBody {
+    /// Its lower end, metres above the floor.
+    #[schema(minimum = -1, maximum = 10)]
+    pub from: f64,
+    /// Its upper end, metres above the floor; at least 0.02 above the lower one.
+    #[schema(minimum = -1, maximum = 10)]
+    pub to: f64,
+    /// The lidar does not see enough of the band nearer than this to say that it is free: metres from
+    /// the lidar, along the floor; 0 if left out.
+    #[schema(minimum = 0, maximum = 500)]
+    pub clear_from: Option<f64>,
+    /// Nor farther away than this, metres; `range_max` if left out.
+    #[schema(exclusive_minimum = 0.0, maximum = 500)]
+    pub clear_to: Option<f64>,
+}
+
+impl From<BandView> for BandBody {
+    fn from(view: BandView) -> Self {
+        Self {
+            from: view.band.from_m,
+            to: view.band.to_m,
+            clear_from: Some(view.clear_from_m),
+            clear_to: Some(view.clear_to_m),
+        }
+    }
 }
 
 /// One of several lidars.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::batches::BandBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
@@ -101,6 +102,9 @@ struct ScanLidarBody {
     mount: PoseBody,
     /// Standard deviation of one range, metres.
     range_sigma: f64,
+    /// The heights that its scans are made of; null for a lidar that looks along one plane.
+    #[schema(required)]
+    band: Option<BandBody>,
 }
 
 impl From<NodeRecord> for NodeBody {
@@ -137,6 +141,7 @@ impl NodeScanBody {
                 range_max: lidar.range_max_m,
                 mount: lidar.mount.into(),
                 range_sigma: lidar.range_sigma_m,
+                band: lidar.band.map(BandBody::from),
             },
             ranges: scan.ranges_m().collect(),
         }

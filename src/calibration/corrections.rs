@@ -140,6 +140,7 @@ mod tests {
             range_max_m: 10.0,
             mount: Pose2::new(0.2, 0.1, 0.5),
             range_sigma_m: 0.01,
+            band: None,
         }
     }
 

@@ -130,6 +130,7 @@ mod tests {
             range_max_m: 12.0,
             mount: Pose2::new(0.1, 0.0, 0.2),
             range_sigma_m: 0.01,
+            band: None,
         };
         let noise_m = |k: usize| 0.017 * (((k * k) as f64 * 0.618_034).fract() * 2.0 - 1.0);
         let ranges: Vec<_> = (0..361)

@@ -275,6 +275,7 @@ fn mismatch_of(parts: &[&Finding], shift: Vector2<f64>) -> Finding {
     let edges: BTreeSet<_> = parts.iter().flat_map(|part| &part.edges).collect();
     let nodes: BTreeSet<_> = parts.iter().flat_map(|part| &part.nodes).collect();
     let trips: BTreeSet<_> = parts.iter().flat_map(|part| &part.trips).collect();
+    let bands: BTreeSet<_> = parts.iter().flat_map(|part| &part.bands).collect();
     let since = parts.iter().map(|part| part.since);
     let last_seen = parts.iter().map(|part| part.last_seen);
     let ended: Option<Vec<_>> = parts.iter().map(|part| part.until).collect();
@@ -286,6 +287,7 @@ fn mismatch_of(parts: &[&Finding], shift: Vector2<f64>) -> Finding {
         tier: Tier::Tentative,
         counterpart: None,
         shift: Some(shift),
+        bands: bands.into_iter().copied().collect(),
         edges: edges.into_iter().copied().collect(),
         nodes: nodes.into_iter().copied().collect(),
         trips: trips.into_iter().cloned().collect(),

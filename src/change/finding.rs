@@ -4,6 +4,7 @@ use super::region::region_round;
 use super::{ChangeKind, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+use crate::scan::HeightBand;
 
 /// The other side of one event: what left one place and stands at another, as a door does.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,6 +36,9 @@ pub struct Finding {
     /// The vector by which what its pass observed there would have to be moved to lie on the map,
     /// map frame, metres: of a [`ChangeKind::MapMismatch`] that one shift explains.
     pub shift: Option<Vector2<f64>>,
+    /// The height bands that show it, ascending; none if it is seen by lidars that look along one
+    /// plane.
+    pub bands: Vec<HeightBand>,
     /// The closures whose scans disagree there, ascending.
     pub edges: Vec<EdgeId>,
     /// The nodes whose scans show the old or the new state, ascending.
@@ -56,6 +60,12 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// Whether one layer shows both it and another finding: the same band, or none.
+    pub(super) fn shares_a_band(&self, other: &Self) -> bool {
+        let is_shared = |band| other.bands.contains(band);
+        self.bands.iter().any(is_shared) || (self.bands.is_empty() && other.bands.is_empty())
+    }
+
     /// Everything that changed with it: its region, or a convex one round both sides.
     pub fn whole_region(&self) -> Vec<Vector2<f64>> {
         match &self.counterpart {

@@ -54,8 +54,8 @@ const SEEN_AGAIN: &str = "looks show it again";
 /// Folds all findings known now into the alerts of a route; returns the alerts that are new or
 /// change. Folding the same findings again changes nothing.
 ///
-/// A finding joins the alert of its kind at its place (regions within [`SAME_PLACE_M`]; for a
-/// suspected vehicle: a common trip), and of several episodes at one place the last one counts. An
+/// A finding joins the alert of its kind at its place (regions within [`SAME_PLACE_M`], and a common
+/// height band if they have any; for a suspected vehicle: a common trip), and of several episodes at one place the last one counts. An
 /// alert whose finding has ended, or is gone, is resolved; one that was resolved is opened again by
 /// a finding that stands. Dismissed and accepted alerts swallow what belongs to the episode that was
 /// decided about; what begins after it was last seen is a new alert.
@@ -182,7 +182,7 @@ fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
 
 /// How far apart two findings are, metres; `None` if they cannot tell of the same.
 fn gap(a: &Finding, b: &Finding) -> Option<f64> {
-    if a.kind != b.kind {
+    if a.kind != b.kind || !a.shares_a_band(b) {
         return None;
     }
     if a.kind == ChangeKind::VehicleSuspect {
@@ -308,6 +308,7 @@ fn is_news(before: &Finding, now: &Finding) -> bool {
     counted(before) != counted(now)
         || other_counterpart
         || other_shift
+        || before.bands != now.bands
         || before.edges != now.edges
         || before.nodes != now.nodes
         || before.trips != now.trips

@@ -17,6 +17,7 @@ pub fn join_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
         for (d, disappeared) in findings.iter().enumerate() {
             if appeared.kind == ChangeKind::Appeared
                 && disappeared.kind == ChangeKind::Disappeared
+                && appeared.shares_a_band(disappeared)
                 && is_one_event(appeared, disappeared)
             {
                 let gap_m = polygon_gap(&appeared.region, &disappeared.region);
@@ -67,7 +68,7 @@ pub fn separate_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
 }
 
 /// Whether both began in one pass and both stand, or neither.
-fn is_one_event(a: &Finding, b: &Finding) -> bool {
+pub(super) fn is_one_event(a: &Finding, b: &Finding) -> bool {
     let shares_a_trip = a.trips.iter().any(|trip| b.trips.contains(trip));
     shares_a_trip
         && a.since.0.abs_diff(b.since.0) <= APART_MAX_NS.unsigned_abs()
@@ -80,6 +81,9 @@ fn with_counterpart(appeared: &Finding, other: &Finding) -> Finding {
         kind: other.kind,
         region: other.region.clone(),
     });
+    joined.bands.extend(&other.bands);
+    joined.bands.sort_unstable();
+    joined.bands.dedup();
     joined.edges.extend(&other.edges);
     joined.edges.sort_unstable();
     joined.edges.dedup();

@@ -144,6 +144,7 @@ fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> O
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        bands: Vec::new(),
         kind: ChangeKind::Residual,
         location,
         sigma_m: spread_m.max(REGION_RADIUS_M),

@@ -89,6 +89,7 @@ pub fn suspect_vehicle(trips: &[(&TripId, Vec<TripPose>)]) -> Option<Finding> {
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        bands: Vec::new(),
         kind: ChangeKind::VehicleSuspect,
         location,
         sigma_m: REGION_RADIUS_M,

@@ -118,6 +118,16 @@ struct LidarJson {
     range_max: f64,
     mount: PoseJson,
     range_sigma: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    band: Option<BandJson>,
+}
+
+#[derive(Serialize)]
+struct BandJson {
+    from: f64,
+    to: f64,
+    clear_from: f64,
+    clear_to: f64,
 }
 
 /// A pose as the interface has it.
@@ -161,6 +171,12 @@ fn lidar_json(lidar: &Lidar) -> LidarJson {
         range_max: lidar.range_max_m,
         mount: pose_json(&lidar.mount),
         range_sigma: lidar.range_sigma_m,
+        band: lidar.band.map(|view| BandJson {
+            from: view.band.from_m,
+            to: view.band.to_m,
+            clear_from: view.clear_from_m,
+            clear_to: view.clear_to_m,
+        }),
     }
 }
 
@@ -188,6 +204,7 @@ mod tests {
                 range_max_m: 20.0,
                 mount: Pose2::new(0.2, 0.0, 0.0),
                 range_sigma_m: 0.01,
+                band: None,
             },
             initial_pose: Some(Pose2::new(3.5, 3.4, 0.25)),
         }

@@ -6,10 +6,12 @@
 //!
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
-//! another measure: there the truth is whole, and the noise is ours. [`measure_stability`],
-//! [`measure_faults`] and [`measure_pose_consistency`] ask of the map alone.
+//! another measure: there the truth is whole, and the noise is ours; [`score_bands`] has furniture in
+//! them, and a 3D lidar. [`measure_stability`], [`measure_faults`] and [`measure_pose_consistency`]
+//! ask of the map alone.
 
 mod alert;
+mod bands;
 mod baselines;
 mod correlation;
 mod cpu;
@@ -36,6 +38,7 @@ mod world_scoring;
 mod worlds;
 
 pub use alert::ScoredAlert;
+pub use bands::{BandsRow, BandsStudy, bands_text, score_bands};
 pub use correlation::Correlation;
 pub use detector::Detector;
 pub use distance::region_distance_m;

@@ -98,6 +98,7 @@ mod tests {
             range_max_m: 10.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         };
         let scan = CarmenScan {
             stamp: StampNs(0),

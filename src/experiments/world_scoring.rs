@@ -183,9 +183,8 @@ mod tests {
         // Behind the walls, where no beam comes.
         let hidden = Pose2::new(-5.0, -5.0, 0.0);
         scene.objects.push(SceneObject {
-            shape: Shape::rectangle(&hidden, 0.5, 0.5),
             from_lap: 1,
-            until_lap: None,
+            ..SceneObject::lasting(Shape::rectangle(&hidden, 0.5, 0.5))
         });
         let mut vehicle = Vehicle::of_fleet(0, 0.5);
         vehicle.scan_spacing_m = 4.0;

@@ -372,13 +372,13 @@ mod tests {
         assert!(would_be_observed(&setting.scene, &fleet, 3, &change));
         // A box round its place, until it comes.
         let (middle, radius_m) = change.shape.bounding_circle();
+        let round = crate::sim::Shape::Round {
+            centre: middle,
+            radius_m: radius_m + 0.05,
+        };
         setting.scene.objects.push(crate::sim::SceneObject {
-            shape: crate::sim::Shape::Round {
-                centre: middle,
-                radius_m: radius_m + 0.05,
-            },
-            from_lap: 0,
             until_lap: Some(LAPS_BEFORE),
+            ..crate::sim::SceneObject::lasting(round)
         });
         assert!(!would_be_observed(&setting.scene, &fleet, 3, &change));
     }

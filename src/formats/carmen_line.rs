@@ -104,6 +104,7 @@ fn robot_laser(fields: &mut Fields<'_>) -> Result<Line, SkipReason> {
         range_max_m,
         mount: poses.base_from_lidar,
         range_sigma_m: RANGE_SIGMA_DEFAULT_M,
+        band: None,
     };
     line(Message::RobotLaser, lidar, &poses, ranges_m, fields)
 }
@@ -126,6 +127,7 @@ fn front_laser(fields: &mut Fields<'_>) -> Result<Line, SkipReason> {
         range_max_m: FLASER_RANGE_MAX_M,
         mount: poses.base_from_lidar,
         range_sigma_m: RANGE_SIGMA_DEFAULT_M,
+        band: None,
     };
     line(Message::FrontLaser, lidar, &poses, ranges_m, fields)
 }

@@ -114,6 +114,7 @@ mod tests {
             range_max_m: 10.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         });
         let scan = LaserScan::new(lidar, [Some(1.0)]).unwrap();
         OccupancyGrid::from_scans([(Pose2::new(0.025, 0.025, 0.0), &scan)], 0.05)

@@ -1,10 +1,12 @@
 //! Where the map is occupied, free, or never looked at.
 
+use std::collections::BTreeMap;
+
 use super::cells::for_each_cell_before_end;
-use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange};
+use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, layer_of};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::StampNs;
-use crate::scan::LaserScan;
+use crate::scan::{BandView, LaserScan};
 
 /// Most cells of a grid: a map that needs more is drawn with coarser cells.
 pub const CELLS_MAX: usize = 24_000_000;
@@ -18,7 +20,7 @@ const HIT_MARK: u16 = 1 << 15;
 const COUNT_MAX: u16 = HIT_MARK - 1;
 
 /// What is known of a cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Occupancy {
     /// No beam reached it.
     Unknown,
@@ -44,6 +46,9 @@ pub struct Look<'a> {
 /// A return adds a hit to the cell it lies in and a pass to every cell between it and the lidar.
 /// Where a scan has a return, its other beams add no pass: a beam that grazes a wall does not
 /// wear it away. A beam without a return is evidence of nothing and adds nothing (REP-117).
+///
+/// Scans of different height bands are counted apart, since one may see under what the other sees:
+/// a cell shows what the band says that has something there, else the one that says most.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OccupancyGrid {
     resolution_m: f64,
@@ -65,12 +70,17 @@ impl OccupancyGrid {
         resolution_m: f64,
     ) -> Self {
         let scans: Vec<_> = scans.into_iter().filter(|(p, _)| p.is_finite()).collect();
-        let mut grid = Self::covering(&extent(&scans), resolution_m);
-        let mut returns = Vec::new();
-        for (map_from_base, scan) in &scans {
-            grid.draw(map_from_base, scan, &mut returns);
-        }
-        grid
+        let empty = Self::covering(&extent(&scans), resolution_m);
+        let layers = layers_of(scans, |(_, scan)| scan).into_iter();
+        let layers = layers.map(|scans| {
+            let mut grid = empty.clone();
+            let mut returns = Vec::new();
+            for (map_from_base, scan) in &scans {
+                grid.draw(map_from_base, scan, &mut returns);
+            }
+            grid
+        });
+        layers.reduce(Self::merged).unwrap_or(empty)
     }
 
     /// As [`OccupancyGrid::from_scans`], in the order of time; in the region of an accepted
@@ -85,18 +95,36 @@ impl OccupancyGrid {
         looks.sort_by_key(|look| look.stamp);
         let mut changes: Vec<&AcceptedChange> = accepted.iter().collect();
         changes.sort_by_key(|change| change.since);
-        let mut changes = changes.into_iter().peekable();
         let scans: Vec<_> = looks.iter().map(|l| (l.map_from_base, l.scan)).collect();
-        let mut grid = Self::covering(&extent(&scans), resolution_m);
+        let empty = Self::covering(&extent(&scans), resolution_m);
+        let layers = layers_of(looks, |look| look.scan).into_iter();
+        let layers = layers.map(|looks| empty.clone().with_looks(&looks, &changes));
+        layers.reduce(Self::merged).unwrap_or(empty)
+    }
+
+    /// Draws looks and forgets what changes outdate, both in the order of time.
+    fn with_looks(mut self, looks: &[Look<'_>], changes: &[&AcceptedChange]) -> Self {
+        let mut changes = changes.iter().peekable();
         let mut returns = Vec::new();
-        for look in &looks {
+        for look in looks {
             while let Some(change) = changes.next_if(|change| change.since <= look.stamp) {
-                grid.forget(change);
+                self.forget(change);
             }
-            grid.draw(&look.map_from_base, look.scan, &mut returns);
+            self.draw(&look.map_from_base, look.scan, &mut returns);
         }
-        changes.for_each(|change| grid.forget(change));
-        grid
+        changes.for_each(|change| self.forget(change));
+        self
+    }
+
+    /// In each cell what that one of two grids has that shows more there.
+    fn merged(mut self, other: Self) -> Self {
+        let shown = |hits: u16, passes: u16| (shown_by(hits, passes), hits, passes);
+        for cell in 0..self.hits.len() {
+            let own = shown(self.hits[cell], self.passes[cell]);
+            let others = shown(other.hits[cell], other.passes[cell]);
+            (_, self.hits[cell], self.passes[cell]) = own.max(others);
+        }
+        self
     }
 
     /// Takes back what was counted in the cells whose centres a change covers.
@@ -162,10 +190,14 @@ impl OccupancyGrid {
             let cell = self.index_of(end);
             self.hits[cell] |= HIT_MARK;
         }
+        let view = scan.lidar().band;
         for end in returns.iter() {
             let cell = self.index_of(end);
             self.add_hit(cell);
-            self.add_passes(&eye, end);
+            match view {
+                None => self.add_passes(&eye, end),
+                Some(view) => self.add_clear_passes(&eye, end, &view),
+            }
         }
         for end in returns.iter() {
             let cell = self.index_of(end);
@@ -185,6 +217,17 @@ impl OccupancyGrid {
             self.passes[cell] /= 2;
         }
         self.hits[cell] += 1;
+    }
+
+    /// Adds passes where a beam of a height band shows it free.
+    fn add_clear_passes(&mut self, eye: &Vector2<f64>, end: &Vector2<f64>, view: &BandView) {
+        let way = end - eye;
+        let range_m = way.norm() * self.resolution_m;
+        if view.clear_from_m < range_m {
+            let start = eye + way * (view.clear_from_m / range_m);
+            let stop = eye + way * (view.clear_to_m / range_m).min(1.0);
+            self.add_passes(&start, &stop);
+        }
     }
 
     fn add_passes(&mut self, eye: &Vector2<f64>, end: &Vector2<f64>) {
@@ -234,15 +277,8 @@ impl OccupancyGrid {
     /// nothing is known.
     pub fn occupancy(&self, column: usize, row: usize) -> Occupancy {
         match self.counts(column, row) {
-            None | Some((0, 0)) => Occupancy::Unknown,
-            Some((hits, passes)) => {
-                let (hits, passes) = (f64::from(hits), f64::from(passes));
-                if hits > 0.0 && hits >= OCCUPIED_SHARE_MIN * (hits + passes) {
-                    Occupancy::Occupied
-                } else {
-                    Occupancy::Free
-                }
-            }
+            None => Occupancy::Unknown,
+            Some((hits, passes)) => shown_by(hits, passes),
         }
     }
 
@@ -255,6 +291,27 @@ impl OccupancyGrid {
             && cells.y < self.height as f64;
         inside.then_some((cells.x as usize, cells.y as usize))
     }
+}
+
+/// What hits and passes of a cell show.
+fn shown_by(hits: u16, passes: u16) -> Occupancy {
+    let (hits, passes) = (f64::from(hits), f64::from(passes));
+    if hits + passes == 0.0 {
+        Occupancy::Unknown
+    } else if hits > 0.0 && hits >= OCCUPIED_SHARE_MIN * (hits + passes) {
+        Occupancy::Occupied
+    } else {
+        Occupancy::Free
+    }
+}
+
+/// What belongs to each layer, in the order given.
+fn layers_of<'a, T>(all: Vec<T>, scan_of: impl Fn(&T) -> &'a LaserScan) -> Vec<Vec<T>> {
+    let mut layers: BTreeMap<Layer, Vec<T>> = BTreeMap::new();
+    for one in all {
+        layers.entry(layer_of(scan_of(&one))).or_default().push(one);
+    }
+    layers.into_values().collect()
 }
 
 struct Extent {
@@ -310,6 +367,7 @@ mod tests {
             range_max_m: 10.0,
             mount,
             range_sigma_m: 0.01,
+            band: None,
         })
     }
 
@@ -399,6 +457,49 @@ mod tests {
         assert_eq!(at(3.025, 0.025), ((0, 20), Occupancy::Free));
         assert_eq!(at(5.025, 0.025), ((20, 0), Occupancy::Occupied));
         assert_eq!(at(0.025, 0.325).1, Occupancy::Unknown);
+    }
+
+    #[test]
+    fn what_one_band_shows_another_does_not_wear_away() {
+        use crate::scan::HeightBand;
+
+        let of_band = |band: Option<(f64, f64)>, range_m: f64| {
+            let band = band.map(|(from_m, to_m)| BandView {
+                band: HeightBand::new(from_m, to_m).unwrap(),
+                clear_from_m: 0.5,
+                clear_to_m: 3.0,
+            });
+            let lidar = Lidar {
+                band,
+                ..(*lidar(4, Pose2::IDENTITY)).clone()
+            };
+            LaserScan::new(Arc::new(lidar), [None, None, Some(range_m), None]).unwrap()
+        };
+        let pose = Pose2::new(0.025, 0.025, 0.0);
+        let under = of_band(Some((0.1, 0.4)), 5.0);
+        let top = of_band(Some((0.6, 1.0)), 2.0);
+        let looks = std::iter::repeat_n((pose, &under), 20).chain([(pose, &top)]);
+        let grid = OccupancyGrid::from_scans(looks.clone(), 0.05);
+        let at = |grid: &OccupancyGrid, x: f64| {
+            let (column, row) = grid.cell_at(&Vector2::new(x, 0.025)).unwrap();
+            grid.occupancy(column, row)
+        };
+        assert_eq!(
+            at(&grid, 2.025),
+            Occupancy::Occupied,
+            "the top of the table"
+        );
+        assert_eq!(at(&grid, 5.025), Occupancy::Occupied, "the wall behind it");
+        assert_eq!(at(&grid, 1.025), Occupancy::Free);
+        // Free space is drawn where the band is seen, and no farther.
+        assert_eq!(at(&grid, 0.225), Occupancy::Unknown);
+        assert_eq!(at(&grid, 4.025), Occupancy::Unknown);
+        let as_looks = looks.map(|(map_from_base, scan)| Look {
+            stamp: StampNs(0),
+            map_from_base,
+            scan,
+        });
+        assert_eq!(OccupancyGrid::from_looks(as_looks, &[], 0.05), grid);
     }
 
     /// A wall at 2 m; later something stands at 1 m before it; then it is gone again.

@@ -116,7 +116,8 @@ pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorE
     // What was driven before the vehicle was carried, if it was.
     let all_own = (0..own.keyframes.len()).take_while(|&k| !own.is_lost(k));
     let all_own: Vec<Placed<'_>> = all_own.map(|k| own.placed(k)).collect();
-    let map_from_own = locate(&map.placed_references(), &all_own, &TRUSTING)?;
+    let layer = own.keyframes[0].layer();
+    let map_from_own = locate(&map.placed_references(layer), &all_own, &TRUSTING)?;
     Ok(InitialPose {
         pose: map_from_own.compose(&all_own[0].pose),
         sigma_xy_m: 0.05,

@@ -123,6 +123,7 @@ pub(super) fn measure(
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     let moved = old_from_new.between(&robust.pose);
     let is_expected = slack.well_known
+        && old.keyframe.layer() == new.keyframe.layer()
         && robust.observable_directions >= OBSERVABLE_ALL
         && moved.translation().norm() <= EXPECTED_WITHIN_M
         && angle_difference_rad(moved.theta, 0.0) <= EXPECTED_WITHIN_RAD;

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, Fit, ObservationKey, Observed, SHIFT_MAX_M,
-    Screened, ShiftFit, Site, TiedPose, Tier, TripPose, explain_by_shift, join_counterparts,
-    mismatches, separate_counterparts, state_changes, support_min, suspect_vehicle,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, Layer, ObservationKey, Observed,
+    SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, TiedPose, Tier, TripPose, explain_by_shift,
+    join_bands, join_counterparts, layer_of, mismatches, separate_bands, separate_counterparts,
+    state_changes, support_min, suspect_vehicle,
 };
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
@@ -54,7 +55,7 @@ impl RouteMap {
     pub fn findings(&mut self, scope: &Scope<'_>) -> Vec<Finding> {
         self.update_screen();
         let mut findings = self.state_changes(scope);
-        self.screen.settle();
+        self.layers.settle();
         let suspects = self.suspected_vehicles(scope.vehicles);
         let is_suspected = |trip: &TripId| suspects.iter().any(|s| s.trips.contains(trip));
         let seen = || {
@@ -77,11 +78,11 @@ impl RouteMap {
     /// no news.
     pub fn settle_screen(&mut self) {
         self.update_screen();
-        self.screen.settle();
+        self.layers.settle();
     }
 
     fn update_screen(&mut self) {
-        let mut screen = std::mem::take(&mut self.screen);
+        let mut layers = std::mem::take(&mut self.layers);
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
         // What a lost trip saw, nobody knows where.
         let keyframes = keyframes.filter(|(keyframe, _)| !keyframe.is_lost());
@@ -94,27 +95,57 @@ impl RouteMap {
                 scan: taken.scan,
             })
         });
-        screen.update(observations);
-        self.screen = screen;
+        layers.update(observations);
+        self.layers = layers;
     }
 
     fn state_changes(&self, scope: &Scope<'_>) -> Vec<Finding> {
-        // Each side of a change is kept or judged anew on its own, and a segment that a shift
-        // explains as a whole: what it was found by is not kept.
+        // Each side of a change, in each band, is kept or judged anew on its own, and a segment
+        // that a shift explains as a whole: what it was found by is not kept.
         let of_state = scope.pending.iter().filter(|f| f.kind.is_of_state());
-        let of_state = separate_counterparts(of_state.cloned().collect());
+        let of_state = separate_bands(separate_counterparts(of_state.cloned().collect()));
         let shifted = || scope.pending.iter().filter(|f| f.shift.is_some());
-        let pending = of_state.iter().chain(shifted());
-        let regions: Vec<_> = pending.map(|finding| finding.region.clone()).collect();
+        let layers = self.layers.iter();
+        let findings = layers.flat_map(|(layer, screen)| {
+            let findings = self.judged_layer(layer, screen, &of_state, scope);
+            // What one shift explains is no change.
+            explain_by_shift(findings, |mismatch| self.shift_fit(layer, mismatch))
+        });
+        // What several bands show is one event, and so is what left one place for another.
+        let mut findings = join_counterparts(join_bands(findings.collect()));
+        let is_kept = |finding: &&Finding| self.is_kept(finding, scope);
+        findings.extend(shifted().filter(is_kept).cloned());
+        findings
+    }
+
+    /// Whether a finding stands as it is, since nothing was touched near it in any layer.
+    fn is_kept(&self, finding: &Finding, scope: &Scope<'_>) -> bool {
+        scope.sites == Sites::Touched && !self.layers.is_touched(&finding.region)
+    }
+
+    /// The changes of state that one layer shows, and those of `pending` that it keeps.
+    fn judged_layer(
+        &self,
+        layer: Layer,
+        screen: &Screen,
+        pending: &[Finding],
+        scope: &Scope<'_>,
+    ) -> Vec<Finding> {
+        let shifted = scope.pending.iter().filter(|f| f.shift.is_some());
+        let regions = pending.iter().chain(shifted).map(|f| f.region.as_slice());
         let sites = match scope.sites {
-            Sites::Touched => self.screen.touched_sites(&regions),
-            Sites::All => self.screen.all_sites(),
+            Sites::Touched => {
+                let is_touched = |region: &&[Vector2<f64>]| self.layers.is_touched(region);
+                screen.touched_sites(regions.clone().filter(is_touched))
+            }
+            Sites::All => screen.all_sites(),
         };
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
         let mut fits = Fits::default();
         let mut findings: Vec<Finding> = Vec::new();
         for site in &sites {
-            for found in self.judge(site, &trips, scope, &mut fits) {
+            for mut found in self.judge(screen, site, &trips, scope, &mut fits) {
+                found.bands = layer.into_iter().collect();
                 match findings.iter_mut().find(|other| is_same(other, &found)) {
                     Some(same) if same.confidence >= found.confidence => {}
                     Some(same) => *same = found,
@@ -122,35 +153,26 @@ impl RouteMap {
                 }
             }
         }
-        let regions: Vec<_> = findings
-            .iter()
-            .map(|f| f.region.clone())
-            .chain(regions)
-            .collect();
-        let reliability = self.screen.reliability(&regions);
+        let found = findings.iter().map(|f| f.region.as_slice());
+        let regions: Vec<_> = found.chain(regions).map(<[_]>::to_vec).collect();
+        let reliability = screen.reliability(&regions);
         for finding in &mut findings {
             if !reliability.confirms(finding.laps, scope.false_alerts_per_lap) {
                 finding.tier = Tier::Tentative;
             }
         }
-        let is_kept = |finding: &&Finding| {
-            scope.sites == Sites::Touched && !self.screen.is_touched(&finding.region)
-        };
-        for kept in of_state.iter().filter(is_kept) {
+        let of_layer = pending.iter().filter(|f| f.bands.first().copied() == layer);
+        for kept in of_layer.filter(|finding| self.is_kept(finding, scope)) {
             if !findings.iter().any(|found| is_same(found, kept)) {
                 findings.push(kept.clone());
             }
         }
-        // What one shift explains is no change; then what left one place for another is one event.
-        let findings = explain_by_shift(findings, |mismatch| self.shift_fit(mismatch));
-        let mut findings = join_counterparts(findings);
-        findings.extend(shifted().filter(is_kept).cloned());
         findings
     }
 
-    /// By which shift what a trip observed in a mismatch's region fits what others did, and the
-    /// trip itself before.
-    fn shift_fit(&self, mismatch: &Finding) -> Option<ShiftFit> {
+    /// By which shift what a trip observed in a mismatch's region, in a layer, fits what others did
+    /// there, and the trip itself before.
+    fn shift_fit(&self, layer: Layer, mismatch: &Finding) -> Option<ShiftFit> {
         let expected = mismatch.shift?;
         let near = |margin_m: f64| {
             let is_near =
@@ -163,7 +185,8 @@ impl RouteMap {
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
         for (keyframe, node) in keyframes.filter(|(keyframe, _)| !keyframe.is_lost()) {
             let is_own = mismatch.trips.contains(&keyframe.trip);
-            for taken in keyframe.taken_scans(node.pose) {
+            let taken_scans = keyframe.taken_scans(node.pose);
+            for taken in taken_scans.filter(|taken| layer_of(taken.scan) == layer) {
                 let eye = taken.map_from_base.translation();
                 if distance_to_polygon(&eye, &mismatch.region) > REACH_M {
                     continue;
@@ -181,12 +204,13 @@ impl RouteMap {
 
     fn judge(
         &self,
+        screen: &Screen,
         site: &CandidateSite,
         trips: &[TripId],
         scope: &Scope<'_>,
         fits: &mut Fits,
     ) -> Vec<Finding> {
-        let asked = self.screen.asked_about(site).into_iter();
+        let asked = screen.asked_about(site).into_iter();
         let observed = asked.filter_map(|key| self.observed(key, trips));
         let mut observations: Vec<Observed> = observed.collect();
         observations.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));
@@ -198,19 +222,11 @@ impl RouteMap {
             trips,
             support_min: support_min(scope.false_alerts_per_lap),
         };
-        let mut findings = state_changes(&mut site, |observed| self.fit_of(observed, fits));
+        let mut findings = state_changes(&mut site, |observed| fit_of(screen, observed, fits));
         for finding in &mut findings {
             finding.edges = self.closures_across(finding);
         }
         findings
-    }
-
-    /// How an observation fits the others, and where it fits better; each is asked but once.
-    fn fit_of(&self, observed: &Observed, fits: &mut Fits) -> Fit {
-        let key = (observed.node, observed.place);
-        let scan = observed.observation.scan();
-        let fit = fits.entry(key);
-        *fit.or_insert_with(|| self.screen.fit(&key, scan, &observed.map_from_base))
     }
 
     fn observed(&self, (node, place): ObservationKey, trips: &[TripId]) -> Option<Observed> {
@@ -284,8 +300,11 @@ impl RouteMap {
     fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {
         let nodes = self.graph.nodes();
         let others = self.keyframes.iter().zip(nodes);
+        let first = self.trips[trip].first();
+        let layer = first.map(|&k| self.keyframes[k].layer());
         let others = others.filter(|(keyframe, _)| {
-            keyframe.reference && keyframe.scan.is_some() && keyframe.trip != *trip
+            let is_other = keyframe.reference && keyframe.scan.is_some() && keyframe.trip != *trip;
+            is_other && Some(keyframe.layer()) == layer
         });
         let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
         let order = |k: &usize| self.keyframes[*k].trip_order;
@@ -317,9 +336,19 @@ impl RouteMap {
     }
 }
 
+/// How an observation fits the others of its layer, and where it fits better; each is asked but once.
+fn fit_of(screen: &Screen, observed: &Observed, fits: &mut Fits) -> Fit {
+    let key = (observed.node, observed.place);
+    let scan = observed.observation.scan();
+    let fit = fits.entry(key);
+    *fit.or_insert_with(|| screen.fit(&key, scan, &observed.map_from_base))
+}
+
 fn is_same(a: &Finding, b: &Finding) -> bool {
     a.kind == b.kind && (a.location - b.location).norm() <= SAME_FINDING_M
 }
 
+#[cfg(test)]
+mod band_tests;
 #[cfg(test)]
 mod tests;

@@ -378,8 +378,9 @@ impl RouteMap {
             self.keyframes[index].drift_m = 0.0;
         }
         let pose = self.graph.nodes()[index].pose;
+        let layer = self.keyframes[index].layer();
         let references = (0..index)
-            .filter(|&k| self.is_reference_with_scan(k))
+            .filter(|&k| self.is_reference_with_scan(k) && self.keyframes[k].layer() == layer)
             .map(|k| self.graph.nodes()[k].pose);
         self.keyframes[index].reference = !partners::is_covered(&pose, references);
         match found.is_empty() && self.weighting != Weighting::Paper {
@@ -431,7 +432,8 @@ impl RouteMap {
         measured.collect()
     }
 
-    /// Reference nodes around a pose that are not the trip's newest.
+    /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at
+    /// `index`, if there are any.
     pub(super) fn references_near(
         &self,
         index: usize,
@@ -444,11 +446,12 @@ impl RouteMap {
         let nodes = self.graph.nodes();
         let near =
             |k: &usize| (nodes[*k].pose.translation() - pose.translation()).norm() <= within_m;
-        (0..self.keyframes.len())
+        let near = (0..self.keyframes.len())
             .filter(|k| self.is_reference_with_scan(*k) && !recent.contains(k))
             .filter(near)
             .map(|k| self.placed(k))
-            .collect()
+            .collect();
+        self.of_layer_first(self.keyframes[index].layer(), near)
     }
 
     /// Whether a trip that has drifted is searched for at its keyframe at `index`.

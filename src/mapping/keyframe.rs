@@ -1,6 +1,7 @@
 //! What a node of the graph remembers beside its pose.
 
 use super::intermediate::IntermediateScan;
+use crate::change::{Layer, layer_of};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{LidarId, NodeId, StampNs, TripId};
 use crate::matching::Views;
@@ -92,6 +93,11 @@ impl Keyframe {
             points: Vec::new(),
             intermediate: Vec::new(),
         }
+    }
+
+    /// The layer of its scan; that of lidars without a band if it has none.
+    pub fn layer(&self) -> Layer {
+        self.scan.as_ref().and_then(layer_of)
     }
 
     /// With scans behind it, from its first to its last; those that lend it their points do so.

@@ -14,7 +14,8 @@ use super::extend::{Extension, PARTNER_DISTANCE_MAX_M};
 use super::front_end::Motion;
 use super::odometry::OdometryMotion;
 use super::partners::{self, Placed};
-use super::route_map::RouteMap;
+use super::route_map::{RouteMap, Weighting};
+use crate::change::Layer;
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus, GraphError};
 use crate::ids::EdgeId;
@@ -52,11 +53,13 @@ impl RouteMap {
             return Ok(());
         }
         let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
-        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest) {
+        let layer = self.keyframes[index].layer();
+        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest, layer) {
             return self.rejoin(&segment, added);
         }
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
-        let Ok(map_from_own) = anchor::locate(&self.placed_references(), &own, &anchor::STRICT)
+        let Ok(map_from_own) =
+            anchor::locate(&self.placed_references(layer), &own, &anchor::STRICT)
         else {
             return Ok(());
         };
@@ -65,8 +68,8 @@ impl RouteMap {
 
     /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
     /// has changed: what is left of it fits.
-    fn are_where_expected(&self, keyframes: &[usize]) -> bool {
-        let references = self.placed_references();
+    fn are_where_expected(&self, keyframes: &[usize], layer: Layer) -> bool {
+        let references = self.placed_references(layer);
         let (mut compared, mut fitting) = (0, 0);
         for &k in keyframes {
             let new = self.placed(k);
@@ -123,7 +126,7 @@ impl RouteMap {
             .take_while(|k| self.keyframes[**k].drift_m > 0.0)
             .copied()
             .collect();
-        let references = self.placed_references();
+        let references = self.placed_references(self.keyframes[index].layer());
         let others: Vec<Placed<'_>> = references
             .into_iter()
             .filter(|r| {
@@ -219,11 +222,26 @@ impl RouteMap {
         segment
     }
 
-    /// What trips can be localised by.
-    pub(super) fn placed_references(&self) -> Vec<Placed<'_>> {
-        (0..self.keyframes.len())
-            .filter(|&k| self.is_reference_with_scan(k))
-            .map(|k| self.placed(k))
+    /// What trips of a layer can be localised by.
+    pub(super) fn placed_references(&self, layer: Layer) -> Vec<Placed<'_>> {
+        let all = (0..self.keyframes.len()).filter(|&k| self.is_reference_with_scan(k));
+        self.of_layer_first(layer, all.map(|k| self.placed(k)).collect())
+    }
+
+    /// Those of a layer; all of them if none is. Walls and posts stand in every height band, so the
+    /// first trip of a band is tied to what the map has of others; from then on bands are matched
+    /// with their like. Never where all points are matched: what two bands see differently would
+    /// look like a change.
+    pub(super) fn of_layer_first<'a>(
+        &self,
+        layer: Layer,
+        placed: Vec<Placed<'a>>,
+    ) -> Vec<Placed<'a>> {
+        let is_like = |placed: &Placed<'a>| placed.keyframe.layer() == layer;
+        let crosses = self.weighting == Weighting::Robust && !placed.iter().any(is_like);
+        placed
+            .into_iter()
+            .filter(|p| crosses || is_like(p))
             .collect()
     }
 }
@@ -247,7 +265,6 @@ mod tests {
     use std::sync::Arc;
 
     use super::super::drive::{Drive, DriveScan, InitialPose};
-    use super::super::route_map::Weighting;
     use super::*;
     use crate::geometry::angle_difference_rad;
     use crate::ids::{StampNs, TripId};

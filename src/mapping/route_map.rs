@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::closure::ClosureRule;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
-use crate::change::Screen;
+use crate::change::Layers;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, GraphError, Node, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
@@ -52,8 +52,8 @@ pub struct RouteMap {
     pub(super) closure_rule: ClosureRule,
     /// Places in `keyframes` of each trip's nodes, in the order of the drive.
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
-    /// Where something may have changed.
-    pub(super) screen: Screen,
+    /// Where something may have changed, layer by layer.
+    pub(super) layers: Layers,
     next_node: i64,
     next_edge: i64,
 }
@@ -68,7 +68,7 @@ impl RouteMap {
             weighting,
             closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
-            screen: Screen::default(),
+            layers: Layers::default(),
             next_node: 1,
             next_edge: 1,
         }

@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
+use crate::change::Layer;
 use crate::geometry::Vector2;
 use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
@@ -78,15 +79,16 @@ impl RouteMap {
     }
 
     /// Takes back from the leaving nodes of settled stretches those of the first ones at each
-    /// place.
+    /// place, for each height band.
     fn keep_first(&self, settled: &[Stretch], first_stretches: usize, leaving: &mut [bool]) {
         let mut in_order: Vec<&Stretch> = settled.iter().collect();
         in_order.sort_by_key(|stretch| (stretch.first, self.keyframes[stretch.places[0]].node));
-        let mut kept = KeptPlaces::default();
+        let mut kept: BTreeMap<Layer, KeptPlaces> = BTreeMap::new();
         for (number, stretch) in in_order.iter().enumerate() {
             for &k in &stretch.places {
                 let at = self.graph.nodes()[k].pose.translation();
                 let has_scan = self.keyframes[k].scan.is_some();
+                let kept = kept.entry(self.keyframes[k].layer()).or_default();
                 leaving[k] &= !has_scan || kept.stretches_near(&at, number) >= first_stretches;
                 if has_scan && !leaving[k] {
                     kept.insert(&at, number);
@@ -159,7 +161,7 @@ impl RouteMap {
     pub fn size_bytes(&self) -> usize {
         let keyframes: usize = self.keyframes.iter().map(Keyframe::size_bytes).sum();
         let edges = self.graph.edges().len() * EDGE_BYTES;
-        keyframes + edges + self.screen.size_bytes()
+        keyframes + edges + self.layers.size_bytes()
     }
 }
 

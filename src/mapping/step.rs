@@ -173,6 +173,7 @@ mod tests {
             range_max_m: 20.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         });
         let ranges = (0..360).map(|beam| {
             let (sin, cos) = (from.theta + lidar.beam_angle_rad(beam)).sin_cos();

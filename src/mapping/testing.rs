@@ -16,6 +16,7 @@ pub(super) fn blind_keyframe(id: i64, trip: TripId, stamp: StampNs) -> Keyframe 
         range_max_m: 5.0,
         mount: Pose2::IDENTITY,
         range_sigma_m: 0.01,
+        band: None,
     };
     let scan = LaserScan::new(Arc::new(lidar), [None; 3]).unwrap();
     Keyframe::new(NodeId(id), trip, stamp, Pose2::IDENTITY, scan)

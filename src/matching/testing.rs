@@ -16,6 +16,7 @@ pub(super) fn look(world: &World, pose: &Pose2, seed: u64) -> Vec<SurfacePoint> 
         range_max_m: 20.0,
         mount: Pose2::new(0.3, 0.1, 0.4),
         range_sigma_m: 0.01,
+        band: None,
     });
     let eye = pose.compose(&lidar.mount);
     let ranges = (0..360).map(|beam| {

@@ -88,7 +88,10 @@ impl<'a> View<'a> {
             most_m = most_m.max(neighbour_m);
         }
         if range_m < least_m - tolerance_m {
-            Visibility::Free
+            match self.scan.lidar().is_clear_at(range_m) {
+                true => Visibility::Free,
+                false => Visibility::Unseen,
+            }
         } else if range_m > most_m + tolerance_m {
             Visibility::Occluded
         } else {

@@ -83,6 +83,8 @@ pub struct Observation {
     beams_per_rad: f64,
     beams_a_turn: i64,
     tolerances_m: (f64, f64),
+    /// Between these distances from the lidar it says where nothing stands, metres.
+    clear_m: (f64, f64),
 }
 
 impl Observation {
@@ -103,6 +105,9 @@ impl Observation {
                 HIT_TOLERANCE_M + HIT_SIGMAS * lidar.range_sigma_m,
                 miss_tolerance(lidar.range_sigma_m).0,
             ),
+            clear_m: lidar.band.map_or((0.0, f64::INFINITY), |view| {
+                (view.clear_from_m, view.clear_to_m)
+            }),
             scan: scan.clone(),
         }
     }
@@ -172,7 +177,8 @@ impl Observation {
     /// What it says about a cell. Cost: the beams across the cell.
     ///
     /// One beam that ends there makes a hit, all must go by for a miss: beams pass beside thin
-    /// things, and a beam at a depth edge ends anywhere.
+    /// things, and a beam at a depth edge ends anywhere. Of a height band nothing is missed where the
+    /// lidar does not see enough of the band.
     pub fn test(&self, cell: &Cell) -> Outcome {
         let Some(Asked {
             towards,
@@ -187,7 +193,8 @@ impl Observation {
         if seen.is_hit {
             return Outcome::Hit;
         }
-        if seen.nearest_m < depth.miss_from_m {
+        let is_clear = self.clear_m.0 <= range_m && range_m <= self.clear_m.1;
+        if seen.nearest_m < depth.miss_from_m || !is_clear {
             return Outcome::Unknown;
         }
         let asked = beams.last - beams.first + 1;

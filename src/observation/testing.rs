@@ -70,6 +70,7 @@ pub(crate) fn lidar(field_rad: f64, beams: usize, range_max_m: f64, sigma_m: f64
         range_max_m,
         mount: Pose2::IDENTITY,
         range_sigma_m: sigma_m,
+        band: None,
     }
 }
 

@@ -102,6 +102,7 @@ fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Opti
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        bands: Vec::new(),
         kind: ChangeKind::Residual,
         location: change.first.place.position,
         sigma_m: PAPER_REGION_M,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::{BEAMS_MAX, LaserScan, Lidar, LidarError, ScanError};
+use super::{BEAMS_MAX, BandView, HeightBand, LaserScan, Lidar, LidarError, ScanError};
 use crate::geometry::Pose2;
 
 const COMPRESSION_LEVEL: i32 = 3;
@@ -20,6 +20,15 @@ struct Record {
     range_sigma_m: f64,
     /// Each beam's ticks minus the beam's before it.
     tick_steps: Vec<i32>,
+}
+
+/// What follows the record of a lidar with a height band, and of no other.
+#[derive(Serialize, Deserialize)]
+struct BandRecord {
+    from_m: f64,
+    to_m: f64,
+    clear_from_m: f64,
+    clear_to_m: f64,
 }
 
 /// Why bytes are not a scan.
@@ -64,7 +73,16 @@ pub fn encode_scan(scan: &LaserScan) -> Result<Vec<u8>, CodecError> {
         range_sigma_m: lidar.range_sigma_m,
         tick_steps: steps.collect(),
     };
-    let plain = postcard::to_stdvec(&record)?;
+    let mut plain = postcard::to_stdvec(&record)?;
+    if let Some(view) = &lidar.band {
+        let band = BandRecord {
+            from_m: view.band.from_m,
+            to_m: view.band.to_m,
+            clear_from_m: view.clear_from_m,
+            clear_to_m: view.clear_to_m,
+        };
+        plain = postcard::to_extend(&band, plain)?;
+    }
     Ok(zstd::bulk::compress(&plain, COMPRESSION_LEVEL)?)
 }
 
@@ -74,7 +92,11 @@ pub fn encode_scan(scan: &LaserScan) -> Result<Vec<u8>, CodecError> {
 /// [`CodecError`] for any other bytes.
 pub fn decode_scan(bytes: &[u8]) -> Result<LaserScan, CodecError> {
     let plain = zstd::bulk::decompress(bytes, DECODED_BYTES_MAX)?;
-    let record: Record = postcard::from_bytes(&plain)?;
+    let (record, rest): (Record, &[u8]) = postcard::take_from_bytes(&plain)?;
+    let band: Option<BandRecord> = match rest.is_empty() {
+        true => None,
+        false => Some(postcard::from_bytes(rest)?),
+    };
     let lidar = Lidar {
         angle_min_rad: record.angle_min_rad,
         angle_increment_rad: record.angle_increment_rad,
@@ -82,6 +104,14 @@ pub fn decode_scan(bytes: &[u8]) -> Result<LaserScan, CodecError> {
         range_max_m: record.range_max_m,
         mount: Pose2::new(record.mount[0], record.mount[1], record.mount[2]),
         range_sigma_m: record.range_sigma_m,
+        band: band.map(|band| BandView {
+            band: HeightBand {
+                from_m: band.from_m,
+                to_m: band.to_m,
+            },
+            clear_from_m: band.clear_from_m,
+            clear_to_m: band.clear_to_m,
+        }),
     }
     .validated()?;
     let mut last = 0i32;
@@ -116,9 +146,22 @@ mod tests {
         ]
     }
 
+    fn any_band() -> impl Strategy<Value = BandView> {
+        let ends = (0.0..1.0_f64, 0.1..1.0_f64, 0.0..3.0_f64, 0.1..9.0_f64);
+        ends.prop_map(|(from_m, height_m, clear_from_m, clear_m)| BandView {
+            band: HeightBand::new(from_m, from_m + height_m).unwrap(),
+            clear_from_m,
+            clear_to_m: clear_from_m + clear_m,
+        })
+    }
+
     proptest! {
         #[test]
-        fn round_trip(ticks in proptest::collection::vec(any::<u16>(), 1..400), range_max_m in 1.0..500.0_f64) {
+        fn round_trip(
+            ticks in proptest::collection::vec(any::<u16>(), 1..400),
+            range_max_m in 1.0..500.0_f64,
+            band in proptest::option::of(any_band()),
+        ) {
             let lidar = Lidar {
                 angle_min_rad: -1.5,
                 angle_increment_rad: 0.01,
@@ -126,6 +169,7 @@ mod tests {
                 range_max_m,
                 mount: Pose2::new(0.2, -0.1, 0.3),
                 range_sigma_m: 0.02,
+                band,
             };
             let scan = LaserScan::from_ticks(Arc::new(lidar), ticks).unwrap();
             prop_assert_eq!(decode_scan(&encode_scan(&scan).unwrap()).unwrap(), scan);
@@ -144,6 +188,7 @@ mod tests {
                 range_max_m,
                 mount: Pose2::IDENTITY,
                 range_sigma_m: 0.02,
+                band: None,
             };
             let scan = LaserScan::new(Arc::new(lidar), ranges.clone()).unwrap();
             let decoded = decode_scan(&encode_scan(&scan).unwrap()).unwrap();

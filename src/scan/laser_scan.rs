@@ -144,6 +144,16 @@ impl LaserScan {
         (0..self.beam_count()).map(|beam| self.range_m(beam))
     }
 
+    /// All beams as an upload has them, metres: `None` (null) without a return, 0 for one that says
+    /// nothing.
+    pub fn uploaded_ranges_m(&self) -> impl Iterator<Item = Option<f64>> + '_ {
+        (0..self.beam_count()).map(|beam| match self.reading(beam) {
+            Reading::Range(range_m) => Some(range_m),
+            Reading::NoReturn => None,
+            Reading::Invalid => Some(0.0),
+        })
+    }
+
     /// Whether it was taken from elsewhere than another scan of the lidar, or of another world: a
     /// quarter of the beams with a measurement in both measures something else.
     pub fn differs_from(&self, other: &Self) -> bool {
@@ -179,6 +189,7 @@ mod tests {
             range_max_m: 20.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         })
     }
 
@@ -200,6 +211,9 @@ mod tests {
         use Reading::{Invalid, NoReturn};
         assert_eq!(said, [NoReturn, Invalid, NoReturn, Invalid]);
         assert!((read[5].unwrap() - 20.0).abs() < 1e-9);
+        let uploaded: Vec<_> = scan.uploaded_ranges_m().collect();
+        assert_eq!(uploaded[1..5], [None, Some(0.0), None, Some(0.0)]);
+        assert_eq!(LaserScan::new(lidar(), uploaded).unwrap(), scan);
         assert_eq!(scan.return_count(), 2);
     }
 

@@ -1,5 +1,6 @@
 //! The geometry of a lidar and where it is mounted.
 
+use super::{BandError, BandView, HeightBand};
 use crate::geometry::{Pose2, Vector2};
 
 /// Most beams a scan may have.
@@ -29,6 +30,8 @@ pub struct Lidar {
     pub mount: Pose2,
     /// Standard deviation of one range, metres.
     pub range_sigma_m: f64,
+    /// The heights that its scans are made of, if they are virtual ones of a 3D lidar.
+    pub band: Option<BandView>,
 }
 
 /// What is wrong with a lidar's geometry; the display text teaches the sender.
@@ -59,6 +62,9 @@ pub enum LidarError {
     /// The noise is not usable.
     #[error("range_sigma {0} is not within (0, 1] m")]
     RangeSigma(f64),
+    /// The height band is not usable.
+    #[error(transparent)]
+    Band(#[from] BandError),
 }
 
 impl Lidar {
@@ -89,6 +95,7 @@ impl Lidar {
         if !(self.range_sigma_m > 0.0 && self.range_sigma_m <= 1.0) {
             return Err(LidarError::RangeSigma(self.range_sigma_m));
         }
+        self.band.map(BandView::validated).transpose()?;
         Ok(self)
     }
 
@@ -117,6 +124,16 @@ impl Lidar {
         })
     }
 
+    /// The heights that its scans are made of; `None` of a lidar that looks along one plane.
+    pub fn height_band(&self) -> Option<HeightBand> {
+        self.band.map(|view| view.band)
+    }
+
+    /// Whether its scans may say that so far from it, metres, nothing stands.
+    pub fn is_clear_at(&self, range_m: f64) -> bool {
+        self.band.is_none_or(|view| view.is_clear_at(range_m))
+    }
+
     /// Length of one tick of a stored range: 1 mm, or coarser for lidars beyond 65 m.
     pub fn tick_m(&self) -> f64 {
         (self.range_max_m / f64::from(u16::MAX - 1)).max(1e-3)
@@ -135,6 +152,7 @@ mod tests {
             range_max_m: 20.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         }
     }
 
@@ -161,7 +179,7 @@ mod tests {
     #[test]
     fn absurd_geometry_is_refused() {
         assert!(good().validated().is_ok());
-        let spoilers: [fn(&mut Lidar); 9] = [
+        let spoilers: [fn(&mut Lidar); 10] = [
             |l| l.angle_min_rad = f64::NAN,
             |l| l.angle_min_rad = -180.0,
             |l| l.angle_increment_rad = 0.0,
@@ -171,6 +189,13 @@ mod tests {
             |l| l.range_min_m = -0.1,
             |l| l.mount.x = f64::INFINITY,
             |l| l.range_sigma_m = 0.0,
+            |l| {
+                let band = HeightBand {
+                    from_m: 0.4,
+                    to_m: 0.1,
+                };
+                l.band = Some(BandView::all_the_way(band, 20.0));
+            },
         ];
         for (k, spoil) in spoilers.iter().enumerate() {
             let mut lidar = good();

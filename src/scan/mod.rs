@@ -1,5 +1,8 @@
-//! One sweep of a 2D lidar: the validated scan, its points, its compact form, the keyframe rule.
+//! One sweep of a 2D lidar: the validated scan, its points, its compact form, the keyframe rule; and
+//! virtual ones, of height bands of the clouds of a 3D lidar ([`BandScanner`]).
 
+mod band;
+mod cloud;
 mod codec;
 mod keyframe;
 mod laser_scan;
@@ -7,6 +10,8 @@ mod lidar;
 mod points;
 mod undistort;
 
+pub use band::{BAND_HIGHEST_M, BAND_LOWEST_M, BAND_THINNEST_M, BandError, BandView, HeightBand};
+pub use cloud::{BandScanner, CloudError, CloudLidar};
 pub use codec::{CodecError, decode_scan, encode_scan};
 pub use keyframe::{KeyframeRule, is_standing};
 pub use laser_scan::{INVALID_TICK, LaserScan, NO_RETURN_TICK, Reading, ScanError};

@@ -166,6 +166,7 @@ mod tests {
             range_max_m: 10.0,
             mount: Pose2::new(0.5, 0.0, std::f64::consts::FRAC_PI_2),
             range_sigma_m: 0.01,
+            band: None,
         });
         let ranges = (0..31).map(|k| Some(2.0 / lidar.beam_angle_rad(k).cos()));
         let scan = LaserScan::new(lidar.clone(), ranges).unwrap();
@@ -190,6 +191,7 @@ mod tests {
             range_max_m: 10.0,
             mount: Pose2::IDENTITY,
             range_sigma_m: 0.01,
+            band: None,
         });
         let scan = LaserScan::new(lidar, [None, Some(3.0), None]).unwrap();
         let points = surface_points(&scan);
@@ -209,6 +211,7 @@ mod tests {
                 range_max_m: 20.0,
                 mount: Pose2::IDENTITY,
                 range_sigma_m: sigma_m,
+                band: None,
             });
             // Even noise of the stated standard deviation, by the golden ratio.
             let noise_m = |k: usize| ((k * k) as f64 * 0.618_034).fract() * 2.0 - 1.0;

@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::random::{Purpose, stream};
-use super::{Scene, SceneObject, Shape, World};
+use super::{Furniture, Scene, SceneObject, Shape, World};
 use crate::geometry::{Pose2, Vector2};
 
 /// What a vehicle needs on either side of its path, metres.
@@ -102,6 +102,28 @@ impl<'a> Changes<'a> {
         standing
     }
 
+    /// Puts furniture no farther than `beside_m` from where vehicles may drive. Answers the places of
+    /// its parts in [`Scene::objects`]; `None` where there is no room.
+    pub fn furnish(&mut self, furniture: Furniture, beside_m: f64) -> Option<Vec<usize>> {
+        let near = (0..TRIES_MAX).find_map(|_| {
+            let outline = self.find_spot(&furniture.outline(&Pose2::IDENTITY))?;
+            let steps = (self.scene.route.length_m() / ROUTE_STEP_M).ceil() as usize;
+            let way_m = |k: usize| {
+                let at = self.scene.route.pose_at(k as f64 * ROUTE_STEP_M);
+                outline.distance_to(&at.translation())
+            };
+            let nearest_m = (0..steps).map(way_m).fold(f64::INFINITY, f64::min);
+            (nearest_m <= self.clearance_m + beside_m).then_some(outline)
+        })?;
+        let parts = furniture.parts(&near)?.into_iter();
+        let parts = parts.map(|(shape, heights_m)| {
+            let part = self.push(shape);
+            self.scene.objects[part].heights_m = heights_m;
+            part
+        });
+        Some(parts.collect())
+    }
+
     fn choose(&mut self) -> Option<usize> {
         let before = self.lap.checked_sub(1)?;
         let candidates: Vec<usize> = (0..self.scene.objects.len())
@@ -120,9 +142,8 @@ impl<'a> Changes<'a> {
 
     fn push(&mut self, shape: Shape) -> usize {
         self.scene.objects.push(SceneObject {
-            shape,
             from_lap: self.lap,
-            until_lap: None,
+            ..SceneObject::lasting(shape)
         });
         self.scene.objects.len() - 1
     }

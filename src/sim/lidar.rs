@@ -8,6 +8,10 @@ use super::random::normal;
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::Lidar;
 
+/// How high lidars look along unless they say otherwise, metres above the floor: as safety scanners
+/// do.
+pub(super) const PLANE_M: f64 = 0.2;
+
 /// A lidar with its faults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimLidar {
@@ -15,6 +19,8 @@ pub struct SimLidar {
     pub geometry: Lidar,
     /// Beams of a scan.
     pub beams: usize,
+    /// Height of the plane that it looks along above the floor, metres.
+    pub height_m: f64,
     /// Share of the beams that give no return though something is there.
     pub dropout_rate: f64,
     /// `mount_from_lidar`: where the lidar truly sits, seen from where `geometry` has it. The
@@ -36,8 +42,10 @@ impl SimLidar {
                 range_max_m,
                 mount,
                 range_sigma_m,
+                band: None,
             },
             beams,
+            height_m: PLANE_M,
             dropout_rate: 0.0,
             mount_error: Pose2::IDENTITY,
             pass_errors: PassErrors::NONE,

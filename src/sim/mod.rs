@@ -4,7 +4,9 @@
 
 mod build;
 mod changes;
+mod clouds;
 mod drive;
+mod furniture;
 mod hall;
 mod lidar;
 mod pass_errors;
@@ -21,7 +23,9 @@ mod walker;
 mod world;
 
 pub use changes::Changes;
+pub use clouds::SimCloudLidar;
 pub use drive::{SimScan, drive};
+pub use furniture::Furniture;
 pub use hall::Hall;
 pub use lidar::SimLidar;
 pub use pass_errors::PassErrors;

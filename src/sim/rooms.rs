@@ -76,9 +76,8 @@ impl Rooms {
             door.object = self.scene.objects.len();
             self.scene.objects[was].until_lap = Some(lap);
             self.scene.objects.push(SceneObject {
-                shape: door.shape(),
                 from_lap: lap,
-                until_lap: None,
+                ..SceneObject::lasting(door.shape())
             });
             swung.push((was, door.object));
         }
@@ -118,9 +117,9 @@ impl Rooms {
                 for (shape, from_lap, until_lap) in pieces {
                     passing.push(self.scene.objects.len());
                     self.scene.objects.push(SceneObject {
-                        shape,
                         from_lap,
                         until_lap,
+                        ..SceneObject::lasting(shape)
                     });
                 }
                 door.object = self.scene.objects.len() - 1;

@@ -1,5 +1,6 @@
 //! A world that changes from lap to lap.
 
+use super::lidar::PLANE_M;
 use super::{Hall, Hit, Route, Shape, World};
 use crate::geometry::Vector2;
 
@@ -18,7 +19,12 @@ pub struct SceneObject {
     pub from_lap: usize,
     /// The first lap that has it no more; `None` if it stays.
     pub until_lap: Option<usize>,
+    /// Between which heights above the floor it is, metres.
+    pub heights_m: (f64, f64),
 }
+
+/// As high as a building is: from the floor upwards, metres.
+const FROM_FLOOR_UP_M: (f64, f64) = (0.0, f64::INFINITY);
 
 /// A route through a world whose objects come and go between laps, and people who walk there.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +55,13 @@ impl SceneObject {
             shape,
             from_lap: 0,
             until_lap: None,
+            heights_m: FROM_FLOOR_UP_M,
         }
+    }
+
+    /// Whether it is cut by a level plane at a height above the floor, metres.
+    pub fn is_cut_at(&self, height_m: f64) -> bool {
+        self.heights_m.0 <= height_m && height_m <= self.heights_m.1
     }
 
     /// Whether it stands there in a lap.
@@ -90,9 +102,17 @@ impl Scene {
         areas.iter().sum::<f64>() / areas.len().max(1) as f64
     }
 
-    /// What stands there in a lap.
+    /// What stands there in a lap, as most lidars see it.
     pub fn world(&self, lap: usize) -> LapWorld {
-        let there = |k: &usize| self.objects[*k].is_there(lap);
+        self.world_at(lap, PLANE_M)
+    }
+
+    /// What stands there in a lap, as a level plane at a height above the floor, metres, cuts it.
+    pub fn world_at(&self, lap: usize, height_m: f64) -> LapWorld {
+        let there = |k: &usize| {
+            let object = &self.objects[*k];
+            object.is_there(lap) && object.is_cut_at(height_m)
+        };
         let objects: Vec<usize> = (0..self.objects.len()).filter(there).collect();
         let world = World::new(objects.iter().map(|&k| self.objects[k].shape.clone()));
         LapWorld { world, objects }
@@ -130,9 +150,9 @@ mod tests {
         let count = scene.objects.len();
         scene.objects[3].until_lap = Some(2);
         scene.objects.push(SceneObject {
-            shape: Shape::rectangle(&Pose2::IDENTITY, 1.0, 1.0),
             from_lap: 1,
             until_lap: Some(3),
+            ..SceneObject::lasting(Shape::rectangle(&Pose2::IDENTITY, 1.0, 1.0))
         });
         for lap in 0..5 {
             let lap_world = scene.world(lap);

@@ -42,6 +42,25 @@ impl Shape {
         }
     }
 
+    /// Every distance at which a ray crosses the shape's line, metres, ascending; `direction` is a
+    /// unit vector. Odd in number if it begins inside.
+    pub(super) fn crossings(&self, origin: &Vector2<f64>, direction: &Vector2<f64>) -> Vec<f64> {
+        let mut crossings: Vec<f64> = match self {
+            Self::Outline(corners) => sides(corners)
+                .filter_map(|(a, b)| along_to_side(origin, direction, a, b))
+                .collect(),
+            Self::Round { centre, radius_m } => {
+                let first = along_to_circle(origin, direction, centre, *radius_m);
+                let ahead = (centre - origin).dot(direction);
+                let last = first.map(|first| 2.0 * ahead - first);
+                let beyond = last.filter(|last| first.is_some_and(|first| *last > first));
+                first.into_iter().chain(beyond).collect()
+            }
+        };
+        crossings.sort_by(f64::total_cmp);
+        crossings
+    }
+
     /// How far a point is from the shape's line, metres.
     pub fn distance_to(&self, point: &Vector2<f64>) -> f64 {
         match self {

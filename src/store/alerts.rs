@@ -14,6 +14,7 @@ use super::error::StoreError;
 use crate::change::{Counterpart, Finding};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
+use crate::scan::HeightBand;
 
 /// An alert's history comes along as JSON, so that one statement reads a whole alert.
 macro_rules! select_alerts {
@@ -201,6 +202,7 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
         tier: text(row, "tier")?,
         counterpart: counterpart_of(row)?,
         shift: shift_of(row)?,
+        bands: bands_of(row)?,
         kind: text(row, "kind")?,
         location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
         sigma_m: row.try_get("sigma_m")?,
@@ -226,6 +228,15 @@ fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
         kind: text(row, "counterpart_kind")?,
         region: polygon(row, "counterpart_region")?,
     }))
+}
+
+fn bands_of(row: &SqliteRow) -> Result<Vec<HeightBand>, StoreError> {
+    let ends: Vec<[f64; 2]> = json(row, "bands")?;
+    let bands = ends.into_iter();
+    let bands = bands.map(|[from_m, to_m]| HeightBand::new(from_m, to_m));
+    bands
+        .collect::<Result<_, _>>()
+        .map_err(|_| corrupt("bands"))
 }
 
 fn shift_of(row: &SqliteRow) -> Result<Option<Vector2<f64>>, StoreError> {

@@ -160,6 +160,7 @@ fn look_around(map_from_base: &Pose2, with_box: bool) -> LaserScan {
         range_max_m: 20.0,
         mount: Pose2::new(0.2, 0.0, 0.0),
         range_sigma_m: 0.01,
+        band: None,
     };
     let eye = map_from_base.compose(&lidar.mount);
     let ranges = (0..BEAMS).map(|beam| {
@@ -221,6 +222,7 @@ fn appeared(route: &RouteId) -> AlertRecord {
             tier: Tier::Confirmed,
             counterpart: None,
             shift: None,
+            bands: Vec::new(),
             kind: ChangeKind::Appeared,
             location: Vector2::new(1.8, 1.0),
             sigma_m: 0.06,

@@ -172,6 +172,7 @@ fn node(id: i64) -> NodeWithScan {
         range_max_m: 20.0,
         mount: Pose2::new(0.2, 0.0, 0.0),
         range_sigma_m: 0.01,
+        band: None,
     };
     let ranges = [
         Some(2.0),

@@ -51,6 +51,7 @@ pub fn lidar(field_of_view_deg: u32, beams: usize, mount: Pose2, range_sigma_m: 
         range_max_m: 20.0,
         mount,
         range_sigma_m,
+        band: None,
     };
     Arc::new(lidar.validated().unwrap())
 }

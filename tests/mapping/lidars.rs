@@ -207,6 +207,7 @@ fn what_the_rear_lidar_alone_sees_is_found() {
         shape: thing.clone(),
         from_lap: 2,
         until_lap: None,
+        heights_m: (0.0, f64::INFINITY),
     });
     let mut map_without = RouteMap::new(Weighting::Robust);
     let mut map_with = RouteMap::new(Weighting::Robust);

@@ -17,6 +17,7 @@ fn geometry(angle_min_rad: f64, angle_increment_rad: f64, mount: Pose2) -> Arc<L
         range_max_m: 10.0,
         mount,
         range_sigma_m: 0.01,
+        band: None,
     })
 }
 

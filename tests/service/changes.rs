@@ -1,5 +1,6 @@
 //! The world changes between laps: what the service tells of it, from the upload to the alert.
 
+mod bands;
 mod decisions;
 mod faults;
 mod order;

@@ -128,6 +128,10 @@ impl Drive {
                 "range_max": geometry.range_max_m,
                 "mount": {"x": mount.x, "y": mount.y, "theta": mount.theta},
                 "range_sigma": geometry.range_sigma_m,
+                "band": geometry.band.map(|view| json!({
+                    "from": view.band.from_m, "to": view.band.to_m,
+                    "clear_from": view.clear_from_m, "clear_to": view.clear_to_m,
+                })),
             }),
             scans,
         }

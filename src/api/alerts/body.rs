@@ -9,6 +9,7 @@ use crate::api::types::timestamp;
 use crate::change::{AlertAction, Counterpart};
 use crate::geometry::Vector2;
 use crate::pipeline::is_allowed;
+use crate::scan::HeightBand;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 
 /// A place where the world contradicts a route's map.
@@ -17,7 +18,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
-    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null,
+    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "bands": [],
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
     "views": 9, "laps": 2,
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
@@ -57,6 +58,8 @@ pub(super) struct AlertBody {
     /// would have to be moved to lie on the map, map frame, metres. Null for all other alerts.
     #[schema(required)]
     shift: Option<ShiftBody>,
+    /// The height bands that show it; none if it is seen by lidars that look along one plane.
+    bands: Vec<AlertBandBody>,
     /// The loop closures whose scans disagree there.
     edge_ids: Vec<i64>,
     /// The nodes whose scans show the old or the new state.
@@ -96,6 +99,16 @@ pub(super) struct AlertBody {
     related: Vec<String>,
     /// Every status that it had, the first one first.
     history: Vec<HistoryBody>,
+}
+
+/// A height band that shows an alert.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AlertBand)]
+pub(super) struct AlertBandBody {
+    /// Its lower end, metres above the floor.
+    from: f64,
+    /// Its upper end, metres above the floor.
+    to: f64,
 }
 
 /// A place in the map frame.
@@ -211,6 +224,7 @@ impl From<AlertRecord> for AlertBody {
             region: corners(&evidence.region),
             counterpart: evidence.counterpart.map(CounterpartBody::from),
             shift: evidence.shift.map(ShiftBody::from),
+            bands: evidence.bands.iter().map(AlertBandBody::from).collect(),
             edge_ids: evidence.edges.iter().map(|id| id.0).collect(),
             node_ids: evidence.nodes.iter().map(|id| id.0).collect(),
             vehicle_ids: alert.vehicles.iter().map(ToString::to_string).collect(),
@@ -227,6 +241,15 @@ impl From<AlertRecord> for AlertBody {
             map_version: alert.map_version,
             related: alert.related.iter().map(ToString::to_string).collect(),
             history: alert.history.into_iter().map(HistoryBody::from).collect(),
+        }
+    }
+}
+
+impl From<&HeightBand> for AlertBandBody {
+    fn from(band: &HeightBand) -> Self {
+        Self {
+            from: band.from_m,
+            to: band.to_m,
         }
     }
 }

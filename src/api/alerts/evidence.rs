@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::api::ApiState;
 use crate::api::problem::Problem;
 use crate::api::residuals::{SeriesAround, series_around, vehicles_of};
-use crate::change::{BeamVerdict, JudgedBeam, judge_beams};
+use crate::change::{BeamVerdict, JudgedBeam, judge_beams, layer_of};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId};
@@ -216,6 +216,10 @@ fn choose(pairs: &[Pair], scans: &Scans, region: &[Vector2<f64>]) -> Option<(Pai
 
 fn judged(pair: &Pair, scans: &Scans) -> Option<[LookBack; 2]> {
     let (old, new) = (scans.get(&pair.old)?, scans.get(&pair.new)?);
+    // What two height bands show is no contradiction.
+    if layer_of(&old.1) != layer_of(&new.1) {
+        return None;
+    }
     let look = |judged: &(NodeRecord, LaserScan), by: &(NodeRecord, LaserScan)| LookBack {
         node: judged.0.clone(),
         map_from_lidar: judged.0.pose.compose(&judged.1.lidar().mount),

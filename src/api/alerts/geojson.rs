@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::body::ShiftBody;
+use super::body::{AlertBandBody, ShiftBody};
 use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use super::page;
 use super::query::AlertQuery;
@@ -84,6 +84,8 @@ struct Properties {
     /// for all other alerts.
     #[schema(required)]
     shift: Option<ShiftBody>,
+    /// The height bands that show it; none if it is seen by lidars that look along one plane.
+    bands: Vec<AlertBandBody>,
     /// Probability that it is true.
     confidence: f64,
     /// Standard deviation of the place, metres.
@@ -194,6 +196,7 @@ impl Feature {
                     region: Polygon::of(&counterpart.region, plane),
                 }),
                 shift: evidence.shift.map(ShiftBody::from),
+                bands: evidence.bands.iter().map(AlertBandBody::from).collect(),
                 confidence: evidence.confidence,
                 sigma: evidence.sigma_m,
                 first_seen: timestamp(alert.first_seen),

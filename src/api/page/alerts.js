@@ -40,6 +40,7 @@ function otherSide({ kind, region }) {
 }
 
 // The vector by which what was observed would have to be moved to lie on the map.
+const heights = ({ from, to }) => from.toFixed(2) + " to " + to.toFixed(2) + " m";
 const shiftBy = ({ x, y }) => "The map is off there: what was observed fits it when moved by x " + x.toFixed(2) + " m, y " + y.toFixed(2) + " m";
 
 function history(alert) {
@@ -102,6 +103,7 @@ function item(alert, refresh) {
   made.append(element("p", "", "seen " + time(alert.since) + " to " + time(alert.last_seen) + until + "; map version " + alert.map_version));
   if (alert.counterpart !== null) made.append(element("p", "", "Other side: " + otherSide(alert.counterpart)));
   if (alert.shift !== null) made.append(element("p", "", shiftBy(alert.shift)));
+  if (alert.bands.length > 0) made.append(element("p", "", "Seen " + alert.bands.map(heights).join(" and ") + " above the floor"));
   const link = element("a");
   link.href = "/v1/alerts/" + alert.id + "/evidence.svg";
   link.target = "_blank";

@@ -28,12 +28,14 @@ pub struct CandidateSite {
 }
 
 impl Screen {
-    /// The sites that were touched since the last [`Screen::settle`], by their first cells;
-    /// `regions` are those of alerts that wait, which are judged anew when anything near them was
-    /// touched.
-    pub fn touched_sites(&self, regions: &[Vec<Vector2<f64>>]) -> Vec<CandidateSite> {
+    /// The sites that were touched since the last [`Screen::settle`], by their first cells, and all
+    /// in or near some regions.
+    pub fn touched_sites<'a>(
+        &self,
+        regions: impl Iterator<Item = &'a [Vector2<f64>]>,
+    ) -> Vec<CandidateSite> {
         let mut seeds = self.touched.clone();
-        for region in regions.iter().filter(|region| self.is_touched(region)) {
+        for region in regions {
             seeds.extend(self.cells_near(region));
         }
         self.sites(seeds)

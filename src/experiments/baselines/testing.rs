@@ -23,6 +23,7 @@ pub(crate) fn room(count: usize, late: Option<&Shape>) -> Vec<Recording> {
         range_max_m: 12.0,
         mount: Pose2::IDENTITY,
         range_sigma_m: 0.01,
+        band: None,
     };
     let walls = Shape::rectangle(&Pose2::new(4.0, 0.5, 0.0), 8.0, 5.0);
     let mut rng = ChaCha8Rng::seed_from_u64(1);

@@ -36,6 +36,16 @@ pub(super) struct Lidar {
     pub range_sigma: Option<f64>,
     pub time_increment: Option<f64>,
     pub scan_time: Option<f64>,
+    pub band: Option<Object<Band>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Band {
+    pub from: f64,
+    pub to: f64,
+    pub clear_from: Option<f64>,
+    pub clear_to: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use super::*;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
+use crate::scan::{BandView, HeightBand};
 
 fn received_at() -> Timestamp {
     "2026-11-20T07:00:00Z".parse().unwrap()
@@ -94,6 +95,81 @@ fn the_time_of_a_beam_is_that_which_is_stated() {
     let error = interval_s(json!({"scan_time": 0.1, "time_increment": 0.04})).unwrap_err();
     assert_eq!(error.pointer, "/lidar/time_increment");
     assert!(error.detail.contains("0.120 s"), "{error}");
+}
+
+#[test]
+fn a_height_band_is_kept_and_is_seen_all_the_way_unless_it_says_otherwise() {
+    let band_of = |band: Value| {
+        let batch = decode_value(&with("/lidar/band", Some(band))).unwrap();
+        batch.scans[1].scan.lidar().band
+    };
+    let band = HeightBand::new(0.1, 0.4).unwrap();
+    assert_eq!(band_of(Value::Null), None);
+    let all_the_way = BandView::all_the_way(band, 20.0);
+    assert_eq!(band_of(json!({"from": 0.1, "to": 0.4})), Some(all_the_way));
+    let stated = json!({"from": 0.1, "to": 0.4, "clear_from": 1.5, "clear_to": 6.0});
+    let in_part = BandView {
+        band,
+        clear_from_m: 1.5,
+        clear_to_m: 6.0,
+    };
+    assert_eq!(band_of(stated), Some(in_part));
+}
+
+#[test]
+fn a_band_that_makes_no_sense_is_explained() {
+    for (band, problem, pointer, said) in [
+        (
+            json!({"from": 0.4, "to": 0.1}),
+            BatchProblem::OutOfRange,
+            "/lidar/band",
+            "goes up by",
+        ),
+        (
+            json!({"from": 0.4, "to": 0.4}),
+            BatchProblem::OutOfRange,
+            "/lidar/band",
+            "goes up by",
+        ),
+        (
+            json!({"from": 100, "to": 400}),
+            BatchProblem::OutOfRange,
+            "/lidar/band",
+            "above the floor",
+        ),
+        (
+            json!({"from": 0.1, "to": 0.4, "clear_from": 9.0, "clear_to": 2.0}),
+            BatchProblem::OutOfRange,
+            "/lidar/band/clear_from",
+            "distances from the lidar",
+        ),
+        (
+            json!({"from": 0.1}),
+            BatchProblem::InvalidField,
+            "/lidar/band",
+            "missing field",
+        ),
+        (
+            json!([0.1, 0.4]),
+            BatchProblem::InvalidField,
+            "/lidar/band",
+            "",
+        ),
+        (
+            json!({"from": 0.1, "to": 0.4, "by": 1}),
+            BatchProblem::MalformedJson,
+            "/lidar/band/by",
+            "",
+        ),
+    ] {
+        let error = decode_value(&with("/lidar/band", Some(band))).unwrap_err();
+        assert_eq!(
+            (error.problem, &*error.pointer),
+            (problem, pointer),
+            "{error}"
+        );
+        assert!(error.detail.contains(said), "{error}");
+    }
 }
 
 #[test]

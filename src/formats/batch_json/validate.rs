@@ -15,7 +15,9 @@ use crate::formats::json::Object;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
 use crate::mapping::{DriveScan, InitialPose};
-use crate::scan::{LaserScan, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M, ScanError};
+use crate::scan::{
+    BandError, BandView, HeightBand, LaserScan, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M, ScanError,
+};
 
 const SIGMA_XY_DEFAULT_M: f64 = 0.5;
 const SIGMA_XY_MAX_M: f64 = 100.0;
@@ -105,6 +107,7 @@ pub(super) fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
         range_max_m: raw.range_max,
         mount,
         range_sigma_m: raw.range_sigma.unwrap_or(RANGE_SIGMA_DEFAULT_M),
+        band: raw.band.map(|band| band_view(&band.0, raw.range_max)),
     };
     lidar.validated().or_else(|error| {
         let (problem, field) = match &error {
@@ -114,9 +117,30 @@ pub(super) fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
             LidarError::RangeMax(_) => (BatchProblem::ScanGeometry, "range_max"),
             LidarError::Mount => (BatchProblem::OutOfRange, "mount"),
             LidarError::RangeSigma(_) => (BatchProblem::OutOfRange, "range_sigma"),
+            LidarError::Band(error) => (BatchProblem::OutOfRange, band_field(error)),
         };
         refuse(problem, format!("{pointer}/{field}"), error.to_string())
     })
+}
+
+fn band_view(raw: &raw::Band, range_max_m: f64) -> BandView {
+    let band = HeightBand {
+        from_m: raw.from,
+        to_m: raw.to,
+    };
+    let all_the_way = BandView::all_the_way(band, range_max_m);
+    BandView {
+        clear_from_m: raw.clear_from.unwrap_or(all_the_way.clear_from_m),
+        clear_to_m: raw.clear_to.unwrap_or(all_the_way.clear_to_m),
+        ..all_the_way
+    }
+}
+
+fn band_field(error: &BandError) -> &'static str {
+    match error {
+        BandError::Height { .. } | BandError::Thin { .. } => "band",
+        BandError::Clear { .. } => "band/clear_from",
+    }
 }
 
 fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {

@@ -18,6 +18,7 @@ fn keyframe(node: i64, pose: &Pose2, things: &[Shape]) -> Keyframe {
         range_max_m: 12.0,
         mount: Pose2::IDENTITY,
         range_sigma_m: 0.01,
+        band: None,
     };
     let walls = Shape::rectangle(&Pose2::new(4.0, 0.5, 0.0), 8.0, 5.0);
     let to_map = pose.to_transform();

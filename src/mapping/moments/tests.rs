@@ -33,12 +33,15 @@ fn drive(scans: &[(usize, i64)]) -> Drive {
     }
 }
 
-fn ms(scan: &DriveScan) -> (usize, i64) {
+fn ms(scan: &DriveScan) -> Taken {
     (scan.lidar.place, scan.stamp.0 / 1_000_000)
 }
 
+/// A scan's lidar, and when it was taken, milliseconds.
+type Taken = (usize, i64);
+
 /// Each moment as its own scan and those that lend it their points.
-fn walked(drive: &Drive) -> Vec<((usize, i64), Vec<(usize, i64)>)> {
+fn walked(drive: &Drive) -> Vec<(Taken, Vec<Taken>)> {
     let map = RouteMap::new(Weighting::Robust);
     let moments = map.moments(drive).into_iter();
     let walked = moments.map(|moment| match moment {

@@ -23,6 +23,7 @@ fn keyframe(node: i64, pose: &Pose2, range_max_m: f64) -> Keyframe {
         range_max_m,
         mount: Pose2::IDENTITY,
         range_sigma_m: 0.01,
+        band: None,
     });
     let world = two_rooms();
     let ranges = (0..360).map(|beam| {

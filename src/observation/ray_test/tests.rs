@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::observation::testing::{World, all_round, lidar};
+use crate::scan::{BandView, HeightBand};
 
 const HALF_WIDTH_M: f64 = 0.03;
 
@@ -51,6 +52,32 @@ fn a_wall_is_hit_the_space_before_it_missed_and_what_is_behind_it_unknown() {
         assert_eq!(seen.test(&cell_at(-2.0, y)), Outcome::NoReturn, "{y}");
         // Between a hit and a miss nothing is said.
         assert_eq!(seen.test(&cell_at(2.89, 0.0)), Outcome::Unknown);
+    }
+}
+
+#[test]
+fn a_height_band_is_missed_only_where_the_lidar_sees_enough_of_it() {
+    let band = HeightBand::new(0.6, 1.0).unwrap();
+    let lidar = Lidar {
+        band: Some(BandView {
+            band,
+            clear_from_m: 0.8,
+            clear_to_m: 2.0,
+        }),
+        ..all_round(720)
+    };
+    let seen = observe(&wall_ahead(), &lidar, 720, &Pose2::IDENTITY);
+    for (x, outcome) in [
+        (0.6, Outcome::Unknown),
+        (1.0, Outcome::Miss),
+        (1.9, Outcome::Miss),
+        (2.1, Outcome::Unknown),
+        (3.0, Outcome::Hit),
+        (-0.6, Outcome::Unknown),
+        (-1.5, Outcome::NoReturn),
+        (-2.5, Outcome::Unknown),
+    ] {
+        assert_eq!(seen.test(&cell_at(x, 0.0)), outcome, "{x}");
     }
 }
 

@@ -342,6 +342,7 @@ pub fn box_finding(workspace: &Workspace) -> Finding {
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        bands: Vec::new(),
         kind: ChangeKind::Appeared,
         location: BOX_AT,
         sigma_m: 0.03,

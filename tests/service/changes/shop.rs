@@ -43,9 +43,9 @@ impl Shop {
     /// A crate of 60 cm × 50 cm stands in the middle from one lap on until before another.
     pub fn with_crate(mut self, from_lap: usize, until_lap: Option<usize>) -> Self {
         self.scene.objects.push(SceneObject {
-            shape: crate_in_the_middle(),
             from_lap,
             until_lap,
+            ..SceneObject::lasting(crate_in_the_middle())
         });
         self
     }

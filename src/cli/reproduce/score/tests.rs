@@ -27,6 +27,7 @@ fn laps() -> Laps {
         range_max_m: 10.0,
         mount: Pose2::IDENTITY,
         range_sigma_m: 0.01,
+        band: None,
     });
     let scan = |k: usize| {
         let spot = k % SCANS_A_LAP;
