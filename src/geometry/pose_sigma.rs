@@ -13,16 +13,12 @@ pub struct PoseSigma {
     pub theta_rad: f64,
 }
 
-/// Standard deviations are whole multiples of its inverse, metres and radians: what another order of
-/// computation changes in the last bits is no news.
-const STEPS_PER_UNIT: f64 = 1e6;
-
 impl PoseSigma {
-    /// The square roots of the diagonal of a covariance of (x, y, θ), in m and rad, to the nearest
-    /// micrometre and microradian; `None` if they are no finite numbers.
+    /// The square roots of the diagonal of a covariance of (x, y, θ), in m and rad, to two
+    /// significant digits: that is all that is known of them, and what a far-off closure changes of
+    /// one is then no news. `None` if they are no finite numbers.
     pub fn from_covariance(covariance: &Matrix3<f64>) -> Option<Self> {
-        let rounded = |sigma: f64| (sigma * STEPS_PER_UNIT).round() / STEPS_PER_UNIT;
-        let [x_m, y_m, theta_rad] = [0, 1, 2].map(|k| rounded(covariance[(k, k)].sqrt()));
+        let [x_m, y_m, theta_rad] = [0, 1, 2].map(|k| to_two_digits(covariance[(k, k)].sqrt()));
         let is_finite = [x_m, y_m, theta_rad].iter().all(|sigma| sigma.is_finite());
         is_finite.then_some(Self {
             x_m,
@@ -30,6 +26,14 @@ impl PoseSigma {
             theta_rad,
         })
     }
+}
+
+fn to_two_digits(sigma: f64) -> f64 {
+    if sigma == 0.0 {
+        return 0.0;
+    }
+    let per_unit = 10.0_f64.powi(1 - sigma.log10().floor() as i32);
+    (sigma * per_unit).round() / per_unit
 }
 
 #[cfg(test)]
@@ -47,6 +51,12 @@ mod tests {
             theta_rad: 3.0,
         };
         assert_eq!(of([0.04, 0.0, 9.0 + 1e-9]), Some(sigma));
+        let tenth = 0.01234_f64.powi(2);
+        let digits = of([tenth, 100.0 * tenth, 1e-8 * tenth]).unwrap();
+        assert_eq!(
+            [digits.x_m, digits.y_m, digits.theta_rad],
+            [0.012, 0.12, 1.2e-6]
+        );
         assert_eq!(of([f64::INFINITY, 0.0, 1.0]), None);
         assert_eq!(of([0.04, -1e-30, 1.0]), None);
     }
