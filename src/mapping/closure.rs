@@ -122,6 +122,7 @@ pub(super) fn measure(
     let mut alignment = Alignment::new(&cloud, points);
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     let moved = old_from_new.between(&robust.pose);
+    // Two height bands may differ as much as two worlds do: then the scans must agree.
     let is_expected = slack.well_known
         && old.keyframe.layer() == new.keyframe.layer()
         && robust.observable_directions >= OBSERVABLE_ALL

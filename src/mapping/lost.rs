@@ -53,11 +53,11 @@ impl RouteMap {
             return Ok(());
         }
         let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
-        let layer = self.keyframes[index].layer();
-        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest, layer) {
+        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest) {
             return self.rejoin(&segment, added);
         }
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
+        let layer = self.keyframes[index].layer();
         let Ok(map_from_own) =
             anchor::locate(&self.placed_references(layer), &own, &anchor::STRICT)
         else {
@@ -68,8 +68,11 @@ impl RouteMap {
 
     /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
     /// has changed: what is left of it fits.
-    fn are_where_expected(&self, keyframes: &[usize], layer: Layer) -> bool {
-        let references = self.placed_references(layer);
+    fn are_where_expected(&self, keyframes: &[usize]) -> bool {
+        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
+        let mut references = self.placed_references(layer);
+        // Of another height band little fits in any case.
+        references.retain(|old| old.keyframe.layer() == layer);
         let (mut compared, mut fitting) = (0, 0);
         for &k in keyframes {
             let new = self.placed(k);

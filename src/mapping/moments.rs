@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use super::clock::TripClock;
 use super::drive::{Drive, DriveScan, InitialPose};
 use super::route_map::RouteMap;
+use crate::change::layer_of;
 use crate::ids::{LidarId, StampNs};
 
 /// A companion's scan lends its points to a primary scan taken no more than this before or after,
@@ -126,7 +127,7 @@ fn moments(scans: &[DriveScan], is_primary: impl Fn(&DriveScan) -> bool) -> Vec<
 }
 
 /// The primary scan nearest in time, the earlier of two, and how far in time, if it is near enough
-/// for points to be lent.
+/// for points to be lent, and of the same height band: what two bands show is not one scan.
 fn nearest(primaries: &[&DriveScan], scan: &DriveScan) -> Option<(usize, u64)> {
     let after = primaries.partition_point(|primary| primary.stamp < scan.stamp);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
@@ -134,6 +135,7 @@ fn nearest(primaries: &[&DriveScan], scan: &DriveScan) -> Option<(usize, u64)> {
     let (apart_ns, k) = apart.min()?;
     let moved = primaries[k].odom_from_base.between(&scan.odom_from_base);
     let is_near = apart_ns <= LENDING_MAX_NS
+        && layer_of(&primaries[k].scan) == layer_of(&scan.scan)
         && moved.translation().norm() <= LENDING_MAX_M
         && moved.theta.abs() <= LENDING_MAX_RAD;
     is_near.then_some((k, apart_ns))

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::partners;
 use super::route_map::RouteMap;
+use crate::change::Layer;
 use crate::geometry::Pose2;
 use crate::graph::EdgeStatus;
 use crate::ids::{EdgeId, NodeId};
@@ -51,20 +52,22 @@ impl RouteMap {
     }
 
     /// Makes nodes references in the place of others: later laps are tied to these and no longer
-    /// to those. Of new nodes that cover each other the first alone becomes one. Returns what the
-    /// flags of the nodes that changed had been.
+    /// to those. Of new nodes of one height band that cover each other the first alone becomes one.
+    /// Returns what the flags of the nodes that changed had been.
     pub fn hand_over_reference(&mut self, from: &[NodeId], to: &[NodeId]) -> Vec<(NodeId, bool)> {
         let mut before = Vec::new();
         for node in from {
             before.extend(self.set_reference(*node, false));
         }
-        let mut covering: Vec<Pose2> = Vec::new();
+        let mut covering: Vec<(Layer, Pose2)> = Vec::new();
         for node in to {
-            let Some(pose) = self.graph.node(*node).map(|node| node.pose) else {
+            let Some(position) = self.graph.node_position(*node) else {
                 continue;
             };
-            if !partners::is_covered(&pose, covering.iter().copied()) {
-                covering.push(pose);
+            let (new, layer) = (self.placed(position), self.keyframes[position].layer());
+            let of_layer = covering.iter().filter(|(other, _)| *other == layer);
+            if !partners::is_covered(&new.pose, of_layer.map(|(_, pose)| *pose)) {
+                covering.push((layer, new.pose));
                 before.extend(self.set_reference(*node, true));
             }
         }

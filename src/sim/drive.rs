@@ -221,6 +221,26 @@ mod tests {
     }
 
     #[test]
+    fn another_lidar_is_on_the_same_drive_with_noise_of_its_own() {
+        let hall = Hall::generate(11).unwrap();
+        let scene = Scene::of_hall(&hall, 0);
+        let vehicle = vehicle();
+        let alone = scene.drive(&vehicle, 0..1, 1);
+        let rear = |number| scene.drive_of_companion(&vehicle, (number, &vehicle.lidar), 0..1, 1);
+        let (first, second) = (rear(1), rear(2));
+        assert_eq!(alone.len(), first.len());
+        for (a, b) in alone.iter().zip(&first) {
+            assert_eq!(a.time_s, b.time_s);
+            assert_eq!(
+                (a.map_from_base, a.odom_from_base),
+                (b.map_from_base, b.odom_from_base)
+            );
+            assert_ne!(a.ranges_m, b.ranges_m);
+        }
+        assert_ne!(first[0].ranges_m, second[0].ranges_m);
+    }
+
+    #[test]
     fn a_change_of_the_world_changes_only_what_is_seen_of_it() {
         let hall = Hall::generate(12).unwrap();
         let at = hall.route.pose_at(10.0).compose(&Pose2::new(0.0, 1.2, 0.0));

@@ -8,7 +8,7 @@ use super::super::route_map::Weighting;
 use super::*;
 use crate::change::{ChangeKind, fold};
 use crate::geometry::Pose2;
-use crate::ids::{NodeId, StampNs};
+use crate::ids::{LidarId, NodeId, StampNs};
 use crate::observation::testing::{World, all_round};
 use crate::scan::{BandView, HeightBand, Lidar};
 
@@ -230,6 +230,49 @@ fn the_first_trip_of_a_band_is_tied_to_others_and_the_next_to_its_like() {
         let of_high = references.filter(|keyframe| keyframe.layer() == Some(high()));
         assert!(of_high.count() > 5, "each band has references of its own");
     }
+}
+
+#[test]
+fn of_two_bands_of_one_vehicle_the_first_makes_the_map_and_both_observe() {
+    let named = |name: &str, place, drive: Drive| {
+        let lidar = LidarOfVehicle {
+            name: Some(LidarId::new(name).unwrap()),
+            place,
+        };
+        let scans = drive.scans.into_iter();
+        scans.map(move |scan| DriveScan {
+            lidar: lidar.clone(),
+            ..scan
+        })
+    };
+    let drive_of = |trip: &str, from_s, high_world: &World| {
+        let floor = drive((trip, Some(low())), &corridor(), from_s);
+        let table = drive((trip, Some(high())), high_world, from_s);
+        let scans = named("floor", 0, floor.clone()).zip(named("table", 1, table));
+        Drive {
+            scans: scans.flat_map(|(floor, table)| [floor, table]).collect(),
+            ..floor
+        }
+    };
+    let mut map = RouteMap::new(Weighting::Robust);
+    let changed = with_box(corridor());
+    for (trip, from_s) in [("first", 0), ("second", 10_000)] {
+        map.extend(&drive_of(trip, from_s, &corridor())).unwrap();
+    }
+    for (trip, from_s) in [("third", 20_000), ("fourth", 30_000)] {
+        map.extend(&drive_of(trip, from_s, &changed)).unwrap();
+    }
+    for keyframe in map.keyframes() {
+        assert_eq!(keyframe.layer(), Some(low()));
+        // The points of the table's band would be as many again.
+        assert!(keyframe.points.len() <= BEAMS);
+    }
+    let found = findings(&mut map, Sites::All, &[]);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(
+        (found[0].kind, &*found[0].bands),
+        (ChangeKind::Appeared, &[high()][..])
+    );
 }
 
 #[test]
