@@ -231,6 +231,7 @@ mod tests {
                 "Upload",
                 "InitialPose",
                 "Lidar",
+                "HeightBand",
                 "Decision",
                 "Registration",
                 "Change",
