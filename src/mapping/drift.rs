@@ -109,7 +109,6 @@ mod tests {
             measurement: Pose2::new(3.0, 4.0, 0.2),
             information: Information::identity(),
             matched,
-            fixed: matched,
         };
         let by_match_m = drift_of_motion(&motion(true), &odometry.sigmas);
         assert!((by_match_m - 5.0).abs() < 1e-12);

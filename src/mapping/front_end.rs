@@ -18,8 +18,6 @@ pub(super) struct Motion {
     pub information: Information,
     /// Whether the scans were matched; if not, the odometry stands alone.
     pub matched: bool,
-    /// Whether the match fixes the motion in every direction, as it does not along a corridor.
-    pub fixed: bool,
 }
 
 /// A match that explains this share of the points needs no search.
@@ -30,9 +28,6 @@ const SUPPORT_MIN: f64 = 0.35;
 const SUPPORT_GAIN: f64 = 0.05;
 /// … and so much more for every squared standard deviation that it is farther from the odometry.
 const SUPPORT_GAIN_PER_SQUARED_SIGMA: f64 = 0.015;
-
-/// A match fixes a direction if this share of it is its own word and not the odometry's.
-const FIXED_SHARE_MIN: f64 = 0.5;
 
 /// A match farther from the odometry, in its standard deviations, is not used.
 const ODOMETRY_SIGMAS_MAX: f64 = 5.0;
@@ -64,7 +59,6 @@ pub(super) fn measure_motion(
         measurement: *last_from_base,
         information: wheels,
         matched: false,
-        fixed: false,
     };
     let Some(cloud) = cloud.points() else {
         return by_odometry;
@@ -107,7 +101,6 @@ pub(super) fn measure_motion(
         measurement,
         information: Information::from_matrix(&(information.matrix() + wheels.matrix())),
         matched: true,
-        fixed: contrast.fixed_share >= FIXED_SHARE_MIN,
     }
 }
 
@@ -191,7 +184,6 @@ fn motion_alone(
         measurement,
         information: Information::from_matrix(&(information.matrix() + weak.matrix())),
         matched: true,
-        fixed: contrast.fixed_share >= FIXED_SHARE_MIN,
     })
 }
 
@@ -231,7 +223,6 @@ pub(super) fn match_scans(
         measurement: *start,
         information: odometry.sigmas.information(),
         matched: false,
-        fixed: false,
     };
     let Some(last) = ReferenceCloud::new([(Pose2::IDENTITY, last_points)]) else {
         return by_odometry;
@@ -245,7 +236,6 @@ pub(super) fn match_scans(
         measurement: matched.pose,
         information: matched.information,
         matched: true,
-        fixed: true,
     }
 }
 

@@ -101,7 +101,6 @@ impl RouteMap {
             measurement: odometry.motion,
             information: odometry.sigmas.information(),
             matched: false,
-            fixed: false,
         };
         let last_node = last.node;
         for &k in segment {

@@ -12,13 +12,10 @@ use super::odometry::OdometryMotion;
 use crate::geometry::Pose2;
 
 /// Two scans of a step are not where the odometry has them if more than this share of one's points
-/// lies in the other's free space, …
+/// lies in the other's free space …
 const CONTRADICTION_SHARE_MAX: f64 = 0.35;
-/// … not where a match has them that leaves a direction to the odometry if more than this does, …
-const CONTRADICTION_SHARE_MAX_IF_LOOSE: f64 = 0.3;
-/// … and not where a match has them that fixes every direction if more than this does: people walk
-/// by, and what a lidar sees while it turns is not of one moment.
-const CONTRADICTION_SHARE_MAX_IF_FIXED: f64 = 0.5;
+/// … and not where a match has them if more than this does.
+const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.5;
 /// Wheels may have slipped if more than this share does, and did …
 const DOUBTED_SHARE: f64 = 0.08;
 /// … if another way along theirs leaves less, no more than this part of it, …
@@ -67,13 +64,12 @@ impl Step<'_> {
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
         let motion = measure_motion(&self.local_map, self.cloud, points, self.odometry, sigma_m);
         let contradicts = self.contradicts(&motion);
-        if self.is_abrupt || (self.is_silent && contradicts) {
+        if self.is_abrupt || contradicts {
             let alone = match_alone(&self.local_map, self.cloud, points, &self.before, sigma_m);
             let alone = alone.filter(|alone| !self.contradicts(alone));
             return alone.or((!contradicts).then_some(motion));
         }
-        let without_slip = self.without_slip(&motion);
-        without_slip.or((!contradicts).then_some(motion))
+        Some(self.without_slip(&motion).unwrap_or(motion))
     }
 
     fn sigma_m(&self) -> f64 {
@@ -108,10 +104,9 @@ impl Step<'_> {
     }
 
     fn contradicts(&self, motion: &Motion) -> bool {
-        let share_max = match (motion.matched, motion.fixed) {
-            (false, _) => CONTRADICTION_SHARE_MAX,
-            (true, false) => CONTRADICTION_SHARE_MAX_IF_LOOSE,
-            (true, true) => CONTRADICTION_SHARE_MAX_IF_FIXED,
+        let share_max = match motion.matched {
+            true => CONTRADICTION_SHARE_MAX_IF_MATCHED,
+            false => CONTRADICTION_SHARE_MAX,
         };
         let share = self.contradiction_share(motion);
         share.is_some_and(|share| share > share_max)
