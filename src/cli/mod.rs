@@ -1,6 +1,7 @@
 //! The command line: one file per command.
 
 mod batch_body;
+mod buildings;
 mod comparison;
 mod demo;
 mod edge_batch_body;
@@ -53,6 +54,8 @@ enum Command {
     Score(score::Args),
     /// Measure how far the map of your recordings moves if little of what was seen is different.
     Stability(stability::Args),
+    /// Measure maps of simulated floors with long corridors: whether loops close, and rightly.
+    Buildings(buildings::Args),
     /// Measure what faults of odometry do to a map: steps made up, slip, a robot that is carried.
     Faults(faults::Args),
     /// Print the OpenAPI document.
@@ -70,6 +73,7 @@ pub fn run() -> ExitCode {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Score(args) => score::run(args),
         Command::Stability(args) => stability::run(args),
+        Command::Buildings(args) => buildings::run(&args),
         Command::Faults(args) => faults::run(&args),
         Command::Openapi(args) => openapi::run(args),
     };

@@ -7,12 +7,13 @@
 //! It knows nothing of HTTP, of the store or of the command line, and the service does not use
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
 //! another measure: there the truth is whole, and the noise is ours; [`score_bands`] has furniture in
-//! them, and a 3D lidar. [`measure_stability`], [`measure_faults`] and [`measure_pose_consistency`]
-//! ask of the map alone.
+//! them, and a 3D lidar. [`measure_stability`], [`measure_buildings`], [`measure_faults`] and
+//! [`measure_pose_consistency`] ask of the map alone.
 
 mod alert;
 mod bands;
 mod baselines;
+mod buildings;
 mod correlation;
 mod cpu;
 mod detector;
@@ -39,6 +40,7 @@ mod worlds;
 
 pub use alert::ScoredAlert;
 pub use bands::{BandsRow, BandsStudy, bands_text, score_bands};
+pub use buildings::{BUILDINGS, Building, BuildingCase, buildings_text, measure_buildings};
 pub use correlation::Correlation;
 pub use detector::Detector;
 pub use distance::region_distance_m;

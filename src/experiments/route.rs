@@ -11,8 +11,8 @@ use super::recording::Recording;
 use crate::change::{
     AlertState, AlertStatus, AlertUpdate, FALSE_ALERTS_PER_LAP, Finding, fold, stays_untouched,
 };
-use crate::geometry::{Pose2, PoseSigma};
-use crate::graph::Node;
+use crate::geometry::{Information, Pose2, PoseSigma};
+use crate::graph::{EdgeKind, EdgeStatus, Node};
 use crate::ids::StampNs;
 use crate::mapping::{Drive, DriveScan, InitialPose, Keyframe, RouteMap, Scope, Sites, Weighting};
 use crate::scan::LaserScan;
@@ -84,8 +84,22 @@ pub(super) struct MapRun {
     pub keyframes: BTreeMap<StampNs, Pose2>,
     /// How uncertain these are, where the map says it.
     pub sigmas: BTreeMap<StampNs, PoseSigma>,
+    /// The map's loop closures.
+    pub closures: Vec<MeasuredClosure>,
     /// Batches that never found a place in the map.
     pub batches_not_merged: usize,
+}
+
+/// A loop closure between two scans.
+pub(super) struct MeasuredClosure {
+    /// The older scan …
+    pub from: StampNs,
+    /// … and the newer one.
+    pub to: StampNs,
+    /// `from_base_from_to_base`, as it was measured.
+    pub measurement: Pose2,
+    /// Of the measurement.
+    pub information: Information,
 }
 
 impl MapRun {
@@ -111,6 +125,7 @@ impl MapRun {
                 .zip(route.map.graph().nodes())
                 .map(of_node)
                 .collect(),
+            closures: route.closures(),
             batches_not_merged: route.batches_not_merged,
             poses: route
                 .placed()
@@ -261,6 +276,20 @@ impl Route {
                 });
                 std::iter::once((keyframe.stamp, node.pose, true)).chain(between)
             })
+    }
+
+    fn closures(&self) -> Vec<MeasuredClosure> {
+        let (graph, keyframes) = (self.map.graph(), self.map.keyframes());
+        let closures = graph.edges().iter().zip(graph.ends()).filter(|(edge, _)| {
+            edge.kind == EdgeKind::LoopClosure && edge.status == EdgeStatus::Active
+        });
+        let measured = closures.map(|(edge, (from, to))| MeasuredClosure {
+            from: keyframes[*from].stamp,
+            to: keyframes[*to].stamp,
+            measurement: edge.measurement,
+            information: edge.information,
+        });
+        measured.collect()
     }
 
     fn finish(self, recordings: &[Recording]) -> RouteRun {

@@ -83,7 +83,7 @@ impl Disturbance {
     }
 }
 
-fn with_noise(recordings: &[Recording], sigma_m: f64, seed: u64) -> Vec<Recording> {
+pub(super) fn with_noise(recordings: &[Recording], sigma_m: f64, seed: u64) -> Vec<Recording> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noisy = recordings.to_vec();
     let scans = noisy.iter_mut().flat_map(|r| &mut r.scans);
@@ -109,7 +109,7 @@ impl Moved {
 }
 
 /// Of the scans that both have.
-fn distances_m(a: &BTreeMap<StampNs, Pose2>, b: &BTreeMap<StampNs, Pose2>) -> Vec<f64> {
+pub(super) fn distances_m(a: &BTreeMap<StampNs, Pose2>, b: &BTreeMap<StampNs, Pose2>) -> Vec<f64> {
     let both = a
         .iter()
         .filter_map(|(stamp, pose)| Some((pose, b.get(stamp)?)));

@@ -30,7 +30,7 @@ pub use hall::Hall;
 pub use lidar::SimLidar;
 pub use pass_errors::PassErrors;
 pub(crate) use random::normal;
-pub use rooms::Rooms;
+pub use rooms::{FloorPlan, Rooms};
 pub use route::{Route, RouteError};
 pub use scene::{LapWorld, Scene, SceneObject};
 pub use shape::Shape;

@@ -10,11 +10,8 @@ use super::random::{Purpose, normal, stream};
 use super::{Changes, Route, RouteError, Scene, SceneObject, Shape};
 use crate::geometry::{Pose2, Vector2};
 
-const LENGTH_M: f64 = 32.0;
-const WIDTH_M: f64 = 24.0;
-/// Depth of the outer rooms and width of the corridor, metres.
+/// Depth of the outer rooms, metres.
 const ROOM_DEPTH_M: f64 = 4.5;
-const CORRIDOR_M: f64 = 4.4;
 const WALL_M: f64 = 0.12;
 const DOOR_M: f64 = 1.0;
 const DOOR_THICKNESS_M: f64 = 0.05;
@@ -23,9 +20,65 @@ const DOOR_STOP_M: f64 = 0.01;
 /// Rooms are so long, or a little more.
 const ROOM_LENGTH_M: f64 = 4.5;
 const OPEN_RATE: f64 = 0.5;
+/// Of so much corridor there is one thing in it, metres.
+const CORRIDOR_PER_THING_M: f64 = 7.3;
 
-/// A floor of 32 m × 24 m: a corridor runs round the inner rooms, the outer rooms lie round it.
-/// The map frame's origin is its lower left corner.
+/// How large a floor is: a corridor runs round the inner rooms, the outer rooms lie round it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FloorPlan {
+    /// Along x, metres.
+    pub length_m: f64,
+    /// Along y, metres.
+    pub width_m: f64,
+    /// How wide the corridor is, metres.
+    pub corridor_m: f64,
+    /// Whether the floor looks the same turned by half: walls, doors and all that stands there.
+    pub is_symmetric: bool,
+}
+
+impl FloorPlan {
+    /// 32 m × 24 m with a wide corridor.
+    const OFFICE: Self = Self {
+        length_m: 32.0,
+        width_m: 24.0,
+        corridor_m: 4.4,
+        is_symmetric: false,
+    };
+
+    /// A floor of the proportions 4 to 3 whose corridor is `way_m` long, along its middle.
+    pub fn round(way_m: f64, corridor_m: f64) -> Self {
+        let outside_m = 2.0 * ROOM_DEPTH_M + corridor_m;
+        Self {
+            length_m: way_m * 2.0 / 7.0 + outside_m,
+            width_m: way_m * 1.5 / 7.0 + outside_m,
+            corridor_m,
+            is_symmetric: false,
+        }
+    }
+
+    /// From the outer walls to the middle of the corridor, metres.
+    fn middle_m(&self) -> f64 {
+        ROOM_DEPTH_M + 0.5 * self.corridor_m
+    }
+
+    /// Length of the corridor along its middle, metres.
+    fn way_m(&self) -> f64 {
+        2.0 * (self.length_m + self.width_m) - 8.0 * self.middle_m()
+    }
+
+    /// The corners of the floor, so far inside of its walls.
+    fn corners(&self, inside_m: f64) -> [Vector2<f64>; 4] {
+        let (right, top) = (self.length_m - inside_m, self.width_m - inside_m);
+        [
+            Vector2::new(inside_m, inside_m),
+            Vector2::new(right, inside_m),
+            Vector2::new(right, top),
+            Vector2::new(inside_m, top),
+        ]
+    }
+}
+
+/// A floor; the map frame's origin is its lower left corner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rooms {
     /// Walls, doors and furniture, and the way along the corridor.
@@ -43,22 +96,33 @@ struct Door {
 }
 
 impl Rooms {
-    /// The floor of a seed.
+    /// The floor of a seed, 32 m × 24 m.
     ///
     /// # Errors
     /// [`RouteError`] if the corridor made no route; it does.
     pub fn generate(seed: u64) -> Result<Self, RouteError> {
+        Self::of_plan(&FloorPlan::OFFICE, seed)
+    }
+
+    /// The floor of a plan and a seed. The doors of a symmetric one do not swing.
+    ///
+    /// # Errors
+    /// [`RouteError`] if the plan has no room for a corridor with rooms on both sides.
+    pub fn of_plan(plan: &FloorPlan, seed: u64) -> Result<Self, RouteError> {
         let mut rng = stream(seed, Purpose::World);
-        let middle_m = ROOM_DEPTH_M + 0.5 * CORRIDOR_M;
-        let route = Route::new(&corners(middle_m), 1.5)?;
-        let walls = Shape::Outline(corners(0.0).into());
+        let route = Route::new(&plan.corners(plan.middle_m()), 1.5)?;
+        let walls = Shape::Outline(plan.corners(0.0).into());
         let scene = Scene::lasting(route, [walls], seed);
         let doors = Vec::new();
         let mut rooms = Self { scene, doors };
-        rooms.build(&mut rng, &corners(ROOM_DEPTH_M), ROOM_DEPTH_M, -1.0);
-        let inner = corners(ROOM_DEPTH_M + CORRIDOR_M);
+        let outer = plan.corners(ROOM_DEPTH_M);
+        rooms.build(&mut rng, &outer, ROOM_DEPTH_M, -1.0);
+        let inner = plan.corners(ROOM_DEPTH_M + plan.corridor_m);
         rooms.build(&mut rng, &inner, 0.35 * ROOM_DEPTH_M, 1.0);
-        rooms.furnish(&mut rng);
+        rooms.furnish(&mut rng, plan);
+        if plan.is_symmetric {
+            rooms.make_symmetric(plan);
+        }
         Ok(rooms)
     }
 
@@ -182,7 +246,7 @@ impl Rooms {
     }
 
     /// A cupboard in every room, in sight of its door, and a few things in the corridor.
-    fn furnish(&mut self, rng: &mut ChaCha8Rng) {
+    fn furnish(&mut self, rng: &mut ChaCha8Rng, plan: &FloorPlan) {
         for door in &self.doors {
             let (x, y) = (0.5 * DOOR_M + rng.random_range(-0.3..0.3), 1.9);
             let middle = door.hinge.compose(&Pose2::new(x, y, 0.0));
@@ -191,7 +255,24 @@ impl Rooms {
             self.scene.objects.push(SceneObject::lasting(cupboard));
         }
         let seed = rng.random();
-        Changes::new(&mut self.scene, 0, 1.1, seed).add(8, 0.3);
+        let things = (plan.way_m() / CORRIDOR_PER_THING_M).round() as usize;
+        Changes::new(&mut self.scene, 0, 0.25 * plan.corridor_m, seed).add(things, 0.3);
+    }
+
+    /// What stands in the lower half stands in the upper one too, turned by half about the middle;
+    /// what was there goes.
+    fn make_symmetric(&mut self, plan: &FloorPlan) {
+        self.doors.clear();
+        let outside = self.scene.objects.remove(0);
+        let middle_y_m = 0.5 * plan.width_m;
+        let is_below = |object: &SceneObject| object.shape.bounding_circle().0.y < middle_y_m;
+        self.scene.objects.retain(is_below);
+        let turned_by_half = Pose2::new(plan.length_m, plan.width_m, PI);
+        let above: Vec<SceneObject> = (self.scene.objects.iter())
+            .map(|object| SceneObject::lasting(object.shape.moved(&turned_by_half)))
+            .collect();
+        self.scene.objects.extend(above);
+        self.scene.objects.insert(0, outside);
     }
 }
 
@@ -215,15 +296,4 @@ impl Door {
             DOOR_THICKNESS_M,
         )
     }
-}
-
-/// The corners of the floor, so far inside of its walls.
-fn corners(inside_m: f64) -> [Vector2<f64>; 4] {
-    let (right, top) = (LENGTH_M - inside_m, WIDTH_M - inside_m);
-    [
-        Vector2::new(inside_m, inside_m),
-        Vector2::new(right, inside_m),
-        Vector2::new(right, top),
-        Vector2::new(inside_m, top),
-    ]
 }
