@@ -3,6 +3,7 @@
 use super::anchor::{self, AnchorError};
 use super::clock::TripClock;
 use super::closure::{self, Closure, ClosureMeasurement};
+use super::corridor::AlongCorridor;
 use super::drift::{
     DRIFT_SMALL_M, LOST_DRIFT_M, drift_of, drift_of_motion, is_search_due, slack_after, slack_small,
 };
@@ -412,6 +413,11 @@ impl RouteMap {
                 None => return Vec::new(),
             }
         };
+        let along = self.along_corridor(index, &nearby, &pose);
+        let along = along.filter(|along| {
+            (along.pose.translation() - pose.translation()).norm() <= slack.distance_m
+        });
+        let pose = along.as_ref().map_or(pose, |along| along.pose);
         let expected = Placed { pose, ..new };
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
@@ -427,9 +433,31 @@ impl RouteMap {
                 }
                 Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
             }?;
+            let robust = match &along {
+                Some(along) => along.hold(&found.robust, &old_from_new),
+                None => found.robust,
+            };
+            let found = ClosureMeasurement { robust, ..found };
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()
+    }
+
+    /// Where the keyframe at `index`, expected at `pose`, is along the corridor that it is in, if it
+    /// is in one. The paper's matches are of single scans.
+    fn along_corridor(
+        &self,
+        index: usize,
+        references: &[Placed<'_>],
+        pose: &Pose2,
+    ) -> Option<AlongCorridor> {
+        if self.weighting != Weighting::Robust {
+            return None;
+        }
+        let keyframe = &self.keyframes[index];
+        let sigma_m = keyframe.range_sigma_m()?;
+        let local_map = self.local_map(index);
+        AlongCorridor::of(&keyframe.points, &local_map, references, pose, sigma_m)
     }
 
     /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at

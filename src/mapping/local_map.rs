@@ -70,6 +70,25 @@ impl<'a> LocalMap<'a> {
         })
     }
 
+    /// The points in the common frame, no farther than `reach_m` from its origin, at most
+    /// `count_max` evenly chosen ones.
+    pub fn points_within(&self, reach_m: f64, count_max: usize) -> Vec<SurfacePoint> {
+        let placed = self.scans.iter().flat_map(|(local_from_base, points)| {
+            let to_local = local_from_base.to_transform();
+            points.iter().map(move |point| SurfacePoint {
+                position: to_local.apply(&point.position),
+                normal: point.normal.map(|normal| to_local.turn(&normal)),
+                ..*point
+            })
+        });
+        let within: Vec<SurfacePoint> = placed.filter(|p| p.position.norm() <= reach_m).collect();
+        if within.len() <= count_max {
+            return within;
+        }
+        let chosen = (0..count_max).map(|k| within[k * within.len() / count_max]);
+        chosen.collect()
+    }
+
     /// One point for each square of the given width, in order of appearance, no farther than
     /// `reach_m` from the frame's origin, at most `count_max` evenly chosen ones: what a search
     /// compares.

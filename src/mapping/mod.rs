@@ -8,6 +8,7 @@ mod attach;
 mod clock;
 mod closure;
 mod companions;
+mod corridor;
 mod drift;
 mod drive;
 mod evidence;

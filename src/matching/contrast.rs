@@ -20,6 +20,8 @@ const FIT_SCALE_M: f64 = 0.05;
 const FIT_GATE_M: f64 = 0.3;
 /// So many points say as much as all.
 const FIT_POINTS: usize = 180;
+/// Poses along the weakest direction are tried so far apart, metres.
+const ALONG_STEP_M: f64 = 0.1;
 /// If so much more of the scan fits than beside it, the direction is fixed, …
 const GAIN_SURE: f64 = 0.03;
 /// … and if no more than this does, it is not.
@@ -58,6 +60,28 @@ impl Alignment<'_> {
             axis,
             fixed_share: ((gain - GAIN_NONE) / (GAIN_SURE - GAIN_NONE)).clamp(0.0, 1.0),
         }
+    }
+
+    /// Where along an axis (unit vector, base frame), no farther from `pose` than `within_m`, the
+    /// scan fits best, in steps of 0.1 m; `pose` itself if nowhere plainly better.
+    pub fn best_along(
+        &mut self,
+        pose: &Pose2,
+        axis: &Vector2<f64>,
+        within_m: f64,
+        params: &IcpParams,
+    ) -> Pose2 {
+        let steps = (within_m / ALONG_STEP_M).floor() as i32;
+        let mut best = (self.fit(pose, params) + GAIN_SURE, *pose);
+        for step in (-steps..=steps).filter(|step| *step != 0) {
+            let along_m = f64::from(step) * ALONG_STEP_M;
+            let tried = pose.compose(&Pose2::new(along_m * axis.x, along_m * axis.y, 0.0));
+            let fit = self.fit(&tried, params);
+            if fit > best.0 {
+                best = (fit, tried);
+            }
+        }
+        best.1
     }
 
     /// The share of the scan that fits at a pose.

@@ -1,0 +1,228 @@
+//! Where a trip is along a corridor.
+//!
+//! What one scan shows of a corridor fits in many places along it: door frames are alike. What the
+//! trip saw on its last metres fits in fewer. So the trip's local map is laid along the corridor onto
+//! what references show, and closures keep to where it fits.
+
+use super::local_map::{LocalMap, SEARCH_REACH_M};
+use super::partners::Placed;
+use crate::geometry::{Matrix2, Pose2, Vector2, Vector3};
+use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination};
+use crate::scan::SurfacePoint;
+
+/// A scan is of a corridor if its surfaces face one direction by no more than this share …
+const FACING_SHARE_MAX: f64 = 0.2;
+/// … and the local map by no more than this.
+const LOCAL_FACING_SHARE_MAX: f64 = 0.3;
+/// How far along the corridor it is looked for, metres.
+const ALONG_MAX_M: f64 = 0.8;
+/// So many points of the local map say as much as all.
+const POINTS_MAX: usize = 500;
+/// Least share of the local map that must fit.
+const SUPPORT_MIN: f64 = 0.5;
+/// References that are compared with are so far apart, metres.
+const REFERENCE_SPACING_M: f64 = 0.8;
+
+/// A place along a corridor.
+pub(super) struct AlongCorridor {
+    /// `map_from_base` of the trip's newest keyframe: where it was expected, moved along.
+    pub pose: Pose2,
+    /// Along the corridor: unit vector, base frame.
+    axis: Vector2<f64>,
+    /// How far what is seen fixes the place along it, from 0 to 1.
+    fixed_share: f64,
+}
+
+impl AlongCorridor {
+    /// Of the trip whose newest keyframe, with these points, is expected at `expected`
+    /// (`map_from_base`); `local_map` is in its base frame.
+    ///
+    /// `None` where there is no corridor, or where the references show another place.
+    pub fn of(
+        newest: &[SurfacePoint],
+        local_map: &LocalMap<'_>,
+        references: &[Placed<'_>],
+        expected: &Pose2,
+        range_sigma_m: f64,
+    ) -> Option<Self> {
+        let points = local_map.points_within(SEARCH_REACH_M, POINTS_MAX);
+        let is_corridor = facing_share(newest) < FACING_SHARE_MAX
+            && facing_share(&points) < LOCAL_FACING_SHARE_MAX;
+        if !is_corridor {
+            return None;
+        }
+        let apart = spaced(references, expected);
+        let scans = apart
+            .iter()
+            .map(|placed| (placed.pose, placed.keyframe.points.as_slice()));
+        let cloud = ReferenceCloud::new(scans)?;
+        let mut alignment = Alignment::new(&cloud, &points);
+        let params = &IcpParams::ROBUST;
+        let axis = alignment.contrast(expected, params).axis;
+        let start = alignment.best_along(expected, &axis, ALONG_MAX_M, params);
+        let found = alignment.align_from(&start, range_sigma_m, None, params);
+        if found.termination == Termination::TooFewPoints || found.explained_share() < SUPPORT_MIN {
+            return None;
+        }
+        let fixed = alignment.contrast(&found.pose, params);
+        Some(Self {
+            pose: moved_along(&axis, expected, &found.pose),
+            axis: fixed.axis,
+            fixed_share: fixed.fixed_share,
+        })
+    }
+
+    /// A match of the newest scan alone, moved along the corridor to where the local map fits;
+    /// `old_from_new` is that place in the match's frame.
+    pub fn hold(&self, alone: &Estimate, old_from_new: &Pose2) -> Estimate {
+        let direction = Vector3::new(self.axis.x, self.axis.y, 0.0);
+        Estimate {
+            pose: moved_along(&self.axis, &alone.pose, old_from_new),
+            information: alone
+                .information
+                .with_share_along(&direction, self.fixed_share),
+            ..*alone
+        }
+    }
+}
+
+/// A pose moved along an axis of its own frame to beside another one.
+fn moved_along(axis: &Vector2<f64>, from: &Pose2, to: &Pose2) -> Pose2 {
+    let by_m = axis.dot(&from.between(to).translation());
+    from.compose(&Pose2::new(by_m * axis.x, by_m * axis.y, 0.0))
+}
+
+/// How far surfaces face the direction that they face least: 0 if all are parallel, a half if they
+/// face every direction alike, or if there are none.
+fn facing_share(points: &[SurfacePoint]) -> f64 {
+    let normals = points.iter().filter_map(|point| point.normal);
+    let (sum, count) = normals.fold((Matrix2::zeros(), 0.0), |(sum, count), n| {
+        (sum + n * n.transpose(), count + 1.0)
+    });
+    match count > 0.0 {
+        true => sum.symmetric_eigenvalues().min() / count,
+        false => 0.5,
+    }
+}
+
+/// The nearest references, so far apart.
+fn spaced<'a>(references: &[Placed<'a>], expected: &Pose2) -> Vec<Placed<'a>> {
+    let way_m = |a: &Pose2, b: &Pose2| (a.translation() - b.translation()).norm();
+    let mut nearest: Vec<Placed<'a>> = references.to_vec();
+    nearest.sort_by(|a, b| way_m(&a.pose, expected).total_cmp(&way_m(&b.pose, expected)));
+    let mut kept: Vec<Placed<'a>> = Vec::new();
+    for placed in nearest {
+        if (kept.iter()).all(|other| way_m(&other.pose, &placed.pose) >= REFERENCE_SPACING_M) {
+            kept.push(placed);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::ids::{NodeId, StampNs, TripId};
+    use crate::mapping::keyframe::Keyframe;
+    use crate::scan::{LaserScan, Lidar};
+    use crate::sim::{Shape, World};
+
+    /// Walls to the left and to the right, 60 m long, with pillars along them.
+    fn corridor(pillars: &[f64]) -> World {
+        let wall = |y: f64| Shape::rectangle(&Pose2::new(0.0, y, 0.0), 60.0, 0.2);
+        let pillar = |x: &f64| Shape::rectangle(&Pose2::new(*x, 1.1, 0.0), 0.15, 0.1);
+        let pillars: Vec<Shape> = pillars.iter().map(pillar).collect();
+        World::new([wall(-1.2), wall(1.2)].into_iter().chain(pillars))
+    }
+
+    /// Keyframes 1 m apart, the last one at x = 0.
+    fn drive(world: &World) -> Vec<Keyframe> {
+        let lidar = Arc::new(Lidar {
+            angle_min_rad: -std::f64::consts::FRAC_PI_2,
+            angle_increment_rad: std::f64::consts::PI / 360.0,
+            range_min_m: 0.05,
+            range_max_m: 10.0,
+            mount: Pose2::IDENTITY,
+            range_sigma_m: 0.01,
+            band: None,
+        });
+        let keyframe = |k: i64| {
+            let base = Pose2::new(k as f64 - 7.0, 0.0, 0.0);
+            let ranges = (0..361).map(|beam| {
+                let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
+                let hit = world.cast(&base.translation(), &Vector2::new(cos, sin))?;
+                Some(hit.range_m).filter(|range_m| *range_m < 10.0)
+            });
+            let scan = LaserScan::new(lidar.clone(), ranges).unwrap();
+            let trip = TripId::new("t").unwrap();
+            Keyframe::new(NodeId(k), trip, StampNs(k), base, scan)
+        };
+        (0..8).map(keyframe).collect()
+    }
+
+    /// Where a drive is found that is expected `off_m` too far along.
+    fn found(world: &World, off_m: f64) -> Option<AlongCorridor> {
+        let keyframes = drive(world);
+        let placed = |k: &'_ usize| Placed {
+            pose: keyframes[*k].odom_from_base,
+            keyframe: &keyframes[*k],
+        };
+        let references: Vec<Placed<'_>> = (0..8).collect::<Vec<_>>().iter().map(placed).collect();
+        let scans = keyframes
+            .iter()
+            .map(|keyframe| (keyframe.odom_from_base, keyframe.points.as_slice()));
+        let local_map = LocalMap::new(scans.collect());
+        let expected = Pose2::new(off_m, 0.0, 0.0);
+        AlongCorridor::of(
+            &keyframes[7].points,
+            &local_map,
+            &references,
+            &expected,
+            0.01,
+        )
+    }
+
+    #[test]
+    fn pillars_tell_the_place_along_a_corridor() {
+        let world = corridor(&[-6.0, -3.3, -1.1, 2.7, 4.0]);
+        for off_m in [-0.6, -0.4, 0.4, 0.6] {
+            let found = found(&world, off_m).unwrap();
+            assert!(found.pose.x.abs() < 0.03, "{off_m}: {}", found.pose.x);
+            assert_eq!(found.fixed_share, 1.0);
+            assert!(found.pose.y.abs() < 0.01 && found.pose.theta.abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn a_bare_corridor_says_nothing_along_it() {
+        let found = found(&corridor(&[]), 0.4).unwrap();
+        assert_eq!(found.fixed_share, 0.0);
+        assert!(found.axis.x.abs() > 0.99);
+    }
+
+    #[test]
+    fn a_room_is_no_corridor() {
+        let corners = [(-9.0, -4.0), (5.0, -4.0), (5.0, 4.0), (-9.0, 4.0)];
+        let corners = corners.map(|(x, y)| Vector2::new(x, y));
+        assert!(found(&World::new([Shape::Outline(corners.into())]), 0.2).is_none());
+    }
+
+    #[test]
+    fn a_match_is_held_along_the_corridor_and_nowhere_else() {
+        let along = found(&corridor(&[-6.0, -3.3, -1.1, 2.7, 4.0]), 0.4).unwrap();
+        let alone = Estimate {
+            pose: Pose2::new(0.4, 0.03, 0.002),
+            information: crate::geometry::Information::from_sigmas(0.02, 0.01),
+            observable_directions: 3,
+            overlap: 1.0,
+            inlier_share: 1.0,
+            rmse_m: 0.01,
+            termination: Termination::Converged,
+        };
+        let held = along.hold(&alone, &along.pose);
+        assert!((held.pose.x - along.pose.x).abs() < 1e-3, "{:?}", held.pose);
+        assert!((held.pose.y - 0.03).abs() < 2e-3 && held.pose.theta == 0.002);
+    }
+}
