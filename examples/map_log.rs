@@ -99,6 +99,7 @@ fn extend_in_batches(
             });
         }
         let drive = Drive {
+            wheels: Default::default(),
             trip: trip.clone(),
             initial_pose: None,
             scans: waiting.clone(),

@@ -143,6 +143,7 @@ fn run(world: &str, which: usize, seed: u64) -> anyhow::Result<Outcome> {
             waiting.extend(batch.iter().cloned());
             let initial_pose = start.filter(|_| map.keyframes().is_empty());
             let drive = Drive {
+                wheels: Default::default(),
                 trip: trip.clone(),
                 initial_pose: initial_pose.map(|pose| InitialPose {
                     pose,
@@ -242,5 +243,6 @@ fn findings(map: &mut RouteMap) -> Vec<Finding> {
         false_alerts_per_lap: mapshift::change::FALSE_ALERTS_PER_LAP,
         accepted: &[],
         vehicles: &BTreeMap::new(),
+        suspects: &[],
     })
 }

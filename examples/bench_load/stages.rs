@@ -96,6 +96,7 @@ fn decode(bodies: &[Vec<u8>]) -> anyhow::Result<Vec<Drive>> {
     let drive = |body: &Vec<u8>| {
         let batch = batch_json::decode(body, Timestamp::now())?;
         Ok(Drive {
+            wheels: Default::default(),
             trip: batch.trip_id,
             initial_pose: batch.initial_pose,
             scans: batch.scans,
@@ -204,6 +205,7 @@ fn extend_and_find(table: &mut Table, laps: &Laps) -> anyhow::Result<()> {
                 false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
                 accepted: &[],
                 vehicles: &laps.vehicles,
+                suspects: &[],
             });
             finding_s += begin.elapsed().as_secs_f64();
         }

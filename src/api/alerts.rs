@@ -9,6 +9,7 @@ mod geojson;
 mod names;
 mod query;
 mod stream;
+mod suspect_body;
 mod tangent_plane;
 
 use axum::Json;

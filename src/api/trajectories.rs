@@ -12,6 +12,8 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use super::types::{PoseBody, timestamp};
+use super::vehicles::field_of;
+use crate::calibration::AppliedCorrection;
 use crate::ids::{RouteId, TripId};
 use crate::store::{NodeRecord, TrajectoryPose};
 
@@ -21,8 +23,25 @@ use crate::store::{NodeRecord, TrajectoryPose};
 pub(super) struct TrajectoryBody {
     /// Which drive.
     trip_id: String,
+    /// What of its vehicle is corrected in it, as was known when it began.
+    corrections: Vec<TripCorrectionBody>,
     /// In the order of time, also those that left the active graph.
     poses: Vec<TrajectoryPoseBody>,
+}
+
+/// A correction that is in force for a trip.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = TripCorrection)]
+struct TripCorrectionBody {
+    /// The lidar whose trips say it; null for the vehicle's only one.
+    #[schema(required)]
+    lidar: Option<String>,
+    /// What is corrected: the name of a field of the vehicle's `calibration`.
+    quantity: &'static str,
+    /// By how much, in the unit of that field.
+    value: f64,
+    /// Its standard error.
+    sigma: f64,
 }
 
 /// Where a trip was at a time.
@@ -86,10 +105,23 @@ pub(super) async fn get_trajectory(
         stamp: timestamp(pose.stamp),
         pose: pose.pose.into(),
     });
+    let corrections = state.store.trip_corrections(&route_id, &trip_id).await?;
+    let corrections = corrections.unwrap_or_default();
+    let corrections = corrections.applied().iter().filter_map(correction_body);
     Ok(Json(TrajectoryBody {
         trip_id: trip_id.to_string(),
+        corrections: corrections.collect(),
         poses: poses.collect(),
     }))
+}
+
+fn correction_body(applied: &AppliedCorrection) -> Option<TripCorrectionBody> {
+    Some(TripCorrectionBody {
+        lidar: applied.lidar.as_ref().map(ToString::to_string),
+        quantity: field_of(applied.quantity)?,
+        value: applied.estimate.value,
+        sigma: applied.estimate.sigma,
+    })
 }
 
 /// Read a trip's trajectory as TUM text.

@@ -10,8 +10,11 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
-use crate::calibration::{Quantity, TripCalibration, VehicleCalibration};
-use crate::ids::{AlertId, RouteId, VehicleId};
+use super::types::timestamp;
+use crate::calibration::{
+    AppliedCorrection, CalibratedTrip, Quantity, TripCorrections, VehicleCalibration,
+};
+use crate::ids::{AlertId, LidarId, RouteId, VehicleId};
 use crate::store::{LidarRecord, VehicleRecord};
 
 /// A vehicle as a route knows it.
@@ -48,7 +51,7 @@ struct VehicleLidarBody {
     /// By its own scans and the vehicle's odometry.
     calibration: CalibrationBody,
     /// Where it sits beside the lidar that takes the keyframes, by what both see of the same places;
-    /// null if no trip has asked. Nothing is corrected by it.
+    /// null if no trip has asked. Nothing is corrected by it: its own scans say what is.
     #[schema(required)]
     relative_mount: Option<RelativeMountBody>,
 }
@@ -69,7 +72,8 @@ struct RelativeMountBody {
     /// How far the lidar sits to the left of its stated mount, metres.
     #[schema(required)]
     offset_y: Option<CalibratedBody>,
-    /// What the newest trip contradicts of what those before it said: names of the fields above.
+    /// What the newest trips contradict of what those before said, until four of them say the same:
+    /// names of the fields above.
     changed: Vec<String>,
 }
 
@@ -133,7 +137,8 @@ struct CalibrationBody {
     /// on it.
     #[schema(required)]
     beam_spacing: Option<CalibratedBody>,
-    /// What the newest trip contradicts of what those before it said: names of the fields above.
+    /// What the newest trips contradict of what those before said, until four of them say the same:
+    /// names of the fields above.
     changed: Vec<String>,
     /// Faults of the newest trip that no correction would mend, for people.
     faults: Vec<String>,
@@ -147,11 +152,32 @@ struct CalibratedBody {
     value: f64,
     /// Its standard error.
     sigma: f64,
-    /// Whether it is sure enough to be corrected for: three standard errors from 0, known well
-    /// enough, and two trips, or both halves of one, agree on it.
+    /// Whether it is sure: four trips say it, their mean is farther from 0 than is worth a correction,
+    /// than three standard errors and than their scatter allows, and the newest confirms what those
+    /// before it say. The vehicle's next trip is corrected by what is sure, but for `relative_mount`,
+    /// and wheels by a lidar that is not the vehicle's first. The clock never is: each trip measures
+    /// its own.
     sure: bool,
-    /// Whether scans and odometry are corrected by it. None is yet: they are taken as stated.
+    /// Whether the scans and odometry of its newest trip are corrected for it.
     applied: bool,
+    /// What they are corrected by; null if they are not.
+    #[schema(required)]
+    correction: Option<CorrectionBody>,
+}
+
+/// What is corrected, frozen when a trip began.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Correction)]
+struct CorrectionBody {
+    /// The value.
+    value: f64,
+    /// Its standard error.
+    sigma: f64,
+    /// The first trip of those that have been corrected so without a break.
+    since_trip: String,
+    /// When that trip's first scan was taken.
+    #[schema(value_type = String, format = DateTime)]
+    since: Timestamp,
 }
 
 /// A part of a route's list of vehicles.
@@ -225,7 +251,7 @@ impl From<VehicleRecord> for VehicleBody {
             false => VehicleStateName::Suspect,
         };
         let reasons = vehicle.suspected_by.iter();
-        let reasons = reasons.map(|alert| format!("alert {alert} suspects its lidar"));
+        let reasons = reasons.map(|alert| format!("alert {alert} suspects it"));
         Self {
             id: vehicle.id.to_string(),
             state,
@@ -237,66 +263,83 @@ impl From<VehicleRecord> for VehicleBody {
                 scans: vehicle.scans,
             },
             last_seen: vehicle.last_seen,
-            calibration: CalibrationBody::of(vehicle.calibrations),
-            lidars: vehicle.lidars.into_iter().map(Into::into).collect(),
+            calibration: CalibrationBody::of(vehicle.calibrations, &vehicle.corrections, None),
+            lidars: (vehicle.lidars.into_iter())
+                .map(|lidar| VehicleLidarBody::of(lidar, &vehicle.corrections))
+                .collect(),
         }
     }
 }
 
-impl From<LidarRecord> for VehicleLidarBody {
-    fn from(lidar: LidarRecord) -> Self {
+impl VehicleLidarBody {
+    fn of(lidar: LidarRecord, corrections: &TripCorrections) -> Self {
         let beside_primary = Some(lidar.beside_primary).filter(|trips| !trips.is_empty());
         Self {
             id: lidar.id.to_string(),
-            calibration: CalibrationBody::of(lidar.calibrations),
+            calibration: CalibrationBody::of(lidar.calibrations, corrections, Some(&lidar.id)),
             relative_mount: beside_primary.map(RelativeMountBody::of),
         }
     }
 }
 
-/// Trips' words as one, the oldest first.
-fn combined(trips: Vec<TripCalibration>) -> VehicleCalibration {
-    let none = VehicleCalibration::default();
-    trips
-        .into_iter()
-        .fold(none, |before, trip| before.with_trip(trip))
-}
-
-fn calibrated(calibration: &VehicleCalibration, quantity: Quantity) -> Option<CalibratedBody> {
+fn calibrated(
+    calibration: &VehicleCalibration,
+    quantity: Quantity,
+    applied: Option<&AppliedCorrection>,
+) -> Option<CalibratedBody> {
     let combined = calibration.combined(quantity)?;
     Some(CalibratedBody {
         value: combined.estimate.value,
         sigma: combined.estimate.sigma,
-        sure: calibration.applied().contains_key(&quantity),
-        applied: false,
+        sure: calibration.sure().contains_key(&quantity),
+        applied: applied.is_some(),
+        correction: applied.map(CorrectionBody::from),
     })
 }
 
 fn changed(calibration: &VehicleCalibration) -> Vec<String> {
-    let changed = calibration.changed().iter();
-    let changed = changed.filter_map(|change| field_of(change.quantity));
+    let changes = calibration.changes().into_iter();
+    let standing = changes.filter(|change| change.known_anew.is_none());
+    let changed = standing.filter_map(|change| field_of(change.quantity));
     changed.map(str::to_owned).collect()
 }
 
+impl From<&AppliedCorrection> for CorrectionBody {
+    fn from(applied: &AppliedCorrection) -> Self {
+        Self {
+            value: applied.estimate.value,
+            sigma: applied.estimate.sigma,
+            since_trip: applied.since_trip.to_string(),
+            since: timestamp(applied.since),
+        }
+    }
+}
+
 impl RelativeMountBody {
-    fn of(trips: Vec<TripCalibration>) -> Self {
+    fn of(trips: Vec<CalibratedTrip>) -> Self {
         let count = trips.len();
-        let combined = combined(trips);
+        let combined = VehicleCalibration::of(trips);
+        let calibrated = |quantity| calibrated(&combined, quantity, None);
         Self {
             trips: count,
-            yaw: calibrated(&combined, Quantity::MountYaw),
-            offset_x: calibrated(&combined, Quantity::MountX),
-            offset_y: calibrated(&combined, Quantity::MountY),
+            yaw: calibrated(Quantity::MountYaw),
+            offset_x: calibrated(Quantity::MountX),
+            offset_y: calibrated(Quantity::MountY),
             changed: changed(&combined),
         }
     }
 }
 
 impl CalibrationBody {
-    fn of(trips: Vec<TripCalibration>) -> Self {
+    fn of(
+        trips: Vec<CalibratedTrip>,
+        corrections: &TripCorrections,
+        lidar: Option<&LidarId>,
+    ) -> Self {
         let count = trips.len();
-        let combined = combined(trips);
-        let calibrated = |quantity| calibrated(&combined, quantity);
+        let combined = VehicleCalibration::of(trips);
+        let calibrated =
+            |quantity| calibrated(&combined, quantity, corrections.find(lidar, quantity));
         Self {
             trips: count,
             yaw: calibrated(Quantity::MountYaw),
@@ -308,13 +351,13 @@ impl CalibrationBody {
             clock: calibrated(Quantity::ClockOffset),
             beam_spacing: calibrated(Quantity::BeamSpacing),
             changed: changed(&combined),
-            faults: combined.uncorrectable().to_vec(),
+            faults: combined.newest_faults().to_vec(),
         }
     }
 }
 
 /// The field that a quantity stands in; the scale of the ranges is not told by a vehicle alone.
-fn field_of(quantity: Quantity) -> Option<&'static str> {
+pub(super) fn field_of(quantity: Quantity) -> Option<&'static str> {
     Some(match quantity {
         Quantity::MountYaw => "yaw",
         Quantity::MountX => "offset_x",

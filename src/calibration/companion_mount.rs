@@ -45,10 +45,8 @@ impl TripCalibration {
     /// one's mount is as stated; of the scans of one companion, in the order of time.
     pub fn of_companion<'a>(scans: impl Iterator<Item = CompanionScan<'a>>) -> Self {
         let said: Vec<Said> = scans.filter_map(|scan| scan.said()).collect();
-        let (first, second) = said.split_at(said.len() / 2);
         Self {
             estimates: estimates(&said),
-            halves: [estimates(first), estimates(second)],
             ..Self::default()
         }
     }

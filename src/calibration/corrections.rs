@@ -40,11 +40,7 @@ impl Corrections {
 
     /// `base_from_lidar` as it truly is, from the stated one.
     pub fn mount(&self, stated: &Pose2) -> Pose2 {
-        stated.plus(&Vector3::new(
-            self.get(Quantity::MountX),
-            self.get(Quantity::MountY),
-            self.get(Quantity::MountYaw),
-        ))
+        stated.plus(&self.mount_step())
     }
 
     /// The true motion of the base, from the one by odometry: `base_from_base`.
@@ -83,6 +79,25 @@ impl Corrections {
         let mount = self.mount(&stated.mount);
         let spaced = with_spacing(stated, beams, 1.0 + self.get(Quantity::BeamSpacing));
         Lidar { mount, ..spaced }.validated()
+    }
+
+    /// The lidar as it was stated, from one that [`Corrections::lidar`] made of it.
+    ///
+    /// # Errors
+    /// [`LidarError`] if there is no such lidar.
+    pub fn stated_lidar(&self, corrected: &Lidar, beams: usize) -> Result<Lidar, LidarError> {
+        let mount = corrected.mount.plus(&-self.mount_step());
+        let factor = 1.0 / (1.0 + self.get(Quantity::BeamSpacing));
+        let spaced = with_spacing(corrected, beams, factor);
+        Lidar { mount, ..spaced }.validated()
+    }
+
+    fn mount_step(&self) -> Vector3<f64> {
+        Vector3::new(
+            self.get(Quantity::MountX),
+            self.get(Quantity::MountY),
+            self.get(Quantity::MountYaw),
+        )
     }
 
     /// A scan as the corrected lidar ([`Corrections::lidar`]) took it: its ranges are corrected too.
@@ -169,6 +184,12 @@ mod tests {
         let stated = lidar();
         let corrected = Arc::new(some.lidar(&stated, 101).unwrap());
         assert_eq!(corrected.mount, Pose2::new(0.25, 0.1 - 0.02, 0.6));
+        let back = some.stated_lidar(&corrected, 101).unwrap();
+        assert!(back.mount.between(&stated.mount).log().norm() < 1e-12);
+        for beam in [0, 50, 100] {
+            let off_rad = back.beam_angle_rad(beam) - stated.beam_angle_rad(beam);
+            assert!(off_rad.abs() < 1e-12, "{off_rad}");
+        }
         assert!((corrected.beam_angle_rad(50) - stated.beam_angle_rad(50)).abs() < 1e-12);
         assert!((corrected.beam_angle_rad(0) + 0.9).abs() < 1e-12);
         let ranges = [Some(2.0), None, Some(f64::NAN)];

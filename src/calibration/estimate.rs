@@ -24,15 +24,11 @@ pub struct Combined {
     /// Weighted by the inverse variances. If they scatter more than their errors say, its error is
     /// the larger for it.
     pub estimate: Estimate,
-    /// Σ((value − mean)/sigma)².
-    pub chi_squared: f64,
+    /// The standard error of the value by the scatter of the estimates alone; 0 for one.
+    pub scatter: f64,
     /// How many there were.
     pub count: usize,
 }
-
-/// χ² beyond which estimates contradict each other: with a probability of about 0.001, by Wilson and
-/// Hilferty's approximation.
-const CONTRADICTION_NORMAL: f64 = 3.09;
 
 impl Estimate {
     /// How far two estimates are apart, in standard deviations of their difference.
@@ -66,13 +62,13 @@ impl Combined {
         let deviation = |e: &Estimate| weight(e) * (e.value - value).powi(2);
         let chi_squared: f64 = estimates.iter().map(deviation).sum();
         let freedoms = (estimates.len() - 1).max(1) as f64;
-        let larger = (chi_squared / freedoms).sqrt().max(1.0);
+        let larger = (chi_squared / freedoms).sqrt();
         Some(Self {
             estimate: Estimate {
                 value,
-                sigma: larger / weights.sqrt(),
+                sigma: larger.max(1.0) / weights.sqrt(),
             },
-            chi_squared,
+            scatter: larger / weights.sqrt(),
             count: estimates.len(),
         })
     }
@@ -81,21 +77,6 @@ impl Combined {
     pub fn floored(mut self, quantity: Quantity) -> Self {
         self.estimate.sigma = self.estimate.sigma.max(quantity.floor());
         self
-    }
-
-    /// The same of estimates whose errors are so many times what they say.
-    pub(super) fn scattered(mut self, times: f64) -> Self {
-        self.estimate.sigma *= times;
-        self.chi_squared /= times * times;
-        self
-    }
-
-    /// Whether there are at least two and they agree within their errors.
-    pub fn agrees(&self) -> bool {
-        let freedoms = self.count.saturating_sub(1) as f64;
-        let ninth = 2.0 / (9.0 * freedoms.max(1.0));
-        let root = 1.0 - ninth + CONTRADICTION_NORMAL * ninth.sqrt();
-        self.count >= 2 && self.chi_squared <= freedoms * root.powi(3)
     }
 }
 
@@ -110,25 +91,17 @@ mod tests {
     }
 
     #[test]
-    fn what_agrees_and_what_does_not() {
+    fn estimates_that_scatter_are_worth_less() {
         assert_eq!(Combined::of(&[]), None);
         let one = Combined::of(&[estimate(1.0, 0.1)]).unwrap();
-        assert_eq!(one.estimate, estimate(1.0, 0.1));
-        assert!(!one.agrees());
-        let two = Combined::of(&[estimate(1.0, 0.1), estimate(1.2, 0.1)]).unwrap();
-        assert!((two.estimate.value - 1.1).abs() < 1e-12);
-        assert!(two.agrees());
+        assert_eq!((one.estimate, one.scatter), (estimate(1.0, 0.1), 0.0));
+        let near = Combined::of(&[estimate(1.0, 0.1), estimate(1.1, 0.1)]).unwrap();
+        assert!((near.estimate.value - 1.05).abs() < 1e-12);
+        assert!((near.estimate.sigma - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12);
+        assert!((near.scatter - 0.05).abs() < 1e-12);
         let apart = Combined::of(&[estimate(1.0, 0.1), estimate(1.6, 0.1)]).unwrap();
-        assert!(!apart.agrees());
-        assert!(apart.estimate.sigma > 0.2, "{apart:?}");
-        // χ² of 0.999 with 1 and with 9 degrees of freedom: 10.8 and 27.9.
-        let of = |chi_squared, count| Combined {
-            chi_squared,
-            count,
-            ..two
-        };
-        assert!(of(10.2, 2).agrees() && !of(11.6, 2).agrees());
-        assert!(of(27.4, 10).agrees() && !of(28.4, 10).agrees());
+        assert!((apart.scatter - 0.3).abs() < 1e-12);
+        assert_eq!(apart.estimate.sigma, apart.scatter);
     }
 
     #[test]

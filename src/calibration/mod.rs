@@ -11,6 +11,7 @@ mod blocks;
 mod clock_offset;
 mod companion_mount;
 mod corrections;
+mod episodes;
 mod estimate;
 mod joint_match;
 mod motion_fit;
@@ -27,8 +28,10 @@ mod spacing_walls;
 #[cfg(test)]
 mod testing;
 mod trip;
+mod trip_corrections;
 mod trip_scans;
 mod vehicle;
+mod vehicle_fault;
 
 pub use clock_offset::{DrivenPose, clock_offset_s};
 pub use companion_mount::CompanionScan;
@@ -43,5 +46,7 @@ pub use spacing::Spacing;
 pub use spacing_matches::{ScanPair, spacing_by_matches};
 pub use spacing_walls::spacing_by_walls;
 pub use trip::TripCalibration;
+pub use trip_corrections::{AppliedCorrection, TripCorrections};
 pub use trip_scans::{TripScan, matched_motions};
-pub use vehicle::{Change, VehicleCalibration};
+pub use vehicle::{CalibratedTrip, Change, VehicleCalibration};
+pub use vehicle_fault::{Displacement, VehicleFault};

@@ -113,15 +113,6 @@ impl Motions {
         let (from, to) = (motion.from.0 - offset_ns, motion.to.0 - offset_ns);
         self.odometry.motion(from, to)
     }
-
-    /// The first and the second half of the trip.
-    pub fn halves(&self) -> [Self; 2] {
-        let (first, second) = self.by_scans.split_at(self.by_scans.len() / 2);
-        [first, second].map(|by_scans| Self {
-            by_scans: by_scans.to_vec(),
-            ..self.clone()
-        })
-    }
 }
 
 /// Whether a vehicle has moved so far that its motion is worth comparing.

@@ -1,5 +1,6 @@
 //! Odometry as a function of time.
 
+use super::Corrections;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
 
@@ -15,6 +16,26 @@ impl OdometryTrack {
     pub fn through(poses: impl IntoIterator<Item = (StampNs, Pose2)>) -> Self {
         Self {
             poses: poses.into_iter().collect(),
+        }
+    }
+
+    /// The same track of a vehicle whose motions are to be corrected: from its first pose on, each
+    /// motion is that of the wheels, corrected.
+    #[must_use]
+    pub fn corrected(&self, wheels: &Corrections) -> Self {
+        let mut last: Option<(Pose2, Pose2)> = None;
+        let poses = self.poses.iter().map(|(stamp, by_wheels)| {
+            let pose = match last {
+                None => *by_wheels,
+                Some((before, corrected)) => {
+                    corrected.compose(&wheels.motion(&before.between(by_wheels)))
+                }
+            };
+            last = Some((*by_wheels, pose));
+            (*stamp, pose)
+        });
+        Self {
+            poses: poses.collect(),
         }
     }
 

@@ -12,8 +12,6 @@ const EXCESS_MAX: f64 = 4.0;
 pub struct TripCalibration {
     /// By all of the trip.
     pub estimates: Estimates,
-    /// By its first and second half alone; empty for what a half does not tell.
-    pub halves: [Estimates; 2],
     /// What the two witnesses of the beam spacing say.
     pub spacing: Spacing,
     /// Faults that no correction mends, as texts.
@@ -61,32 +59,14 @@ impl TripCalibration {
             estimates.insert(Quantity::RangeScale, range_scale);
         }
         let spacing_left = spacing.copied().unwrap_or_default().left();
-        let halves = motions
-            .halves()
-            .map(|half| fit_motions(&half).map_or_else(Estimates::new, |fit| fit.estimates));
-        let [mut first, mut second] = halves;
-        for estimates in [&mut estimates, &mut first, &mut second] {
-            // Beams by a per cent too far apart make all turns by scans a per cent too large.
-            if let Some(turn) = estimates.get_mut(&Quantity::TurnScale) {
-                turn.sigma = turn.sigma.hypot(spacing_left);
-            }
+        // Beams by a per cent too far apart make all turns by scans a per cent too large.
+        if let Some(turn) = estimates.get_mut(&Quantity::TurnScale) {
+            turn.sigma = turn.sigma.hypot(spacing_left);
         }
         Self {
             estimates,
-            halves: [first, second],
             spacing: spacing.copied().unwrap_or_default(),
             faults,
-        }
-    }
-
-    /// Whether both halves know a quantity and agree on it.
-    pub(super) fn agrees_with_itself(&self, quantity: Quantity) -> bool {
-        let of_half = |k: usize| self.halves[k].get(&quantity);
-        match (of_half(0), of_half(1)) {
-            (Some(first), Some(second)) => {
-                super::Combined::of(&[*first, *second]).is_some_and(|both| both.agrees())
-            }
-            _ => false,
         }
     }
 }

@@ -1,156 +1,158 @@
-//! What is known of a vehicle over its trips, and what of it is applied.
+//! What is known of a vehicle over its trips, what of it is sure, and what has changed.
 
-use std::collections::BTreeMap;
+use super::episodes::{Episodes, TRIPS_MIN, Word, combined, mean_and_deviation, sure};
+use super::{Combined, Estimate, Estimates, Quantity, TripCalibration};
+use crate::ids::{StampNs, TripId};
 
-use serde::{Deserialize, Serialize};
-
-use super::motion_terms::median;
-use super::{Combined, Corrections, Estimate, Estimates, Quantity, TripCalibration};
-
-/// So many of the newest trips are kept.
+/// So many of the newest trips are weighed.
 const TRIPS_MAX: usize = 20;
-/// A value is applied if it is so many standard errors from 0.
-const APPLIED_SIGMAS: f64 = 3.0;
-/// A standard deviation from a median of absolute values.
-const SIGMA_PER_MEDIAN: f64 = 1.4826;
-/// A trip contradicts those before it at so many standard deviations.
-const CHANGED_SIGMAS: f64 = 4.0;
 
-/// A vehicle's systematic errors, from trip to trip. It is stored as JSON.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct VehicleCalibration {
-    /// The newest trips, oldest first.
-    trips: Vec<TripCalibration>,
-    /// Since which of them (by place) each quantity is as it is; from the first one where nothing
-    /// is said.
-    since: BTreeMap<Quantity, usize>,
-    applied: Estimates,
-    changed: Vec<Change>,
-    uncorrectable: Vec<String>,
+/// What one of a vehicle's trips says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CalibratedTrip {
+    /// The trip.
+    pub trip: TripId,
+    /// When the newest scan that it rests on was taken.
+    pub stamp: StampNs,
+    /// Scans that it rests on.
+    pub scans: u32,
+    /// The estimates.
+    pub calibration: TripCalibration,
 }
 
-/// A value that was believed until a trip contradicted it: a mount that was knocked, a wheel that
+/// A lidar's and its vehicle's systematic errors, by the newest trips.
+///
+/// It is a function of the trips' words and their order alone, and what trips say is about the
+/// vehicle as stated: no correction rests on another one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VehicleCalibration {
+    trips: Vec<CalibratedTrip>,
+    /// In the order of [`Quantity::ALL`].
+    episodes: Vec<Episodes>,
+}
+
+/// A value that was believed until trips contradicted it: a mount that was knocked, a wheel that
 /// was replaced.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     /// What has changed.
     pub quantity: Quantity,
     /// What the trips before said.
     pub before: Estimate,
-    /// What the newest trip says.
+    /// What the trips since say.
     pub now: Estimate,
+    /// The places of the trips that say so, among [`VehicleCalibration::trips`].
+    pub trips: Vec<usize>,
+    /// The last trip before, by its place.
+    pub last_before: usize,
+    /// Whether a second trip says the same.
+    pub is_confirmed: bool,
+    /// The trip, by its place, from which on the vehicle is as well known as it was before.
+    pub known_anew: Option<usize>,
 }
 
 impl VehicleCalibration {
-    /// With one trip more.
-    pub fn with_trip(&self, trip: TripCalibration) -> Self {
-        let mut next = self.clone();
-        next.changed.clear();
-        next.uncorrectable.clone_from(&trip.faults);
-        for (quantity, now) in &trip.estimates {
-            let Some(before) = self.combined(*quantity) else {
-                continue;
-            };
-            if before.estimate.distance(now) > CHANGED_SIGMAS * self.scatter(*quantity) {
-                next.since.insert(*quantity, next.trips.len());
-                next.changed.push(Change {
-                    quantity: *quantity,
-                    before: before.estimate,
-                    now: *now,
-                });
-            }
+    /// Of the trips of a lidar, the oldest first; the newest of them count.
+    pub fn of(mut trips: Vec<CalibratedTrip>) -> Self {
+        trips.drain(..trips.len().saturating_sub(TRIPS_MAX));
+        let episodes = Quantity::ALL.map(|quantity| {
+            let words = trips.iter().enumerate();
+            let words = words.filter_map(|(trip, said)| {
+                let estimate = *said.calibration.estimates.get(&quantity)?;
+                Some(Word { trip, estimate })
+            });
+            Episodes::of(quantity, words)
+        });
+        Self {
+            trips,
+            episodes: episodes.into(),
         }
-        next.trips.push(trip);
-        let forgotten = next.trips.len().saturating_sub(TRIPS_MAX);
-        next.trips.drain(..forgotten);
-        for place in next.since.values_mut() {
-            *place = place.saturating_sub(forgotten);
-        }
-        next.applied = Quantity::ALL
-            .into_iter()
-            .filter_map(|quantity| Some((quantity, next.to_apply(quantity)?)))
-            .collect();
-        next
     }
 
     /// What the trips since its last change say of a quantity; `None` where none says anything.
     pub fn combined(&self, quantity: Quantity) -> Option<Combined> {
-        let estimates: Vec<Estimate> = self
-            .valid_trips(quantity)
-            .filter_map(|trip| trip.estimates.get(&quantity).copied())
-            .collect();
-        let combined = Combined::of(&estimates)?.floored(quantity);
-        Some(combined.scattered(self.scatter(quantity)))
+        combined(quantity, &self.episodes_of(quantity)?.now)
     }
 
-    /// How many times as far as their errors say a quantity's trips are from the trips that follow
-    /// them, at least 1: what changes from trip to trip (a load, a tyre, a lidar that tilts) is in
-    /// no error of a single trip. The median, since a mount that is knocked once is no scatter; 1
-    /// for fewer than three trips.
-    fn scatter(&self, quantity: Quantity) -> f64 {
-        let estimates = self.trips.iter().filter_map(|t| t.estimates.get(&quantity));
-        let estimates: Vec<&Estimate> = estimates.collect();
-        let apart: Vec<f64> = estimates
-            .windows(2)
-            .map(|pair| pair[0].distance(pair[1]))
-            .collect();
-        match apart.len() {
-            0 | 1 => 1.0,
-            _ => (SIGMA_PER_MEDIAN * median(apart)).max(1.0),
+    /// What is to be corrected: nothing that the newest trip contradicts.
+    pub fn sure(&self) -> Estimates {
+        let known = Quantity::ALL.into_iter().zip(&self.episodes);
+        let known = known.filter(|(quantity, of)| quantity.is_corrected() && of.odd.is_none());
+        known
+            .filter_map(|(quantity, of)| Some((quantity, sure(quantity, &of.now)?)))
+            .collect()
+    }
+
+    /// What has changed within the trips that are weighed, the last time for each quantity.
+    pub fn changes(&self) -> Vec<Change> {
+        let known = Quantity::ALL.into_iter().zip(&self.episodes);
+        let known = known.filter(|(quantity, _)| quantity.is_corrected());
+        known
+            .filter_map(|(quantity, of)| change(quantity, of))
+            .collect()
+    }
+
+    /// The quantities that are far off in most trips and not sure enough to be corrected, since they
+    /// differ from trip to trip: what trips say on average, and the standard deviation among them.
+    pub fn unsteady(&self) -> Vec<(Quantity, Estimate)> {
+        let sure = self.sure();
+        let known = Quantity::ALL.into_iter().zip(&self.episodes);
+        let known = known.filter(|(quantity, _)| quantity.is_corrected());
+        let is_unsteady = |(quantity, of): &(Quantity, &Episodes)| {
+            let far = of.now.iter();
+            let far = far.filter(|word| word.estimate.value.abs() >= quantity.far_min());
+            of.now.len() >= TRIPS_MIN
+                && 2 * far.count() > of.now.len()
+                && of.odd.is_none()
+                && !sure.contains_key(quantity)
+        };
+        known
+            .filter(is_unsteady)
+            .map(|(quantity, of)| (quantity, mean_and_deviation(&of.now)))
+            .collect()
+    }
+
+    /// Faults that no correction mends, those of the newest trip, where each of the newest trips has
+    /// some, and the first of these trips, by its place; nothing for too few of them.
+    pub fn lasting_faults(&self) -> (usize, &[String]) {
+        let is_sound = |trip: &CalibratedTrip| trip.calibration.faults.is_empty();
+        let first = self.trips.iter().rposition(is_sound).map_or(0, |k| k + 1);
+        match self.trips.len() - first >= TRIPS_MIN {
+            true => (first, self.newest_faults()),
+            false => (first, &[]),
         }
     }
 
-    fn valid_trips(&self, quantity: Quantity) -> impl Iterator<Item = &TripCalibration> {
-        let since = self.since.get(&quantity).copied().unwrap_or(0);
-        self.trips.iter().skip(since)
-    }
-
-    /// A value that is far from 0, exact enough, and that two trips, or both halves of one, agree
-    /// on.
-    fn to_apply(&self, quantity: Quantity) -> Option<Estimate> {
-        let combined = self.combined(quantity)?;
-        let agrees = match combined.count {
-            // One that contradicts others has to be confirmed by another one.
-            1 if self.since.contains_key(&quantity) => false,
-            1 => {
-                let mut trips = self.valid_trips(quantity);
-                trips.any(|trip| {
-                    trip.estimates.contains_key(&quantity) && trip.agrees_with_itself(quantity)
-                })
-            }
-            _ => combined.agrees(),
-        };
-        let estimate = combined.estimate;
-        let applies = agrees
-            && estimate.significance() > APPLIED_SIGMAS
-            && estimate.sigma <= quantity.applied_sigma_max();
-        applies.then_some(estimate)
-    }
-
-    /// What is to be corrected.
-    pub fn applied(&self) -> &Estimates {
-        &self.applied
-    }
-
-    /// The same as values to correct by.
-    pub fn corrections(&self) -> Corrections {
-        Corrections::of(&self.applied)
-    }
-
-    /// What the newest trip has contradicted; what was applied of it no longer is.
-    pub fn changed(&self) -> &[Change] {
-        &self.changed
-    }
-
     /// Faults of the newest trip that no correction mends.
-    pub fn uncorrectable(&self) -> &[String] {
-        &self.uncorrectable
+    pub fn newest_faults(&self) -> &[String] {
+        let newest = self.trips.last();
+        newest.map_or(&[], |trip| trip.calibration.faults.as_slice())
     }
 
-    /// The newest trips, oldest first.
-    pub fn trips(&self) -> &[TripCalibration] {
+    /// The trips that are weighed, the oldest first.
+    pub fn trips(&self) -> &[CalibratedTrip] {
         &self.trips
     }
+
+    fn episodes_of(&self, quantity: Quantity) -> Option<&Episodes> {
+        self.episodes.get(quantity as usize)
+    }
+}
+
+fn change(quantity: Quantity, of: &Episodes) -> Option<Change> {
+    let (before, now) = match &of.odd {
+        Some(odd) => (&of.now, std::slice::from_ref(odd)),
+        None => (&of.before, of.now.as_slice()),
+    };
+    Some(Change {
+        quantity,
+        last_before: before.last()?.trip,
+        before: combined(quantity, before)?.estimate,
+        now: combined(quantity, now)?.estimate,
+        trips: now.iter().map(|word| word.trip).collect(),
+        is_confirmed: now.len() > 1,
+        known_anew: now.get(TRIPS_MIN - 1).map(|word| word.trip),
+    })
 }
 
 #[cfg(test)]

@@ -287,6 +287,7 @@ fn mismatch_of(parts: &[&Finding], shift: Vector2<f64>) -> Finding {
         tier: Tier::Tentative,
         counterpart: None,
         shift: Some(shift),
+        suspect: None,
         bands: bands.into_iter().copied().collect(),
         edges: edges.into_iter().copied().collect(),
         nodes: nodes.into_iter().copied().collect(),

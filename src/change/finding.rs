@@ -1,6 +1,7 @@
 //! What all looks at a place say together.
 
 use super::region::region_round;
+use super::vehicle::SuspectEvidence;
 use super::{ChangeKind, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
@@ -39,6 +40,8 @@ pub struct Finding {
     /// The height bands that show it, ascending; none if it is seen by lidars that look along one
     /// plane.
     pub bands: Vec<HeightBand>,
+    /// What is off and what that silences: of a [`ChangeKind::VehicleSuspect`].
+    pub suspect: Option<SuspectEvidence>,
     /// The closures whose scans disagree there, ascending.
     pub edges: Vec<EdgeId>,
     /// The nodes whose scans show the old or the new state, ascending.

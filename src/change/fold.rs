@@ -47,6 +47,7 @@ pub struct AlertUpdate {
 }
 
 const NO_LONGER_SEEN: &str = "later looks show the former state again";
+const KNOWN_ANEW: &str = "later trips say how the vehicle is now";
 const REFUTED: &str = "all looks together no longer show it";
 const TOLD_ELSEWHERE: &str = "another alert tells of the place now";
 const SEEN_AGAIN: &str = "looks show it again";
@@ -173,6 +174,10 @@ fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
         return share_a_trip(&alert.evidence.trips, &finding.trips)
             && polygon_gap(outline(&alert.evidence), outline(finding)) <= 0.0;
     }
+    let is_silenced = finding.suspect.as_ref();
+    if is_silenced.is_some_and(|suspect| suspect.has_silenced(&alert.evidence)) {
+        return true;
+    }
     let is_other_side = finding.counterpart.as_ref().is_some_and(|other| {
         other.kind == alert.evidence.kind
             && polygon_gap(outline(&alert.evidence), &other.region) <= SAME_PLACE_M
@@ -207,6 +212,14 @@ fn distance(a: &Finding, b: &Finding) -> f64 {
     (a.location - b.location).norm()
 }
 
+/// Why a finding has ended, for people.
+fn ended(finding: &Finding) -> &'static str {
+    match finding.kind {
+        ChangeKind::VehicleSuspect => KNOWN_ANEW,
+        _ => NO_LONGER_SEEN,
+    }
+}
+
 type Advanced = (AlertState, Vec<Step>);
 
 /// A new alert; one whose finding has ended already is resolved at once.
@@ -222,7 +235,7 @@ fn raise(site: &Site<'_>) -> AlertUpdate {
     };
     let (state, mut steps) = match site.last().until {
         None => (open, Vec::new()),
-        Some(_) => resolve(&open, NO_LONGER_SEEN),
+        Some(_) => resolve(&open, ended(site.last())),
     };
     steps.insert(0, raised);
     AlertUpdate {
@@ -253,7 +266,7 @@ fn advance(alert: &AlertState, site: &Site<'_>) -> Option<Advanced> {
         return Some((state, vec![step]));
     }
     if !stands && alert.status.is_pending() {
-        return Some(resolve(&state, NO_LONGER_SEEN));
+        return Some(resolve(&state, ended(finding)));
     }
     (state != *alert).then_some((state, Vec::new()))
 }
@@ -309,6 +322,7 @@ fn is_news(before: &Finding, now: &Finding) -> bool {
         || other_counterpart
         || other_shift
         || before.bands != now.bands
+        || before.suspect != now.suspect
         || before.edges != now.edges
         || before.nodes != now.nodes
         || before.trips != now.trips

@@ -14,7 +14,7 @@ pub enum ChangeKind {
     Residual,
     /// So much differs, or so many closures are missing, that the map does not fit the place.
     MapMismatch,
-    /// One vehicle disagrees everywhere: mis-mounted or faulty.
+    /// A vehicle has changed, or is off in a way that cannot be corrected.
     VehicleSuspect,
 }
 

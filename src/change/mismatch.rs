@@ -61,6 +61,7 @@ fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::MapMismatch,
         location: centroid(&region),

@@ -54,4 +54,4 @@ pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Scr
 pub use shift_fit::{SHIFT_MAX_M, ShiftFit};
 pub use site::{Observed, Site, state_changes, support_min};
 pub use tier::Tier;
-pub use vehicle::{MountTurn, TripPose, mount_turn, suspect_vehicle};
+pub use vehicle::{SilencedChange, Suspect, SuspectEvidence};

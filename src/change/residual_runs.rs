@@ -144,6 +144,7 @@ fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> O
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::Residual,
         location,

@@ -214,6 +214,7 @@ fn finding_of(site: &Site<'_>, cells: &SiteCells, cluster: &Cluster, pooled: &Po
         tier,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         edges: Vec::new(),
         nodes: nodes.into_iter().collect(),

@@ -29,6 +29,7 @@ pub(super) fn finding(
         tier: Tier::Tentative,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         edges: vec![EdgeId(since_s)],
         nodes: vec![NodeId(since_s), NodeId(since_s + 1)],

@@ -198,6 +198,7 @@ impl Route {
             batches_waiting += 1;
             let knows_start = known_start && self.map.keyframes().is_empty();
             let drive = Drive {
+                wheels: Default::default(),
                 trip: recording.trip.clone(),
                 initial_pose: batch
                     .first()
@@ -243,6 +244,7 @@ impl Route {
             false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
             accepted: &[],
             vehicles: &BTreeMap::new(),
+            suspects: &[],
         })
     }
 

@@ -1,4 +1,5 @@
-//! A trip's odometry, put right by the offset between its clock and that of the scans.
+//! A trip's odometry, put right by what its wheels err and by the offset between its clock and that
+//! of the scans.
 //!
 //! Keyframes keep the odometry as it was sent. While a drive is walked its trip's have the odometry
 //! of the time at which their scans were taken, since the next scan is placed by the difference.
@@ -7,7 +8,7 @@ use std::collections::BTreeMap;
 
 use super::drive::{Drive, DriveScan};
 use super::route_map::RouteMap;
-use crate::calibration::{DrivenPose, OdometryTrack, clock_offset_s};
+use crate::calibration::{Corrections, DrivenPose, OdometryTrack, clock_offset_s};
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId};
 
@@ -22,7 +23,9 @@ pub struct TripClock {
     trip: TripId,
     /// As it was sent, of the trip's newest scans and the drive's.
     sent: BTreeMap<ScanKey, Pose2>,
+    /// With the wheels corrected.
     track: OdometryTrack,
+    has_wheels_off: bool,
     /// Whether no two scans of a lidar share a stamp: where they do nothing is corrected.
     is_in_order: bool,
     offset_ns: i64,
@@ -41,10 +44,16 @@ impl TripClock {
             .iter()
             .map(|((stamp, _), pose)| (*stamp, *pose))
             .collect();
+        let track = OdometryTrack::through(by_stamp);
+        let has_wheels_off = drive.wheels != Corrections::default();
         Self {
             trip: drive.trip.clone(),
             is_in_order: sent.len() == scans,
-            track: OdometryTrack::through(by_stamp),
+            track: match has_wheels_off {
+                true => track.corrected(&drive.wheels),
+                false => track,
+            },
+            has_wheels_off,
             sent,
             offset_ns: 0,
         }
@@ -58,7 +67,7 @@ impl TripClock {
         self.restore(map);
         let offset_s = clock_offset_s(&map.driven_poses(&self.trip));
         self.offset_ns = (1e9 * offset_s).round() as i64;
-        if self.offset_ns != 0 {
+        if self.corrects() {
             map.set_odometry(&self.trip, |(stamp, _)| self.at(*stamp));
         }
     }
@@ -66,7 +75,7 @@ impl TripClock {
     /// A scan with the odometry of the time at which it was taken, and without the motion of the
     /// vehicle while it was.
     pub fn corrected(&self, scan: &DriveScan) -> DriveScan {
-        let at = (self.offset_ns != 0).then(|| self.at(scan.stamp)).flatten();
+        let at = self.corrects().then(|| self.at(scan.stamp)).flatten();
         let swept = self.motion_during(scan);
         DriveScan {
             odom_from_base: at.unwrap_or(scan.odom_from_base),
@@ -99,9 +108,14 @@ impl TripClock {
 
     /// Gives the trip's keyframes their odometry back as it was sent.
     pub fn restore(&self, map: &mut RouteMap) {
-        if self.offset_ns != 0 {
+        if self.corrects() {
             map.set_odometry(&self.trip, |key| self.sent.get(key).copied());
         }
+    }
+
+    /// Whether odometry is other than it was sent.
+    fn corrects(&self) -> bool {
+        self.is_in_order && (self.offset_ns != 0 || self.has_wheels_off)
     }
 
     fn at(&self, stamp: StampNs) -> Option<Pose2> {
@@ -180,7 +194,8 @@ mod tests {
     use super::super::drive::InitialPose;
     use super::super::route_map::Weighting;
     use super::*;
-    use crate::geometry::angle_difference_rad;
+    use crate::calibration::Quantity;
+    use crate::geometry::{Vector3, angle_difference_rad};
     use crate::observation::testing::{World, all_round};
     use crate::scan::LaserScan;
 
@@ -217,6 +232,7 @@ mod tests {
         };
         let scans: Vec<DriveScan> = (0..SCANS).map(scan).collect();
         let drive = |(number, scans): (usize, &[DriveScan])| Drive {
+            wheels: Default::default(),
             trip: TripId::new("monday").unwrap(),
             initial_pose: (number == 0).then(|| InitialPose {
                 pose: truth(-late_ms),
@@ -258,6 +274,53 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn wheels_that_are_corrected_lead_where_the_scans_do_and_stay_as_sent() {
+        // Ways and turns are told too short.
+        let wheels = Corrections::default()
+            .with(Quantity::WayScale, 0.25)
+            .with(Quantity::TurnScale, 0.1);
+        let told = |wheels: &Corrections| {
+            let mut sent = drives(0);
+            for drive in &mut sent {
+                drive.wheels = *wheels;
+            }
+            let (mut by_wheels, mut last) = (Pose2::IDENTITY, truth(0));
+            for scan in sent.iter_mut().flat_map(|drive| &mut drive.scans) {
+                let twist = last.between(&scan.odom_from_base).log();
+                last = scan.odom_from_base;
+                let told = Vector3::new(twist.x / 1.25, twist.y / 1.25, twist.z / 1.1);
+                by_wheels = by_wheels.compose(&Pose2::exp(&told));
+                scan.odom_from_base = by_wheels;
+            }
+            sent
+        };
+        let sent = told(&wheels);
+        let mut map = mapped(&sent);
+        let trip = TripId::new("monday").unwrap();
+        let poses = map.driven_poses(&trip);
+        let scans = sent.iter().flat_map(|drive| &drive.scans);
+        for (pose, scan) in poses.iter().zip(scans) {
+            assert_eq!(pose.odom_from_base, scan.odom_from_base);
+        }
+        let next = Drive {
+            scans: Vec::new(),
+            ..sent[0].clone()
+        };
+        let mut clock = TripClock::new(&map, &next);
+        clock.adjust(&mut map);
+        for pair in map.driven_poses(&trip).windows(2) {
+            let by_wheels = pair[0].odom_from_base.between(&pair[1].odom_from_base);
+            let [from, to] = [0, 1].map(|k| truth(pair[k].stamp.0 / 1_000_000));
+            assert!(from.between(&to).between(&by_wheels).log().norm() < 2e-3);
+        }
+        clock.restore(&mut map);
+        assert_eq!(
+            map.driven_poses(&trip)[7].odom_from_base,
+            sent[0].scans[7].odom_from_base
+        );
     }
 
     /// A drive whose lidar needs a tenth of a second for a turn.

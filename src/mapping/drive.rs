@@ -1,5 +1,6 @@
 //! A part of one vehicle's drive, as it was uploaded.
 
+use crate::calibration::Corrections;
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId};
 use crate::scan::LaserScan;
@@ -13,6 +14,9 @@ pub struct Drive {
     pub initial_pose: Option<InitialPose>,
     /// In the order of time; of one lidar no two at the same.
     pub scans: Vec<DriveScan>,
+    /// By what the wheels err. Odometry comes as it was sent and is kept so; the scans' lidars are
+    /// those that are believed.
+    pub wheels: Corrections,
 }
 
 /// Which of its vehicle's lidars took a scan.

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use super::route_map::RouteMap;
 use crate::change::{
     AcceptedChange, Agreement, CandidateSite, Finding, Fit, Layer, ObservationKey, Observed,
-    SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, TiedPose, Tier, TripPose, explain_by_shift,
+    SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, Suspect, TiedPose, Tier, explain_by_shift,
     join_bands, join_counterparts, layer_of, mismatches, separate_bands, separate_counterparts,
-    state_changes, support_min, suspect_vehicle,
+    state_changes, support_min,
 };
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
@@ -34,8 +34,10 @@ pub struct Scope<'a> {
     pub false_alerts_per_lap: f64,
     /// What the map has taken in already.
     pub accepted: &'a [AcceptedChange],
-    /// Whose each trip is; a trip that is not named is its own vehicle's.
+    /// Whose each trip is.
     pub vehicles: &'a BTreeMap<TripId, VehicleId>,
+    /// The vehicles of which something is off.
+    pub suspects: &'a [Suspect],
 }
 
 /// Which sites are judged.
@@ -48,29 +50,17 @@ pub enum Sites {
 }
 
 impl RouteMap {
-    /// What the observations of the map say: places that changed, vehicles whose lidar is turned,
-    /// and segments where the map does not fit. A turned lidar shifts nothing that is matched scan
-    /// by scan, so a suspected vehicle's changes stand; but where sound vehicles drive too, its
-    /// word alone confirms none.
+    /// What the observations of the map say: places that changed, and segments where the map does
+    /// not fit; and the vehicles that are suspected, with the changes that their faults explain.
     pub fn findings(&mut self, scope: &Scope<'_>) -> Vec<Finding> {
         self.update_screen();
         let mut findings = self.state_changes(scope);
         self.layers.settle();
-        let suspects = self.suspected_vehicles(scope.vehicles);
-        let is_suspected = |trip: &TripId| suspects.iter().any(|s| s.trips.contains(trip));
-        let seen = || {
-            self.trips
-                .iter()
-                .filter(|(_, places)| self.has_scans(places))
-        };
-        if seen().any(|(trip, _)| !is_suspected(trip)) {
-            let of_suspects = |f: &&mut Finding| f.trips.iter().all(is_suspected);
-            for finding in findings.iter_mut().filter(of_suspects) {
-                finding.tier = Tier::Tentative;
-            }
-        }
-        findings.extend(seen().flat_map(|(trip, _)| self.mismatches_of(trip)));
-        findings.extend(suspects);
+        let suspected = self.silence(&mut findings, scope);
+        let seen = self.trips.iter();
+        let seen = seen.filter(|(_, places)| self.has_scans(places));
+        findings.extend(seen.flat_map(|(trip, _)| self.mismatches_of(trip)));
+        findings.extend(suspected);
         findings
     }
 
@@ -267,34 +257,9 @@ impl RouteMap {
         across.map(|(edge, _)| edge.id).collect()
     }
 
-    fn suspected_vehicles(&self, vehicles: &BTreeMap<TripId, VehicleId>) -> Vec<Finding> {
-        let mut trips_of: BTreeMap<Result<&VehicleId, &TripId>, Vec<_>> = BTreeMap::new();
-        let seen = self.trips.iter();
-        for (trip, places) in seen.filter(|(_, places)| self.has_scans(places)) {
-            let vehicle = vehicles.get(trip).ok_or(trip);
-            let placed = places.iter().filter(|k| !self.is_lost(**k));
-            let poses = placed.map(|&k| self.trip_pose(k)).collect();
-            trips_of.entry(vehicle).or_default().push((trip, poses));
-        }
-        trips_of
-            .values()
-            .filter_map(|trips| suspect_vehicle(trips))
-            .collect()
-    }
-
     /// Whether a trip is one of scans.
     fn has_scans(&self, places: &[usize]) -> bool {
         places.iter().any(|&k| self.keyframes[k].scan.is_some())
-    }
-
-    fn trip_pose(&self, k: usize) -> TripPose {
-        let keyframe = &self.keyframes[k];
-        TripPose {
-            node: keyframe.node,
-            stamp: keyframe.stamp,
-            map_from_base: self.graph.nodes()[k].pose,
-            odom_from_base: keyframe.odom_from_base,
-        }
     }
 
     fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {

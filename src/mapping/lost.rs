@@ -321,6 +321,7 @@ mod tests {
             }
         });
         Drive {
+            wheels: Default::default(),
             trip: TripId::new(trip).unwrap(),
             initial_pose: Some(InitialPose {
                 pose: truth(taken[0]),

@@ -27,6 +27,7 @@ mod restate;
 mod route_map;
 mod settle;
 mod step;
+mod suspects;
 #[cfg(test)]
 mod testing;
 

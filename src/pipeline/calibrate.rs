@@ -3,7 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::calibration::{CompanionScan, TripCalibration, TripScan};
+use super::vehicles::as_stated;
+use crate::calibration::{CompanionScan, Corrections, TripCalibration, TripCorrections, TripScan};
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, TripId, VehicleId};
 use crate::mapping::{Keyframe, RouteMap};
@@ -25,20 +26,22 @@ pub(super) type KeptScans = BTreeMap<Option<LidarId>, usize>;
 /// `known` before, have come to one of the numbers at which it is asked.
 ///
 /// It rests on what was sent, not on what the map makes of it (but for where a companion's mount
-/// sits beside the primary one, which needs a place for each scan), and changes nothing: the map is
-/// the same whether it was asked or not.
+/// sits beside the primary one, which needs a place for each scan): odometry is kept as it was sent,
+/// and scans go back from the trip's `corrections` to the lidar as it was stated. So no correction
+/// is ever estimated on top of itself.
 pub(super) fn trip_calibrations(
     map: &RouteMap,
     trip: &TripId,
     vehicle: &VehicleId,
     known: &KeptScans,
+    corrections: &TripCorrections,
 ) -> Vec<TripCalibrationRecord> {
     let due = kept_scans(map, trip).into_iter().filter(|(lidar, count)| {
         let known = known.get(lidar).copied().unwrap_or(0);
         SCANS.iter().any(|due| known < *due && due <= count)
     });
     let record = |(lidar, _): (Option<LidarId>, usize)| {
-        let scans = scans_of(map, trip, lidar.as_ref());
+        let scans = scans_of(map, trip, lidar.as_ref(), corrections);
         Some(TripCalibrationRecord {
             trip_id: trip.clone(),
             vehicle_id: vehicle.clone(),
@@ -47,7 +50,7 @@ pub(super) fn trip_calibrations(
             calibration: TripCalibration::of_scans(&scans),
             beside_primary: lidar
                 .as_ref()
-                .and_then(|lidar| beside_primary(map, trip, lidar)),
+                .and_then(|lidar| beside_primary(map, trip, lidar, corrections)),
             lidar,
         })
     };
@@ -71,7 +74,13 @@ pub(super) fn kept_scans(map: &RouteMap, trip: &TripId) -> KeptScans {
 }
 
 /// Those of one of the trip's lidars, alike to the first, in the order of time.
-fn scans_of(map: &RouteMap, trip: &TripId, lidar: Option<&LidarId>) -> Vec<TripScan> {
+fn scans_of(
+    map: &RouteMap,
+    trip: &TripId,
+    lidar: Option<&LidarId>,
+    corrections: &TripCorrections,
+) -> Vec<TripScan> {
+    let of_lidar = corrections.of_lidar(lidar);
     let keyframes = map.keyframes().iter().filter(|k| k.trip == *trip);
     let scans = keyframes.flat_map(|keyframe| {
         let own = (
@@ -91,7 +100,7 @@ fn scans_of(map: &RouteMap, trip: &TripId, lidar: Option<&LidarId>) -> Vec<TripS
         Some(TripScan {
             stamp,
             odom_from_base,
-            scan: scan?.clone(),
+            scan: as_stated(scan?, &of_lidar)?,
         })
     });
     let mut scans: Vec<TripScan> = scans.collect();
@@ -114,14 +123,22 @@ struct Around<'a> {
 
 /// Where a companion's mount sits beside that of the lidar that takes the trip's keyframes; `None`
 /// if the companion is that lidar.
-fn beside_primary(map: &RouteMap, trip: &TripId, lidar: &LidarId) -> Option<TripCalibration> {
+fn beside_primary(
+    map: &RouteMap,
+    trip: &TripId,
+    lidar: &LidarId,
+    corrections: &TripCorrections,
+) -> Option<TripCalibration> {
     let keyframes = map.keyframes().iter().zip(map.graph().nodes());
     let keyframes = keyframes.filter(|(keyframe, _)| keyframe.trip == *trip && !keyframe.is_lost());
     let around = keyframes.filter_map(|(keyframe, node)| {
         Some(Around {
             keyframe,
-            map_from_base: node.pose,
-            points: surface_points(keyframe.scan.as_ref()?),
+            map_from_base: node.pose.compose(&base_from_stated(keyframe, corrections)?),
+            points: surface_points(&as_stated(
+                keyframe.scan.as_ref()?,
+                &corrections.of_lidar(keyframe.lidar.as_ref()),
+            )?),
         })
     });
     let around: Vec<Around<'_>> = around.collect();
@@ -132,37 +149,47 @@ fn beside_primary(map: &RouteMap, trip: &TripId, lidar: &LidarId) -> Option<Trip
         let of_lidar = at.keyframe.intermediate.iter();
         let of_lidar = of_lidar.filter(|s| s.companion_lidar() == Some(lidar));
         of_lidar.filter_map(move |s| {
-            Some((
-                k,
-                at.map_from_base.compose(&s.keyframe_from_base),
-                s.scan.as_ref()?,
-            ))
+            let as_seen = base_from_stated(at.keyframe, corrections)?;
+            let map_from_keyframe = at.map_from_base.compose(&as_seen.inverse());
+            let map_from_base = map_from_keyframe.compose(&s.keyframe_from_base);
+            let stated = as_stated(s.scan.as_ref()?, &corrections.of_lidar(Some(lidar)))?;
+            Some((k, map_from_base.compose(&as_seen), stated))
         })
     });
-    let companions: Vec<(usize, Pose2, &LaserScan)> = companions.collect();
+    let companions: Vec<(usize, Pose2, LaserScan)> = companions.collect();
     let every = companions.len().div_ceil(COMPANIONS_MAX).max(1);
-    let companions = companions
-        .into_iter()
-        .step_by(every)
-        .map(|(k, pose, scan)| {
-            let near = k.saturating_sub(AROUND)..(k + AROUND + 1).min(around.len());
-            let near = around[near].iter().step_by(AROUND_STEP);
-            let near =
-                near.map(|other| (pose.between(&other.map_from_base), other.points.as_slice()));
-            CompanionScan {
-                scan,
-                around: near.collect(),
-            }
-        });
+    let companions = companions.iter().step_by(every).map(|(k, pose, scan)| {
+        let near = k.saturating_sub(AROUND)..(k + AROUND + 1).min(around.len());
+        let near = around[near].iter().step_by(AROUND_STEP);
+        let near = near.map(|other| (pose.between(&other.map_from_base), other.points.as_slice()));
+        CompanionScan {
+            scan,
+            around: near.collect(),
+        }
+    });
     Some(TripCalibration::of_companion(companions))
+}
+
+/// Where the base is that the stated mount of a keyframe's lidar would give, seen from the one that
+/// the map has by the corrected mount. The identity where nothing is corrected.
+fn base_from_stated(keyframe: &Keyframe, corrections: &TripCorrections) -> Option<Pose2> {
+    let of_lidar = corrections.of_lidar(keyframe.lidar.as_ref());
+    if of_lidar == Corrections::default() {
+        return Some(Pose2::IDENTITY);
+    }
+    let scan = keyframe.scan.as_ref()?;
+    let corrected = scan.lidar();
+    let stated = of_lidar.stated_lidar(corrected, scan.beam_count()).ok()?;
+    Some(corrected.mount.compose(&stated.mount.inverse()))
 }
 
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
+    use super::super::vehicles::corrected;
     use super::*;
-    use crate::calibration::Quantity;
+    use crate::calibration::{AppliedCorrection, Estimate, Quantity};
     use crate::ids::StampNs;
     use crate::mapping::{Drive, DriveScan, LidarOfVehicle, Weighting};
     use crate::sim::{Hall, Scene, SimLidar, SimScan, Vehicle, drive};
@@ -183,6 +210,7 @@ mod tests {
             scan: LaserScan::new(lidar.clone(), scan.ranges_m).unwrap(),
         });
         Drive {
+            wheels: Default::default(),
             trip: trip.clone(),
             initial_pose: None,
             scans: scans.collect(),
@@ -199,13 +227,13 @@ mod tests {
         map.extend(&whole).unwrap();
         let none = KeptScans::new();
         assert_eq!(
-            trip_calibrations(&map, &trip, &vehicle, &none),
+            trip_calibrations(&map, &trip, &vehicle, &none, &TripCorrections::default()),
             [],
             "too few"
         );
         let known = kept_scans(&map, &trip);
         map.extend(&rest).unwrap();
-        let asked = trip_calibrations(&map, &trip, &vehicle, &known);
+        let asked = trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default());
         let [asked] = asked.as_slice() else {
             panic!("{} were asked", asked.len());
         };
@@ -216,10 +244,47 @@ mod tests {
         assert!(yaw.sigma < 0.01, "{yaw:?}");
         let known = kept_scans(&map, &trip);
         assert_eq!(
-            trip_calibrations(&map, &trip, &vehicle, &known),
+            trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default()),
             [],
             "no news"
         );
+    }
+
+    #[test]
+    fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
+        let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+        let corrections = [
+            (Quantity::MountYaw, TURN_RAD),
+            (Quantity::MountX, -0.1),
+            (Quantity::WayScale, 0.02),
+            (Quantity::TurnPerMetre, -0.003),
+        ];
+        let corrections = corrections.map(|(quantity, value)| {
+            let estimate = Estimate {
+                value,
+                sigma: 0.001,
+            };
+            AppliedCorrection::new(None, quantity, &estimate, (trip.clone(), StampNs(0)))
+        });
+        let corrections = TripCorrections::new(corrections.into());
+        let asked = |corrections: &TripCorrections| {
+            let mut map = RouteMap::new(Weighting::Robust);
+            map.extend(&corrected(lap(&trip), corrections)).unwrap();
+            let none = KeptScans::new();
+            let mut asked = trip_calibrations(&map, &trip, &vehicle, &none, corrections);
+            (asked.remove(0).calibration.estimates, map.keyframes().len())
+        };
+        let (stated, nodes) = asked(&TripCorrections::default());
+        let (corrected, nodes_corrected) = asked(&corrections);
+        assert!(nodes.abs_diff(nodes_corrected) < nodes / 10);
+        assert_eq!(stated.len(), corrected.len());
+        for (quantity, stated) in &stated {
+            let apart = (corrected[quantity].value - stated.value).abs();
+            assert!(
+                apart < 0.5 * stated.sigma,
+                "{quantity:?}: {apart} {stated:?}"
+            );
+        }
     }
 
     /// A lap of a vehicle with two lidars, of which the rear one sits turned.
@@ -260,12 +325,19 @@ mod tests {
         let scans = both.flat_map(|(ahead, back)| [scan(0, ahead), scan(1, back)]);
         let mut map = RouteMap::new(Weighting::Robust);
         map.extend(&Drive {
+            wheels: Default::default(),
             trip: trip.clone(),
             initial_pose: None,
             scans: scans.collect(),
         })
         .unwrap();
-        let told = trip_calibrations(&map, &trip, &vehicle, &KeptScans::new());
+        let told = trip_calibrations(
+            &map,
+            &trip,
+            &vehicle,
+            &KeptScans::new(),
+            &TripCorrections::default(),
+        );
         let [front, rear] = told.as_slice() else {
             panic!("{} were asked", told.len());
         };

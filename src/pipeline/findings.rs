@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::residual_findings::by_residuals;
 use super::stage::references;
+use super::suspects::suspects;
 use super::workspace::Workspace;
 use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
 use crate::change::series::{ClosureSample, residual_series};
@@ -33,12 +34,14 @@ fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
     let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
     let pending = workspace.alerts.iter().filter(stays);
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
+    let suspects = suspects(&workspace.calibrations);
     workspace.map.findings(&Scope {
         sites: Sites::Touched,
         pending: &pending,
         false_alerts_per_lap: workspace.false_alarm_rate,
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
+        suspects: &suspects,
     })
 }
 
@@ -102,6 +105,7 @@ fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Opti
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::Residual,
         location: change.first.place.position,

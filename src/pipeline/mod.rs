@@ -20,6 +20,8 @@ mod retention;
 mod saved;
 mod settle;
 mod stage;
+mod suspects;
+mod vehicles;
 mod worker;
 mod workspace;
 

@@ -7,16 +7,27 @@ use super::calibrate::{kept_scans, trip_calibrations};
 use super::findings::findings;
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, of_added};
 use super::stage::stage_of;
+use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
+use crate::calibration::{Corrections, TripCorrections};
+use crate::change::Detector;
 use crate::formats::batch_json;
-use crate::ids::NodeId;
+use crate::ids::{NodeId, VehicleId};
 use crate::mapping::{Drive, DriveScan, Extension, Keyframe, NotExtended, RouteMap};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
 
-/// Takes the job's batches through the map.
+/// What is known of the corrections of a job's trip.
+pub(super) enum Known {
+    /// They were decided when the trip began.
+    Decided(TripCorrections),
+    /// The trip begins now. What was corrected in the vehicle's newest trip that has said something.
+    Before(TripCorrections),
+}
+
+/// Takes the job's batches through the map, with the vehicle's corrections.
 ///
 /// # Errors
 /// If a journalled body cannot be decoded, or the graph refuses an id; the workspace is lost
@@ -24,6 +35,7 @@ const JUMP_MAX_M: f64 = 100.0;
 pub(super) fn process(
     mut workspace: Workspace,
     job: &ClaimedJob,
+    known: &Known,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let (origins, drives) = decode(job)?;
     if let Some(outcome) = origins.last().zip(drives.last()).and_then(refuse_jump) {
@@ -32,7 +44,11 @@ pub(super) fn process(
         return Ok((workspace, result));
     }
     let drive = join(&drives);
-    let known = kept_scans(&workspace.map, &drive.trip);
+    let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
+    let vehicle = vehicle.context("a job without batches")?;
+    let corrections = corrections(&workspace, &vehicle, &drive, known);
+    let drive = corrected(drive, &corrections);
+    let kept = kept_scans(&workspace.map, &drive.trip);
     let (added, outcomes) = match workspace.map.extend(&drive) {
         Ok(extension) => {
             let added = added_by(&drives, &extension, &workspace.map);
@@ -54,12 +70,36 @@ pub(super) fn process(
         }
         Err(NotExtended::Graph(error)) => return Err(error.into()),
     };
-    let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
+    let words = trip_calibrations(&workspace.map, &drive.trip, &vehicle, &kept, &corrections);
+    for word in &words {
+        workspace.calibrations.put(word)?;
+    }
     let (workspace, mut result) = conclude(workspace, job, &origins, &added, outcomes)?;
-    if let Some(vehicle) = vehicle {
-        result.calibrations = trip_calibrations(&workspace.map, &drive.trip, &vehicle, &known);
+    result.calibrations = words;
+    if let Known::Before(_) = known {
+        result.corrections = Some((drive.trip, corrections));
     }
     Ok((workspace, result))
+}
+
+/// What is corrected for a drive. A map by the paper's rule corrects nothing: it is what the paper
+/// would make of what was sent.
+fn corrections(
+    workspace: &Workspace,
+    vehicle: &VehicleId,
+    drive: &Drive,
+    known: &Known,
+) -> TripCorrections {
+    match (known, drive.scans.first()) {
+        (Known::Decided(corrections), _) => corrections.clone(),
+        (Known::Before(before), Some(first)) if workspace.detector == Detector::Fused => {
+            let begins = (&drive.trip, first.stamp);
+            let primary = primary_of(drive);
+            let calibrations = &workspace.calibrations;
+            calibrations.corrections_for(vehicle, before, primary, begins)
+        }
+        _ => TripCorrections::default(),
+    }
 }
 
 /// Judges what was added, and gathers what is to be saved.
@@ -120,6 +160,7 @@ fn decode(job: &ClaimedJob) -> anyhow::Result<(Vec<Origin>, Vec<Drive>)> {
             trip: batch.trip_id,
             initial_pose: batch.initial_pose,
             scans: batch.scans,
+            wheels: Corrections::default(),
         });
     }
     Ok((origins, drives))

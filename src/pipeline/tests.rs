@@ -2,6 +2,7 @@
 
 mod accepting;
 mod bench;
+mod corrections;
 mod deciding;
 mod edges;
 mod folding;

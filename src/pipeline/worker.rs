@@ -10,10 +10,11 @@ use tokio_util::sync::CancellationToken;
 
 use super::edges::{EdgeJob, process_edges};
 use super::engine::Engine;
-use super::process::process;
+use super::process::{Known, process};
 use super::retention::delete_bodies;
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::workspace::Workspace;
+use crate::calibration::TripCorrections;
 use crate::ids::RouteId;
 use crate::store::{Applied, BatchKind, ClaimedJob, JobResult, Store, StoreError};
 
@@ -152,10 +153,11 @@ pub(super) async fn compute(
         BatchKind::Scans => {
             let recalled = recall_trip(store, route, &trip).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
+            let known = known_corrections(store, &workspace, job).await?;
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
                 settle(&mut workspace, &trip, &[], &options)?;
-                process(workspace, &kept_job)
+                process(workspace, &kept_job, &known)
             };
             engine.compute(work).await?
         }
@@ -174,6 +176,28 @@ pub(super) async fn compute(
             engine.compute(work).await?
         }
     }
+}
+
+/// What is known of the corrections of a job's trip: decided when it began, by what its vehicle's
+/// trips had said by then in the order of the jobs.
+pub(super) async fn known_corrections(
+    store: &Store,
+    workspace: &Workspace,
+    job: &ClaimedJob,
+) -> Result<Known, StoreError> {
+    let Some(own) = job.entries.last() else {
+        return Ok(Known::Before(TripCorrections::default()));
+    };
+    let route = &job.route_id;
+    if let Some(decided) = store.trip_corrections(route, &own.batch.trip_id).await? {
+        return Ok(Known::Decided(decided));
+    }
+    let newest = workspace.calibrations.newest_trip(&own.batch.vehicle_id);
+    let before = match newest {
+        Some(trip) => store.trip_corrections(route, trip).await?,
+        None => None,
+    };
+    Ok(Known::Before(before.unwrap_or_default()))
 }
 
 /// Whether the store was in the way, and not the batch.

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow};
 
+use super::vehicles::Calibrations;
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
@@ -43,6 +44,8 @@ pub(super) struct Workspace {
     /// What the map has taken in, in the order of acceptance: in these regions looks from before
     /// the change say nothing.
     pub accepted: Vec<AcceptedChange>,
+    /// What trips say of their vehicles.
+    pub calibrations: Calibrations,
 }
 
 impl Workspace {
@@ -101,6 +104,7 @@ impl Workspace {
             map_version: graph.map_version,
             alerts: graph.alerts,
             accepted: graph.accepted,
+            calibrations: Calibrations::of(graph.calibrations),
         })
     }
 
@@ -164,6 +168,7 @@ impl Workspace {
             + EDGE_ID_BYTES * self.given.len()
             + size_of_val(self.settled_closures.as_slice())
             + NAME_BYTES * 2 * self.vehicles.len()
+            + self.calibrations.size_bytes()
             + alerts
     }
 }

@@ -140,6 +140,7 @@ async fn upsert(
         .bind(evidence.shift.map(|shift| shift.x))
         .bind(evidence.shift.map(|shift| shift.y))
         .bind(json_text(&band_ends(&evidence.bands))?)
+        .bind(evidence.suspect.as_ref().map(json_text).transpose()?)
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -151,10 +152,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
      updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, bands, \
-     confirmed_revision) \
+     suspect, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
      ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     ?34, ?35, ?36, iif(?31 = 'confirmed', ?3, NULL) \
+     ?34, ?35, ?36, ?37, iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -170,7 +171,7 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      related = excluded.related, updated_at_us = excluded.updated_at_us, tier = excluded.tier, \
      counterpart_kind = excluded.counterpart_kind, \
      counterpart_region = excluded.counterpart_region, shift_x = excluded.shift_x, \
-     shift_y = excluded.shift_y, bands = excluded.bands, \
+     shift_y = excluded.shift_y, bands = excluded.bands, suspect = excluded.suspect, \
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \

@@ -9,7 +9,9 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 use super::alert_records::{
     AlertEvent, AlertFilter, AlertRecord, AlertResidual, AlertStatus, HistoryEntry,
 };
-use super::columns::{Text, alert_id, corrupt, json, micros, name, polygon, text, time};
+use super::columns::{
+    Text, alert_id, corrupt, json, micros, name, optional_json, polygon, text, time,
+};
 use super::error::StoreError;
 use crate::change::{Counterpart, Finding};
 use crate::geometry::Vector2;
@@ -203,6 +205,7 @@ fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
         counterpart: counterpart_of(row)?,
         shift: shift_of(row)?,
         bands: bands_of(row)?,
+        suspect: optional_json(row, "suspect")?,
         kind: text(row, "kind")?,
         location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
         sigma_m: row.try_get("sigma_m")?,

@@ -178,8 +178,8 @@ pub(super) fn alert_id(row: &SqliteRow, column: &'static str) -> Result<AlertId,
     text.parse().map_err(|_| corrupt(column))
 }
 
-/// Numbers, names or ids as JSON. No fractions: they would not come back to the bit.
-pub(super) fn json_text<T: Serialize>(values: &[T]) -> Result<String, StoreError> {
+/// Numbers, names or ids as JSON. No fractions but rounded ones: others would not come back to the bit.
+pub(super) fn json_text<T: Serialize + ?Sized>(values: &T) -> Result<String, StoreError> {
     serde_json::to_string(values)
         .map_err(|error| StoreError::InvalidResult(format!("it has no JSON: {error}")))
 }

@@ -11,7 +11,7 @@ use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
-use super::settled;
+use super::{settled, vehicles};
 use crate::geometry::Pose2;
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
@@ -121,6 +121,7 @@ async fn load_snapshot(
     let settled_closures = settled::first_closures(&mut snapshot, route).await?;
     let alerts = alerts::route_alerts(&mut snapshot, route).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
+    let calibrations = vehicles::route_calibrations(&mut snapshot, route).await?;
     snapshot.commit().await?;
     let with_scans = |row: &SqliteRow| {
         let mut node = node_with_scan_of(row, route)?;
@@ -139,6 +140,7 @@ async fn load_snapshot(
         map_version: row.try_get("map_version")?,
         alerts,
         accepted,
+        calibrations,
     }))
 }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
 use super::vehicles::TripCalibrationRecord;
+use crate::calibration::TripCorrections;
 pub use crate::change::Detector;
 use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2, PoseSigma};
@@ -489,6 +490,8 @@ pub struct JobResult {
     pub stage: Stage,
     /// What the trip says of its vehicle by each of its lidars that was asked.
     pub calibrations: Vec<TripCalibrationRecord>,
+    /// What is corrected from now on while a trip is driven, where that was decided.
+    pub corrections: Option<(TripId, TripCorrections)>,
     /// When it was computed.
     pub processed_at: Timestamp,
 }
@@ -558,6 +561,9 @@ pub struct RouteGraph {
     pub alerts: Vec<AlertRecord>,
     /// Every change that the map has taken in, in the order of acceptance.
     pub accepted: Vec<AcceptedChange>,
+    /// What the newest trips of each vehicle say of each lidar: by vehicle and lidar, the oldest
+    /// first.
+    pub calibrations: Vec<TripCalibrationRecord>,
 }
 
 /// Most closures that are remembered in a worker's map after their nodes have left it.

@@ -13,7 +13,7 @@ use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, BatchStatus, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
-use super::vehicles::put_calibration;
+use super::vehicles::{put_calibration, put_corrections};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 
@@ -53,6 +53,9 @@ impl Request for ApplyResult {
         write_alerts(transaction, place.route_key, &result.alerts).await?;
         for calibration in &result.calibrations {
             put_calibration(transaction, place.route_key, calibration).await?;
+        }
+        if let Some((trip, corrections)) = &result.corrections {
+            put_corrections(transaction, place.route_key, trip, corrections).await?;
         }
         let nodes = raise_route(transaction, &place, result).await?;
         for outcome in &result.outcomes {

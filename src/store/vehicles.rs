@@ -2,12 +2,13 @@
 //! alerts suspect them.
 
 use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
-use super::columns::{alert_id, json, name, optional_json, time};
+use super::columns::{alert_id, json, json_text, name, optional_json, time};
 use super::error::StoreError;
 use super::{Store, named};
-use crate::calibration::TripCalibration;
+use crate::calibration::{CalibratedTrip, TripCalibration, TripCorrections};
 use crate::ids::{AlertId, LidarId, RouteId, StampNs, TripId, VehicleId};
 
 /// So many of the newest trips of a vehicle's lidar say how it is calibrated.
@@ -39,9 +40,9 @@ pub struct LidarRecord {
     /// As the vehicle names it.
     pub id: LidarId,
     /// By its own scans and the odometry.
-    pub calibrations: Vec<TripCalibration>,
+    pub calibrations: Vec<CalibratedTrip>,
     /// Of its mount beside the primary one's, of trips in which it was not that.
-    pub beside_primary: Vec<TripCalibration>,
+    pub beside_primary: Vec<CalibratedTrip>,
 }
 
 /// A vehicle as a route knows it.
@@ -59,8 +60,10 @@ pub struct VehicleRecord {
     pub last_seen: Timestamp,
     /// Undecided alerts that suspect it.
     pub suspected_by: Vec<AlertId>,
+    /// What is corrected in the newest of its trips of which that has been decided.
+    pub corrections: TripCorrections,
     /// What its newest trips say of its only lidar, the oldest first.
-    pub calibrations: Vec<TripCalibration>,
+    pub calibrations: Vec<CalibratedTrip>,
     /// Its lidars, if it has named several, by name.
     pub lidars: Vec<LidarRecord>,
 }
@@ -91,6 +94,27 @@ impl Store {
     ) -> Result<Option<VehicleRecord>, StoreError> {
         let found = self.vehicles(route, "", vehicle.as_str(), 1).await;
         Ok(named(found)?.pop())
+    }
+
+    /// What is corrected while a trip is driven; `None` where that has not been decided.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn trip_corrections(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+    ) -> Result<Option<TripCorrections>, StoreError> {
+        let read = sqlx::query(
+            "SELECT corrections FROM routes JOIN trips USING (route_key) \
+             WHERE routes.id = ? AND trip_id = ?",
+        )
+        .bind(route.as_str())
+        .bind(trip.as_str())
+        .fetch_optional(&self.shared.readers)
+        .await?;
+        let row = read.map(|row| optional_json(&row, "corrections"));
+        Ok(row.transpose()?.flatten())
     }
 
     /// The vehicles after a name, or the one of a name that is not empty.
@@ -128,6 +152,7 @@ impl Store {
                 trips: row.try_get("trip_count")?,
                 last_seen: time(row, "last_seen_us")?,
                 suspected_by: suspected_by(&mut reader, route_key, &id).await?,
+                corrections: newest_corrections(&mut reader, route_key, &id).await?,
                 calibrations,
                 lidars,
                 id,
@@ -167,17 +192,109 @@ pub(super) async fn put_calibration(
     Ok(())
 }
 
+/// Keeps what is corrected while a trip is driven; what has been decided before stands.
+pub(super) async fn put_corrections(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    trip: &TripId,
+    corrections: &TripCorrections,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "UPDATE trips SET corrections = ? \
+         WHERE route_key = ? AND trip_id = ? AND corrections IS NULL",
+    )
+    .bind(json_text(corrections)?)
+    .bind(route_key)
+    .bind(trip.as_str())
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+async fn newest_corrections(
+    reader: &mut SqliteConnection,
+    route_key: i64,
+    vehicle: &VehicleId,
+) -> Result<TripCorrections, StoreError> {
+    let row = sqlx::query(
+        "SELECT corrections FROM batches JOIN trips USING (route_key, trip_id) \
+         WHERE route_key = ? AND batches.vehicle_id = ? AND corrections IS NOT NULL \
+         ORDER BY batch_key DESC LIMIT 1",
+    )
+    .bind(route_key)
+    .bind(vehicle.as_str())
+    .fetch_optional(reader)
+    .await?;
+    let corrections = row.map(|row| json(&row, "corrections")).transpose()?;
+    Ok(corrections.unwrap_or_default())
+}
+
+/// What the newest trips of each of a route's vehicles say of each lidar: by vehicle and lidar, the
+/// oldest first.
+pub(super) async fn route_calibrations(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<Vec<TripCalibrationRecord>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT trip_id, vehicle_id, lidar, stamp_ns, scans, calibration, beside_primary FROM ( \
+             SELECT lidar_calibrations.*, row_number() OVER ( \
+                 PARTITION BY vehicle_id, lidar ORDER BY stamp_ns DESC, trip_id DESC) AS newness \
+             FROM routes JOIN lidar_calibrations USING (route_key) WHERE routes.id = ?) \
+         WHERE newness <= ? ORDER BY vehicle_id, lidar, stamp_ns, trip_id",
+    )
+    .bind(route.as_str())
+    .bind(TRIPS_MAX)
+    .fetch_all(reader)
+    .await?;
+    rows.iter().map(record_of).collect()
+}
+
+fn record_of(row: &SqliteRow) -> Result<TripCalibrationRecord, StoreError> {
+    let has_name = !row.try_get::<&str, _>("lidar")?.is_empty();
+    Ok(TripCalibrationRecord {
+        trip_id: name(row, "trip_id")?,
+        vehicle_id: name(row, "vehicle_id")?,
+        lidar: has_name.then(|| name(row, "lidar")).transpose()?,
+        stamp: StampNs(row.try_get("stamp_ns")?),
+        scans: row.try_get("scans")?,
+        calibration: json(row, "calibration")?,
+        beside_primary: optional_json(row, "beside_primary")?,
+    })
+}
+
+impl TripCalibrationRecord {
+    /// What it says by the lidar's own scans.
+    pub fn own(&self) -> CalibratedTrip {
+        self.saying(self.calibration.clone())
+    }
+
+    /// What it says of the mount beside the primary one's.
+    fn beside(&self) -> Option<CalibratedTrip> {
+        Some(self.saying(self.beside_primary.clone()?))
+    }
+
+    fn saying(&self, calibration: TripCalibration) -> CalibratedTrip {
+        CalibratedTrip {
+            trip: self.trip_id.clone(),
+            stamp: self.stamp,
+            scans: self.scans,
+            calibration,
+        }
+    }
+}
+
 /// Those of a vehicle's only lidar, and its lidars with names.
 async fn calibrations(
     reader: &mut SqliteConnection,
     route_key: i64,
     vehicle: &VehicleId,
-) -> Result<(Vec<TripCalibration>, Vec<LidarRecord>), StoreError> {
+) -> Result<(Vec<CalibratedTrip>, Vec<LidarRecord>), StoreError> {
     let rows = sqlx::query(
-        "SELECT lidar, calibration, beside_primary FROM ( \
-             SELECT *, row_number() OVER (PARTITION BY lidar ORDER BY stamp_ns DESC) AS newness \
+        "SELECT trip_id, vehicle_id, lidar, stamp_ns, scans, calibration, beside_primary FROM ( \
+             SELECT *, row_number() OVER ( \
+                 PARTITION BY lidar ORDER BY stamp_ns DESC, trip_id DESC) AS newness \
              FROM lidar_calibrations WHERE route_key = ? AND vehicle_id = ?) \
-         WHERE newness <= ? ORDER BY lidar, stamp_ns",
+         WHERE newness <= ? ORDER BY lidar, stamp_ns, trip_id",
     )
     .bind(route_key)
     .bind(vehicle.as_str())
@@ -187,12 +304,11 @@ async fn calibrations(
     let mut of_only_one = Vec::new();
     let mut lidars: Vec<LidarRecord> = Vec::new();
     for row in &rows {
-        let calibration = json(row, "calibration")?;
-        if row.try_get::<&str, _>("lidar")?.is_empty() {
-            of_only_one.push(calibration);
+        let record = record_of(row)?;
+        let Some(id) = record.lidar.clone() else {
+            of_only_one.push(record.own());
             continue;
-        }
-        let id: LidarId = name(row, "lidar")?;
+        };
         if lidars.last().is_none_or(|last| last.id != id) {
             lidars.push(LidarRecord {
                 id,
@@ -201,10 +317,8 @@ async fn calibrations(
             });
         }
         if let Some(lidar) = lidars.last_mut() {
-            lidar.calibrations.push(calibration);
-            lidar
-                .beside_primary
-                .extend(optional_json(row, "beside_primary")?);
+            lidar.calibrations.push(record.own());
+            lidar.beside_primary.extend(record.beside());
         }
     }
     Ok((of_only_one, lidars))

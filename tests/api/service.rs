@@ -153,6 +153,7 @@ async fn seed(directory: &TempDir) {
         changed_edges: Vec::new(),
         alerts: Vec::new(),
         calibrations: Vec::new(),
+        corrections: None,
         stage: Stage::Mapping,
         processed_at: now,
         route_id,

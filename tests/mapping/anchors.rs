@@ -105,6 +105,7 @@ fn too_short_a_trip_is_told_so_and_anchored_once_it_is_longer() {
     let (before, _) = map_of(&[&first], 40);
     let second = Trip::record("second", (&world, &route), &vehicle(), 1, 24);
     let short = Drive {
+        wheels: Default::default(),
         trip: second.id.clone(),
         initial_pose: None,
         scans: second.scans[..4].to_vec(),

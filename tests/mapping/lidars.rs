@@ -75,6 +75,7 @@ impl TwoLidars {
             laps: Vec::new(),
         };
         let batch = |(k, scans): (usize, &[DriveScan])| Drive {
+            wheels: Default::default(),
             trip: self.trip.clone(),
             initial_pose: start.start().filter(|_| k == 0),
             scans: scans.to_vec(),
@@ -193,6 +194,7 @@ fn findings(map: &mut RouteMap) -> Vec<Finding> {
         false_alerts_per_lap: 1.0,
         accepted: &[],
         vehicles: &Default::default(),
+        suspects: &[],
     })
 }
 

@@ -70,6 +70,7 @@ fn a_map_restored_after_every_batch_is_the_same_to_the_bit() {
             waiting.extend(drive.scans);
             let scans = waiting.clone();
             if extend_both(&Drive {
+                wheels: Default::default(),
                 scans,
                 trip: second.id.clone(),
                 initial_pose: None,

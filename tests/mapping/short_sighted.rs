@@ -35,6 +35,7 @@ fn drive(data: &Path, name: &str) -> Drive {
         scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied()).unwrap(),
     });
     Drive {
+        wheels: Default::default(),
         trip: TripId::new(name).unwrap(),
         initial_pose: None,
         scans: scans.collect(),

@@ -155,6 +155,7 @@ fn along_a_corridor(scale: f64, seed: u64) -> (Vec<DriveScan>, Vec<Pose2>) {
 fn along_a_corridor_odometry_tells_the_way() {
     let (scans, truth) = along_a_corridor(1.02, 1);
     let drive = Drive {
+        wheels: Default::default(),
         trip: TripId::new("first").unwrap(),
         initial_pose: None,
         scans,
@@ -182,6 +183,7 @@ fn along_a_corridor_odometry_tells_the_way() {
     // Another vehicle cannot tell where along the corridor it is.
     let (scans, _) = along_a_corridor(1.0, 2);
     let lost = Drive {
+        wheels: Default::default(),
         trip: TripId::new("second").unwrap(),
         initial_pose: None,
         scans: scans[..40].to_vec(),

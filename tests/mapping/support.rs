@@ -121,6 +121,7 @@ impl Trip {
     /// Uploads of so many scans; the first one says where the trip starts if `initial_pose` does.
     pub fn batches(&self, size: usize, initial_pose: Option<InitialPose>) -> Vec<Drive> {
         let batch = |(k, scans): (usize, &[DriveScan])| Drive {
+            wheels: Default::default(),
             trip: self.id.clone(),
             initial_pose: initial_pose.filter(|_| k == 0),
             scans: scans.to_vec(),

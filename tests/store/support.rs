@@ -82,6 +82,7 @@ impl Fixture {
             changed_edges: vec![],
             alerts: vec![],
             calibrations: Vec::new(),
+            corrections: None,
             stage: Stage::Mapping,
             processed_at: at(50),
         }

@@ -44,6 +44,7 @@ fn alert(number: u128, tier: Tier) -> AlertRecord {
             tier,
             counterpart: None,
             shift: None,
+            suspect: None,
             bands: Vec::new(),
             edges: Vec::new(),
             nodes: vec![NodeId(1)],

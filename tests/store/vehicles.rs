@@ -11,7 +11,7 @@ fn vehicle() -> VehicleId {
 
 #[tokio::test]
 async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
-    use mapshift::calibration::{Estimate, Quantity, TripCalibration};
+    use mapshift::calibration::{CalibratedTrip, Estimate, Quantity, TripCalibration};
     let fixture = Fixture::new().await;
     let said = |yaw_rad: f64| TripCalibration {
         estimates: [(
@@ -62,14 +62,22 @@ async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
         .await
         .unwrap()
         .unwrap();
-    assert_eq!(known.calibrations, [said(0.2), said(0.3)]);
+    let words = |trips: &[CalibratedTrip]| -> Vec<TripCalibration> {
+        trips.iter().map(|word| word.calibration.clone()).collect()
+    };
+    assert_eq!(words(&known.calibrations), [said(0.2), said(0.3)]);
+    let newest = &known.calibrations[1];
+    assert_eq!(
+        (newest.trip.as_str(), newest.stamp, newest.scans),
+        ("t", StampNs(3), 200)
+    );
     let lidars = known.lidars.iter().map(|lidar| {
         let LidarRecord {
             id,
             calibrations,
             beside_primary,
         } = lidar.clone();
-        (id.to_string(), calibrations, beside_primary)
+        (id.to_string(), words(&calibrations), words(&beside_primary))
     });
     let yaws = |added_rad: f64| vec![said(added_rad + 0.2), said(added_rad + 0.3)];
     let expected = [
@@ -91,4 +99,37 @@ async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
         .await
         .unwrap();
     assert_eq!(page, []);
+}
+
+#[tokio::test]
+async fn what_is_corrected_in_a_trip_is_decided_once() {
+    use mapshift::calibration::{AppliedCorrection, Estimate, Quantity, TripCorrections};
+    let fixture = Fixture::new().await;
+    let trip = TripId::new("t").unwrap();
+    let corrections = |yaw_rad: f64| {
+        let estimate = Estimate {
+            value: yaw_rad,
+            sigma: 0.001,
+        };
+        let since = (trip.clone(), StampNs(7));
+        let yaw = AppliedCorrection::new(None, Quantity::MountYaw, &estimate, since);
+        TripCorrections::new(vec![yaw])
+    };
+    let known = async || {
+        let read = fixture.store.trip_corrections(&route(), &trip).await;
+        read.unwrap()
+    };
+    for (sequence, yaw_rad) in [0.1 / 3.0, 0.5].into_iter().enumerate() {
+        let batch = upload(&format!("b{sequence}"), "t", sequence as i64);
+        fixture.journal(batch).await;
+        assert_eq!(known().await.is_some(), sequence > 0);
+        let job = fixture.claim(0).await.unwrap();
+        let mut result = fixture.result(&job, BatchStatus::Unanchored).await;
+        result.corrections = Some((trip.clone(), corrections(yaw_rad)));
+        let applied = fixture.store.apply_result(result).await.unwrap();
+        assert_eq!(applied, Applied::Committed);
+        assert_eq!(known().await, Some(corrections(0.1 / 3.0)));
+    }
+    let vehicle = fixture.store.vehicle(&route(), &vehicle()).await.unwrap();
+    assert_eq!(vehicle.unwrap().corrections, corrections(0.1 / 3.0));
 }

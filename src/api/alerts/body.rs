@@ -5,6 +5,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::names::{AlertActionName, AlertKindName, AlertStatusName, AlertTierName};
+use super::suspect_body::SuspectBody;
 use crate::api::types::timestamp;
 use crate::change::{AlertAction, Counterpart};
 use crate::geometry::Vector2;
@@ -18,7 +19,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
-    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "bands": [],
+    "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "suspect": null, "bands": [],
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
     "views": 9, "laps": 2,
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
@@ -58,6 +59,10 @@ pub(super) struct AlertBody {
     /// would have to be moved to lie on the map, map frame, metres. Null for all other alerts.
     #[schema(required)]
     shift: Option<ShiftBody>,
+    /// Of a `vehicle_suspect`: what is off, and the changes that it explains. Null for all other
+    /// alerts, and for those that were raised before there was such a word.
+    #[schema(required)]
+    suspect: Option<SuspectBody>,
     /// The height bands that show it; none if it is seen by lidars that look along one plane.
     bands: Vec<AlertBandBody>,
     /// The loop closures whose scans disagree there.
@@ -224,6 +229,7 @@ impl From<AlertRecord> for AlertBody {
             region: corners(&evidence.region),
             counterpart: evidence.counterpart.map(CounterpartBody::from),
             shift: evidence.shift.map(ShiftBody::from),
+            suspect: evidence.suspect.map(SuspectBody::from),
             bands: evidence.bands.iter().map(AlertBandBody::from).collect(),
             edge_ids: evidence.edges.iter().map(|id| id.0).collect(),
             node_ids: evidence.nodes.iter().map(|id| id.0).collect(),

@@ -17,7 +17,7 @@ pub(super) enum AlertKindName {
     Residual,
     /// The map does not fit the place at all.
     MapMismatch,
-    /// One vehicle disagrees everywhere: no change of the world.
+    /// A vehicle has changed, or is off in a way that cannot be corrected: no change of the world.
     VehicleSuspect,
 }
 

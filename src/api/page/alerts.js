@@ -8,7 +8,7 @@ let chosen = null;
 
 const WORDS = {
   appeared: "Something appeared", disappeared: "Something disappeared", residual: "Closures contradict the map",
-  map_mismatch: "The map does not fit", vehicle_suspect: "One vehicle disagrees everywhere",
+  map_mismatch: "The map does not fit", vehicle_suspect: "Something is off with a vehicle",
 };
 const BUTTONS = { acknowledge: "Acknowledge", accept: "Accept into the map", dismiss: "Dismiss", reopen: "Reopen", undo: "Undo" };
 
@@ -102,6 +102,8 @@ function item(alert, refresh) {
   const until = alert.until === null ? "" : ", until " + time(alert.until);
   made.append(element("p", "", "seen " + time(alert.since) + " to " + time(alert.last_seen) + until + "; map version " + alert.map_version));
   if (alert.counterpart !== null) made.append(element("p", "", "Other side: " + otherSide(alert.counterpart)));
+  for (const fault of alert.suspect?.faults ?? []) made.append(element("p", "", fault.text));
+  if (alert.suspect?.silenced.length) made.append(element("p", "", plural(alert.suspect.silenced.length, "change") + " that this explains: no alert is raised"));
   if (alert.shift !== null) made.append(element("p", "", shiftBy(alert.shift)));
   if (alert.bands.length > 0) made.append(element("p", "", "Seen " + alert.bands.map(heights).join(" and ") + " above the floor"));
   const link = element("a");

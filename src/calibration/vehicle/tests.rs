@@ -2,118 +2,122 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::calibration::Spacing;
 use crate::calibration::testing::{errors, lap, motions_along};
+use crate::calibration::{Corrections, Spacing};
 
 fn estimate(value: f64, sigma: f64) -> Estimate {
     Estimate { value, sigma }
 }
 
-fn trip_with_yaw(value: f64, sigma: f64) -> TripCalibration {
+fn said(calibrations: impl IntoIterator<Item = TripCalibration>) -> VehicleCalibration {
+    let trips = calibrations.into_iter().enumerate();
+    let trips = trips.map(|(k, calibration)| CalibratedTrip {
+        trip: TripId::new(format!("t{k}")).unwrap(),
+        stamp: StampNs(k as i64),
+        scans: 150,
+        calibration,
+    });
+    VehicleCalibration::of(trips.collect())
+}
+
+fn yaw(value: f64) -> TripCalibration {
     TripCalibration {
-        estimates: [(Quantity::MountYaw, estimate(value, sigma))].into(),
+        estimates: [(Quantity::MountYaw, estimate(value, 0.0015))].into(),
         ..TripCalibration::default()
     }
 }
 
-fn after(trips: impl IntoIterator<Item = TripCalibration>) -> VehicleCalibration {
-    let begin = VehicleCalibration::default();
-    trips
-        .into_iter()
-        .fold(begin, |vehicle, trip| vehicle.with_trip(trip))
+fn yaws(values: &[f64]) -> VehicleCalibration {
+    said(values.iter().map(|value| yaw(*value)))
 }
 
 #[test]
-fn two_trips_that_agree_are_applied() {
-    let (one, other) = (trip_with_yaw(0.03, 0.002), trip_with_yaw(0.033, 0.002));
-    assert!(after([one.clone()]).applied().is_empty());
-    let vehicle = after([one, other]);
-    let applied = vehicle.applied()[&Quantity::MountYaw];
-    assert!((applied.value - 0.0315).abs() < 1e-12);
-    assert!((vehicle.corrections().get(Quantity::MountYaw) - 0.0315).abs() < 1e-12);
-    // Too near 0, too uncertain, contradictory.
-    for (first, second, sigma) in [
-        (0.004, 0.004, 0.002),
-        (0.1, 0.1, 0.02),
-        (0.03, 0.041, 0.002),
-    ] {
-        let vehicle = after([trip_with_yaw(first, sigma), trip_with_yaw(second, sigma)]);
-        assert!(vehicle.applied().is_empty(), "{first} {second} {sigma}");
+fn a_mount_that_was_knocked_is_not_corrected_until_it_is_known_anew() {
+    let before = [0.03, 0.031, 0.029, 0.03];
+    assert!(yaws(&before).sure().contains_key(&Quantity::MountYaw));
+    assert_eq!(yaws(&before).changes(), []);
+    let after = [-0.02, -0.021, -0.019, -0.02];
+    for count in 1..=4 {
+        let vehicle = yaws(&[&before[..], &after[..count]].concat());
+        let [change] = &vehicle.changes()[..] else {
+            panic!("{count}: {vehicle:?}");
+        };
+        assert!((change.before.value - 0.03).abs() < 1e-9 && change.now.value < -0.018);
+        assert_eq!((change.last_before, change.trips.len()), (3, count));
+        assert_eq!(change.is_confirmed, count > 1);
+        assert_eq!(change.known_anew, (count == 4).then_some(7));
+        let sure = vehicle.sure();
+        assert_eq!(
+            sure.contains_key(&Quantity::MountYaw),
+            count == 4,
+            "{count}"
+        );
+        assert!(sure.values().all(|now| (now.value + 0.02).abs() < 1e-3));
     }
 }
 
 #[test]
-fn the_halves_of_a_trip_are_enough() {
-    let mut trip = trip_with_yaw(0.03, 0.002);
-    trip.halves = [0.031, 0.029].map(|v| [(Quantity::MountYaw, estimate(v, 0.003))].into());
-    assert_eq!(after([trip.clone()]).applied().len(), 1);
-    trip.halves[1] = [(Quantity::MountYaw, estimate(0.01, 0.003))].into();
-    assert!(after([trip]).applied().is_empty());
-}
-
-#[test]
-fn a_mount_that_was_knocked_is_seen() {
-    let before = [0.03, 0.031, 0.029].map(|yaw_rad| trip_with_yaw(yaw_rad, 0.002));
-    let vehicle = after(before).with_trip(trip_with_yaw(-0.01, 0.002));
-    let [change] = vehicle.changed() else {
-        panic!("{vehicle:?}");
+fn a_loose_mount_is_unsteady_and_a_steady_one_is_not() {
+    let loose = yaws(&[0.05, -0.06, 0.055, -0.04, 0.07]);
+    assert!(loose.sure().is_empty() && loose.changes().is_empty());
+    let [(quantity, _)] = loose.unsteady()[..] else {
+        panic!("{loose:?}");
     };
-    assert!((change.before.value - 0.03).abs() < 1e-12);
-    assert_eq!(change.now.value, -0.01);
-    assert!(vehicle.applied().is_empty());
-    let vehicle = vehicle.with_trip(trip_with_yaw(-0.011, 0.002));
-    assert!(vehicle.changed().is_empty());
-    assert!((vehicle.applied()[&Quantity::MountYaw].value + 0.0105).abs() < 1e-12);
-}
-
-#[test]
-fn what_scatters_from_trip_to_trip_is_not_applied() {
-    // Each by itself far from 0, each far from the next.
-    let yaws_rad = [0.03, -0.028, 0.033, -0.03, 0.012, 0.04, 0.02];
-    for count in 2..=yaws_rad.len() {
-        let vehicle = after(
-            yaws_rad[..count]
-                .iter()
-                .map(|yaw| trip_with_yaw(*yaw, 0.002)),
-        );
-        assert!(vehicle.applied().is_empty(), "{count}: {vehicle:?}");
-        assert!(
-            count <= 3 || vehicle.changed().is_empty(),
-            "{count}: {vehicle:?}"
-        );
+    assert_eq!(quantity, Quantity::MountYaw);
+    for steady in [
+        &[0.05, 0.051, 0.05, 0.049][..],
+        &[0.01, -0.01, 0.012, -0.008],
+        &[0.05; 3],
+    ] {
+        assert_eq!(yaws(steady).unsteady(), [], "{steady:?}");
     }
 }
 
 #[test]
-fn many_trips_are_forgotten_and_none_is_lost_on_the_way() {
-    let trips = (0..3 * TRIPS_MAX).map(|k| trip_with_yaw(if k < 25 { 0.03 } else { -0.03 }, 0.003));
-    let vehicle = after(trips);
+fn the_newest_trips_count() {
+    let old = std::iter::repeat_n(0.03, 25);
+    let new = std::iter::repeat_n(-0.03, TRIPS_MAX);
+    let vehicle = yaws(&old.chain(new).collect::<Vec<_>>());
     assert_eq!(vehicle.trips().len(), TRIPS_MAX);
     let combined = vehicle.combined(Quantity::MountYaw).unwrap();
     assert_eq!(combined.count, TRIPS_MAX);
     assert!((combined.estimate.value + 0.03).abs() < 1e-12);
     assert_eq!(combined.estimate.sigma, Quantity::MountYaw.floor());
+    assert_eq!(vehicle.changes(), []);
 }
 
 #[test]
-fn it_comes_back_from_json_as_it_was() {
-    let vehicle = after([0.03, 0.029, -0.2].map(|yaw_rad| trip_with_yaw(yaw_rad, 0.002)));
-    let text = serde_json::to_string(&vehicle).unwrap();
-    assert!(text.contains("mount_yaw"), "{text}");
-    let back: VehicleCalibration = serde_json::from_str(&text).unwrap();
-    assert_eq!(back, vehicle);
+fn a_clock_is_never_corrected_twice() {
+    let trip = TripCalibration {
+        estimates: [(Quantity::ClockOffset, estimate(0.2, 0.003))].into(),
+        ..TripCalibration::default()
+    };
+    let vehicle = said(std::iter::repeat_n(trip, 6));
+    assert!(vehicle.sure().is_empty() && vehicle.unsteady().is_empty());
+    assert!(vehicle.combined(Quantity::ClockOffset).is_some());
 }
 
 #[test]
-fn witnesses_that_disagree_are_reported() {
+fn witnesses_that_disagree_are_reported_when_it_lasts() {
     let motions = motions_along(&lap(), &Corrections::default(), 1);
     let spacing = Spacing {
         by_matches: Some(estimate(-0.06, 0.003)),
         by_walls: Some(estimate(-0.03, 0.003)),
     };
-    let vehicle = after([TripCalibration::of(&motions, Some(&spacing), None)]);
-    assert_eq!(vehicle.uncorrectable().len(), 1);
-    assert!(vehicle.applied().is_empty());
+    let trip = TripCalibration::of(&motions, Some(&spacing), None);
+    let vehicle = said([trip.clone()]);
+    assert_eq!(
+        (
+            vehicle.newest_faults().len(),
+            vehicle.lasting_faults().1.len()
+        ),
+        (1, 0)
+    );
+    assert!(vehicle.sure().is_empty());
+    let vehicle = said(std::iter::repeat_n(trip.clone(), 4));
+    assert_eq!(vehicle.lasting_faults().1.len(), 1);
+    let once_sound = [trip.clone(), trip.clone(), yaw(0.0), trip];
+    assert_eq!(said(once_sound).lasting_faults().1.len(), 0);
 }
 
 #[test]
@@ -133,33 +137,34 @@ fn wheels_that_slip_are_reported() {
     );
     let trip = TripCalibration::of(&motions, None, None);
     assert_eq!(trip.faults.len(), 1, "{trip:?}");
-    assert!(after([trip]).applied().is_empty());
+    assert!(said(std::iter::repeat_n(trip, 5)).sure().is_empty());
 }
 
 #[test]
 fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
     let path = lap();
     let mut rng = ChaCha8Rng::seed_from_u64(9);
-    let mut corrected = 0;
-    for seed in 0..10 {
+    let (mut corrected, mut worth) = (0, 0);
+    for seed in 0..6_u64 {
         let sound = Corrections::default();
-        let of = |truth: &Corrections, seed| {
-            TripCalibration::of(&motions_along(&path, truth, seed), None, None)
+        let of = |truth: &Corrections, seed: u64| {
+            let laps = (0..4).map(|lap| motions_along(&path, truth, 10 * seed + lap));
+            said(laps.map(|motions| TripCalibration::of(&motions, None, None)))
         };
-        let vehicle = after([of(&sound, 100 + seed), of(&sound, 200 + seed)]);
-        assert!(vehicle.applied().is_empty(), "{:?}", vehicle.applied());
+        let vehicle = of(&sound, 100 + seed);
+        assert!(vehicle.sure().is_empty(), "{:?}", vehicle.sure());
+        assert_eq!((vehicle.changes(), vehicle.unsteady()), (vec![], vec![]));
         let truth = errors(&mut rng);
-        let vehicle = after([of(&truth, 300 + seed), of(&truth, 400 + seed)]);
-        for (quantity, applied) in vehicle.applied() {
-            let off = (applied.value - truth.get(*quantity)).abs();
-            assert!(off < 5.0 * applied.sigma, "{quantity:?}: {applied:?}");
-            assert!(
-                off < truth.get(*quantity).abs(),
-                "{quantity:?}: {applied:?}"
-            );
+        let vehicle = of(&truth, 300 + seed);
+        for (quantity, sure) in vehicle.sure() {
+            let off = (sure.value - truth.get(quantity)).abs();
+            assert!(off < 5.0 * sure.sigma, "{quantity:?}: {sure:?}");
+            assert!(off < truth.get(quantity).abs(), "{quantity:?}: {sure:?}");
         }
-        corrected += vehicle.applied().len();
+        corrected += vehicle.sure().len();
+        let is_worth =
+            |q: &&Quantity| q.is_corrected() && truth.get(**q).abs() > 1.2 * q.applied_min();
+        worth += Quantity::ALL.iter().filter(is_worth).count();
     }
-    // Of seven values each, some too small to be worth it.
-    assert!(corrected >= 40, "{corrected}");
+    assert!(10 * corrected >= 8 * worth, "{corrected} of {worth}");
 }

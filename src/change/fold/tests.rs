@@ -10,6 +10,7 @@ fn finding(kind: ChangeKind, x: f64, y: f64, since: i64, until: Option<i64>) -> 
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         kind,
         location,

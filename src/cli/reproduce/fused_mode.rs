@@ -67,6 +67,7 @@ mod tests {
             tier: Tier::Confirmed,
             counterpart: None,
             shift: None,
+            suspect: None,
             bands: Vec::new(),
             kind,
             location: Vector2::new(x, 0.0),

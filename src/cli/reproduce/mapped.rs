@@ -96,6 +96,7 @@ impl Mapped {
         let (mut made, mut findings) = (Vec::new(), Vec::new());
         for lap in laps.scans.chunk_by(|a, b| a.lap == b.lap) {
             let added = map.extend(&Drive {
+                wheels: Default::default(),
                 trip: trip.clone(),
                 initial_pose: lap.first().map(start),
                 scans: lap.iter().map(|s| s.scan.clone()).collect(),
@@ -112,6 +113,7 @@ impl Mapped {
                     false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
                     accepted: &[],
                     vehicles: &BTreeMap::new(),
+                    suspects: &[],
                 });
                 findings.push(found);
             }

@@ -76,6 +76,7 @@ fn drive_of(
         })
     });
     Ok(Some(Drive {
+        wheels: Default::default(),
         trip: recording.trip.clone(),
         initial_pose: Some(InitialPose {
             pose,

@@ -75,6 +75,7 @@ fn findings(map: &mut RouteMap, sites: Sites, pending: &[Finding]) -> Vec<Findin
         false_alerts_per_lap: 0.01,
         accepted: &[],
         vehicles: &BTreeMap::new(),
+        suspects: &[],
     })
 }
 
@@ -177,6 +178,7 @@ fn drive((trip, band): (&str, Option<HeightBand>), world: &World, from_s: i64) -
         }
     });
     Drive {
+        wheels: Default::default(),
         trip: TripId::new(trip).unwrap(),
         initial_pose: Some(InitialPose {
             pose: Pose2::new(0.0, 0.1, 0.0),

@@ -5,7 +5,8 @@ use super::super::keyframe::Keyframe;
 use super::super::route_map::Weighting;
 use super::super::settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay};
 use super::*;
-use crate::change::ChangeKind;
+use crate::calibration::{Estimate, Quantity, VehicleFault};
+use crate::change::{ChangeKind, Tier};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs};
 use crate::observation::testing::{World, all_round};
@@ -71,6 +72,7 @@ fn findings(map: &mut RouteMap, sites: Sites, pending: &[Finding]) -> Vec<Findin
         false_alerts_per_lap: 0.01,
         accepted: &[],
         vehicles: &BTreeMap::new(),
+        suspects: &[],
     })
 }
 
@@ -111,14 +113,6 @@ fn a_mismatch_stays_until_its_segment_is_judged_anew_as_a_whole() {
     assert_eq!(findings(&mut map, Sites::All, &[]), later);
 }
 
-/// As of a vehicle whose wheels say that it points elsewhere than its scans do: its lidar sits
-/// turned on its mount.
-fn with_turned_lidar(nodes: &mut [(Pose2, Keyframe)]) {
-    for (pose, keyframe) in nodes {
-        keyframe.odom_from_base = pose.compose(&Pose2::new(0.0, 0.0, 0.05));
-    }
-}
-
 /// Monday's trip, and Tuesday's to which a box has come.
 fn two_trips() -> [Vec<(Pose2, Keyframe)>; 2] {
     let stamps_s = [0, 1_000, 2_000];
@@ -130,35 +124,97 @@ fn two_trips() -> [Vec<(Pose2, Keyframe)>; 2] {
     [before, since]
 }
 
+/// A vehicle of which a mount turned before its trip on Tuesday.
+fn turned(turn_rad: f64) -> Suspect {
+    let (before, now) = (
+        Estimate {
+            value: 0.0,
+            sigma: 0.001,
+        },
+        Estimate {
+            value: turn_rad,
+            sigma: 0.001,
+        },
+    );
+    let fault = VehicleFault {
+        lidar: None,
+        quantity: Some(Quantity::MountYaw),
+        before: Some(before),
+        now: Some(now),
+        text: "turned".to_owned(),
+    };
+    Suspect {
+        vehicle: VehicleId::new("knocked").unwrap(),
+        faults: vec![fault],
+        trips: vec![TripId::new("tuesday").unwrap()],
+        scans: 72,
+        sound_until: Some(StampNs(50_000_000_000_000)),
+        since: StampNs(100_000_000_000_000),
+        last_seen: StampNs(102_000_000_000_000),
+        until: None,
+        tier: Tier::Tentative,
+        significance: 9.0,
+    }
+}
+
 fn of_kind(findings: &[Finding], kind: ChangeKind) -> Vec<&Finding> {
     findings.iter().filter(|f| f.kind == kind).collect()
 }
 
+/// What is found with a suspect, where the trips are of these vehicles.
+fn with_suspect(map: &mut RouteMap, suspect: &Suspect, vehicles: [&str; 2]) -> Vec<Finding> {
+    let trips = ["monday", "tuesday"].map(|trip| TripId::new(trip).unwrap());
+    let vehicles = vehicles.map(|vehicle| VehicleId::new(vehicle).unwrap());
+    map.findings(&Scope {
+        sites: Sites::All,
+        pending: &[],
+        false_alerts_per_lap: 0.01,
+        accepted: &[],
+        vehicles: &trips.into_iter().zip(vehicles).collect(),
+        suspects: std::slice::from_ref(suspect),
+    })
+}
+
 #[test]
-fn where_every_lidar_is_turned_a_change_is_found_as_if_none_were() {
-    let [mut before, mut since] = two_trips();
-    let sound = findings(&mut map_of([&before[..], &since].concat()), Sites::All, &[]);
+fn a_fault_silences_what_it_explains_and_lists_it() {
+    let [before, since] = two_trips();
+    let mut map = map_of([before, since].concat());
+    let sound = findings(&mut map, Sites::All, &[]);
     assert_eq!(sound.len(), 1, "{sound:?}");
     assert_eq!(
         (sound[0].kind, sound[0].tier),
         (ChangeKind::Appeared, Tier::Confirmed)
     );
-    with_turned_lidar(&mut before);
-    with_turned_lidar(&mut since);
-    let turned = findings(&mut map_of([before, since].concat()), Sites::All, &[]);
-    assert_eq!(of_kind(&turned, ChangeKind::Appeared), [&sound[0]]);
-    assert_eq!(of_kind(&turned, ChangeKind::VehicleSuspect).len(), 2);
-}
-
-#[test]
-fn where_others_drive_too_the_word_of_a_turned_lidar_confirms_nothing() {
-    let [before, mut since] = two_trips();
-    with_turned_lidar(&mut since);
-    let found = findings(&mut map_of([before, since].concat()), Sites::All, &[]);
-    let appeared = of_kind(&found, ChangeKind::Appeared);
-    assert_eq!(appeared.len(), 1, "{found:?}");
-    assert_eq!(appeared[0].tier, Tier::Tentative);
-    assert_eq!(of_kind(&found, ChangeKind::VehicleSuspect).len(), 1);
+    // The box is 0.4 m across and stands 0.4 m off the wall: only a large turn puts a wall there.
+    for (turn_rad, vehicles, is_silenced) in [
+        (0.02, ["other", "knocked"], false),
+        (0.5, ["other", "knocked"], true),
+        (0.5, ["knocked", "knocked"], true),
+        (0.5, ["knocked", "other"], false),
+    ] {
+        let found = with_suspect(&mut map, &turned(turn_rad), vehicles);
+        let [against] = of_kind(&found, ChangeKind::VehicleSuspect)[..] else {
+            panic!("{found:?}");
+        };
+        let evidence = against.suspect.as_ref().unwrap();
+        let appeared = of_kind(&found, ChangeKind::Appeared);
+        assert_eq!(appeared.is_empty(), is_silenced, "{turn_rad} {vehicles:?}");
+        assert_eq!(evidence.silenced.len(), usize::from(is_silenced));
+        assert!(
+            evidence
+                .silenced
+                .iter()
+                .all(|_| evidence.has_silenced(&sound[0]))
+        );
+        assert_eq!(against.location, Vector2::new(0.0, 0.1));
+    }
+    // A vehicle that is known anew is not silenced any more.
+    let known = Suspect {
+        until: Some(StampNs(103_000_000_000_000)),
+        ..turned(0.5)
+    };
+    let found = with_suspect(&mut map, &known, ["other", "knocked"]);
+    assert_eq!(of_kind(&found, ChangeKind::Appeared), [&sound[0]]);
 }
 
 /// A side branch that the first three drives saw, the first of them hardly, and then nobody until a

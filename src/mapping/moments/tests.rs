@@ -27,6 +27,7 @@ fn scan(place: usize, ms: i64) -> DriveScan {
 
 fn drive(scans: &[(usize, i64)]) -> Drive {
     Drive {
+        wheels: Default::default(),
         trip: TripId::new("t").unwrap(),
         initial_pose: None,
         scans: scans.iter().map(|(place, ms)| scan(*place, *ms)).collect(),

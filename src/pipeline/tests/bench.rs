@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
-use super::super::worker::compute;
+use super::super::worker::{compute, known_corrections};
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding, Tier};
@@ -105,7 +105,8 @@ impl Bench {
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         // What a detector says of the lap is set aside: here findings are made by hand.
         let alerts = workspace.alerts.clone();
-        let (mut workspace, mut result) = process(workspace, &job).unwrap();
+        let known = known_corrections(store, &workspace, &job).await.unwrap();
+        let (mut workspace, mut result) = process(workspace, &job, &known).unwrap();
         workspace.alerts = alerts;
         let findings = findings(&workspace);
         result.alerts = fold_into(&mut workspace, &job, &findings);
@@ -342,6 +343,7 @@ pub fn box_finding(workspace: &Workspace) -> Finding {
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
+        suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::Appeared,
         location: BOX_AT,

@@ -1,0 +1,201 @@
+//! Which vehicles of a route are suspected, by what their trips say.
+
+use std::collections::BTreeSet;
+
+use super::vehicles::Calibrations;
+use crate::calibration::{Change, VehicleCalibration, VehicleFault};
+use crate::change::{Suspect, Tier};
+use crate::ids::{LidarId, StampNs, TripId, VehicleId};
+
+/// A fault that no change makes plain is this many standard errors from none: enough trips say it.
+const LASTING_SIGNIFICANCE: f64 = 5.0;
+
+/// A fault with what it rests on.
+struct Shown {
+    fault: VehicleFault,
+    /// The trips that show it, by lidar: name, newest scan, scans.
+    trips: Vec<(TripId, StampNs, usize)>,
+    sound_until: Option<StampNs>,
+    until: Option<StampNs>,
+    is_confirmed: bool,
+    significance: f64,
+}
+
+/// The vehicles whose mount, wheels or beams have changed within the trips that are weighed, are far
+/// off and another way in each trip, or show what no correction mends. One that is off, always alike,
+/// is corrected, and not among them.
+pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
+    let vehicles = calibrations.vehicles();
+    vehicles
+        .filter_map(|vehicle| suspect(calibrations, vehicle))
+        .collect()
+}
+
+fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> {
+    let lidars = calibrations.lidars_of(vehicle).enumerate();
+    let shown = lidars.flat_map(|(place, (lidar, words))| {
+        let mut shown = shown_by(lidar, &VehicleCalibration::of(words.to_vec()));
+        // Wheels are off alike, whichever lidar says it.
+        let is_told = |shown: &Shown| shown.fault.quantity.is_some_and(|q| q.is_of_wheels());
+        shown.retain(|shown| place == 0 || !is_told(shown));
+        shown
+    });
+    let mut shown: Vec<Shown> = shown.collect();
+    let stands = shown.iter().any(|shown| shown.until.is_none());
+    shown.retain(|shown| !stands || shown.until.is_none());
+    let of_trips = || shown.iter().flat_map(|shown| &shown.trips);
+    let trips: BTreeSet<&(TripId, StampNs, usize)> = of_trips().collect();
+    let sound_until = shown.iter().map(|shown| shown.sound_until);
+    Some(Suspect {
+        vehicle: vehicle.clone(),
+        since: of_trips().map(|(_, stamp, _)| *stamp).min()?,
+        last_seen: of_trips().map(|(_, stamp, _)| *stamp).max()?,
+        sound_until: sound_until.min().flatten(),
+        until: shown.iter().filter_map(|shown| shown.until).max(),
+        scans: trips.iter().map(|(_, _, scans)| *scans).sum(),
+        trips: names(&trips),
+        tier: match shown.iter().any(|shown| shown.is_confirmed) {
+            true => Tier::Confirmed,
+            false => Tier::Tentative,
+        },
+        significance: shown.iter().map(|s| s.significance).fold(0.0, f64::max),
+        faults: shown.into_iter().map(|shown| shown.fault).collect(),
+    })
+}
+
+fn names(trips: &BTreeSet<&(TripId, StampNs, usize)>) -> Vec<TripId> {
+    let names: BTreeSet<&TripId> = trips.iter().map(|(trip, ..)| trip).collect();
+    names.into_iter().cloned().collect()
+}
+
+/// What one lidar's trips show.
+fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Shown> {
+    let changes = calibration.changes().into_iter();
+    let mut shown: Vec<Shown> = changes
+        .map(|change| changed(lidar, calibration, &change))
+        .collect();
+    let lasting = |fault, first| Shown {
+        fault,
+        trips: trips(calibration, first..calibration.trips().len()),
+        sound_until: None,
+        until: None,
+        is_confirmed: true,
+        significance: LASTING_SIGNIFICANCE,
+    };
+    for (quantity, estimate) in calibration.unsteady() {
+        shown.push(lasting(
+            VehicleFault::unsteady(lidar.cloned(), quantity, &estimate),
+            0,
+        ));
+    }
+    let (first, faults) = calibration.lasting_faults();
+    for text in faults {
+        shown.push(lasting(
+            VehicleFault::uncorrectable(lidar.cloned(), text),
+            first,
+        ));
+    }
+    shown
+}
+
+fn changed(lidar: Option<&LidarId>, calibration: &VehicleCalibration, change: &Change) -> Shown {
+    let stamp = |trip: usize| calibration.trips()[trip].stamp;
+    Shown {
+        fault: VehicleFault::changed(lidar.cloned(), change),
+        trips: trips(calibration, change.trips.iter().copied()),
+        sound_until: Some(stamp(change.last_before)),
+        until: change.known_anew.map(stamp),
+        is_confirmed: change.is_confirmed,
+        significance: change.before.distance(&change.now),
+    }
+}
+
+fn trips(
+    calibration: &VehicleCalibration,
+    places: impl Iterator<Item = usize>,
+) -> Vec<(TripId, StampNs, usize)> {
+    let known = places.map(|place| &calibration.trips()[place]);
+    let of_trip = |trip: &crate::calibration::CalibratedTrip| {
+        (trip.trip.clone(), trip.stamp, trip.scans as usize)
+    };
+    known.map(of_trip).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Estimate, Quantity, TripCalibration};
+    use crate::store::TripCalibrationRecord;
+
+    fn route(words: &[TripCalibration]) -> Calibrations {
+        let mut all = Calibrations::default();
+        for (k, calibration) in words.iter().enumerate() {
+            all.put(&TripCalibrationRecord {
+                trip_id: TripId::new(format!("t{k:02}")).unwrap(),
+                vehicle_id: VehicleId::new("v").unwrap(),
+                lidar: None,
+                stamp: StampNs(10 * k as i64),
+                scans: 150,
+                calibration: calibration.clone(),
+                beside_primary: None,
+            })
+            .unwrap();
+        }
+        all
+    }
+
+    fn yaw(value: f64) -> TripCalibration {
+        let estimate = Estimate {
+            value,
+            sigma: 0.0015,
+        };
+        TripCalibration {
+            estimates: [(Quantity::MountYaw, estimate)].into(),
+            ..TripCalibration::default()
+        }
+    }
+
+    #[test]
+    fn a_knock_is_told_once_and_until_the_vehicle_is_known_anew() {
+        let mut words = vec![yaw(0.05), yaw(0.051), yaw(0.049), yaw(0.05)];
+        assert_eq!(suspects(&route(&words)), [], "off, always alike");
+        for count in 1..=6 {
+            words.push(yaw(-0.01));
+            let told = suspects(&route(&words));
+            let [suspect] = told.as_slice() else {
+                panic!("{count}: {told:?}");
+            };
+            assert_eq!((suspect.trips.len(), suspect.faults.len()), (count, 1));
+            assert_eq!(suspect.tier == Tier::Confirmed, count > 1);
+            assert_eq!(suspect.sound_until, Some(StampNs(30)));
+            assert_eq!(suspect.until, (count >= 4).then_some(StampNs(70)));
+            assert_eq!(suspect.since, StampNs(40));
+            assert!(
+                suspect.faults[0].text.contains("changed from 2.86"),
+                "{suspect:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_no_correction_mends_is_told_from_its_first_trip_on() {
+        let slips = TripCalibration {
+            faults: vec!["wheels slip".to_owned()],
+            ..TripCalibration::default()
+        };
+        let mut words = vec![yaw(0.0); 2];
+        words.extend(vec![slips; 3]);
+        assert_eq!(suspects(&route(&words)), []);
+        words.push(words[4].clone());
+        let told = suspects(&route(&words));
+        assert_eq!(told[0].faults[0].text, "wheels slip");
+        assert_eq!((told[0].trips.len(), told[0].since), (4, StampNs(20)));
+        assert_eq!((told[0].until, told[0].scans), (None, 600));
+        let loose: Vec<_> = [0.06, -0.05, 0.05, -0.06].map(yaw).into();
+        let told = suspects(&route(&loose));
+        assert!(
+            told[0].faults[0].text.contains("differs from trip to trip"),
+            "{told:?}"
+        );
+    }
+}

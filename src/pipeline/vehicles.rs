@@ -1,0 +1,296 @@
+//! What a route's vehicles' trips say of them, and what is corrected for it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::Context;
+
+use crate::calibration::{
+    AppliedCorrection, CalibratedTrip, Corrections, TripCorrections, VehicleCalibration,
+};
+use crate::ids::{LidarId, StampNs, TripId, VehicleId};
+use crate::mapping::{Drive, DriveScan};
+use crate::scan::{LaserScan, Lidar};
+use crate::store::TripCalibrationRecord;
+
+/// So many of the newest trips of a vehicle's lidar are kept, as the store reads them.
+const TRIPS_MAX: usize = 20;
+
+/// The newest trips' words by vehicle and lidar, the oldest first, as they come from the store.
+#[derive(Debug, Default)]
+pub(super) struct Calibrations {
+    by_lidar: BTreeMap<(VehicleId, Option<LidarId>), Vec<CalibratedTrip>>,
+}
+
+impl Calibrations {
+    /// What the store has.
+    pub fn of(records: Vec<TripCalibrationRecord>) -> Self {
+        let mut all = Self::default();
+        for record in records {
+            let word = record.own();
+            let lidar = (record.vehicle_id, record.lidar);
+            all.by_lidar.entry(lidar).or_default().push(word);
+        }
+        all
+    }
+
+    /// Adds a word that is about to be stored, in the place of an earlier one of its trip; numbers
+    /// are those that come back from the store.
+    ///
+    /// # Errors
+    /// If it has no JSON.
+    pub fn put(&mut self, record: &TripCalibrationRecord) -> anyhow::Result<()> {
+        let mut word = record.own();
+        let stored = serde_json::to_string(&word.calibration);
+        let stored = stored.context("a trip's word on its vehicle has no JSON")?;
+        word.calibration = serde_json::from_str(&stored)?;
+        let lidar = (record.vehicle_id.clone(), record.lidar.clone());
+        let words = self.by_lidar.entry(lidar).or_default();
+        words.retain(|other| other.trip != word.trip);
+        words.push(word);
+        words.sort_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
+        words.drain(..words.len().saturating_sub(TRIPS_MAX));
+        Ok(())
+    }
+
+    /// The newest of a vehicle's trips that has said something.
+    pub fn newest_trip(&self, vehicle: &VehicleId) -> Option<&TripId> {
+        let words = self
+            .lidars_of(vehicle)
+            .filter_map(|(_, words)| words.last());
+        let newest = words.max_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
+        Some(&newest?.trip)
+    }
+
+    /// The lidars of a vehicle by name.
+    pub fn lidars_of(
+        &self,
+        vehicle: &VehicleId,
+    ) -> impl Iterator<Item = (Option<&LidarId>, &[CalibratedTrip])> {
+        let from = (vehicle.clone(), None);
+        let lidars = self.by_lidar.range(from..);
+        let lidars = lidars.take_while(move |((of, _), _)| of == vehicle);
+        lidars.map(|((_, lidar), words)| (lidar.as_ref(), words.as_slice()))
+    }
+
+    /// The vehicles that have said something, by name.
+    pub fn vehicles(&self) -> impl Iterator<Item = &VehicleId> {
+        let mut last = None;
+        let vehicles = self.by_lidar.keys().map(|(vehicle, _)| vehicle);
+        vehicles.filter(move |vehicle| last.replace(*vehicle) != Some(*vehicle))
+    }
+
+    /// About how much memory it takes, bytes.
+    pub fn size_bytes(&self) -> usize {
+        WORD_BYTES * self.by_lidar.values().map(Vec::len).sum::<usize>()
+    }
+
+    /// What is corrected for a trip that begins now: all that its vehicle's trips up to now are sure
+    /// of. `before` is what was corrected in the newest trip that has said something, and `primary`
+    /// the lidar that says how the wheels err.
+    pub fn corrections_for(
+        &self,
+        vehicle: &VehicleId,
+        before: &TripCorrections,
+        primary: Option<&LidarId>,
+        begins: (&TripId, StampNs),
+    ) -> TripCorrections {
+        let lidars = self.lidars_of(vehicle);
+        let of_lidars = lidars.flat_map(|(lidar, words)| {
+            let sure = VehicleCalibration::of(words.to_vec()).sure().into_iter();
+            sure.filter(move |(quantity, _)| !quantity.is_of_wheels() || lidar == primary)
+                .map(move |(quantity, estimate)| {
+                    let known = before.find(lidar, quantity).filter(|known| {
+                        let apart = (known.estimate.value - estimate.value).abs();
+                        apart < quantity.changed_min()
+                    });
+                    let since = match known {
+                        Some(known) => (known.since_trip.clone(), known.since),
+                        None => (begins.0.clone(), begins.1),
+                    };
+                    AppliedCorrection::new(lidar.cloned(), quantity, &estimate, since)
+                })
+        });
+        TripCorrections::new(of_lidars.collect())
+    }
+}
+
+/// A trip's word on one lidar.
+const WORD_BYTES: usize = 1_500;
+
+/// The lidar that says how the wheels of a drive err: the first of the vehicle's.
+pub(super) fn primary_of(drive: &Drive) -> Option<&LidarId> {
+    let first = drive.scans.iter().min_by_key(|scan| scan.lidar.place);
+    first.and_then(|scan| scan.lidar.name.as_ref())
+}
+
+/// A drive as the map takes it: seen by lidars as they truly are. Odometry stays as it was sent,
+/// with what the wheels err beside it.
+pub(super) fn corrected(drive: Drive, corrections: &TripCorrections) -> Drive {
+    if corrections.applied().is_empty() {
+        return drive;
+    }
+    let scans = drive.scans.into_iter().map(|scan| {
+        let of_lidar = corrections.of_lidar(scan.lidar.name.as_ref());
+        match seen_truly(&scan.scan, &of_lidar) {
+            Some(seen) => DriveScan { scan: seen, ..scan },
+            // There is no such lidar: its beams would go round more than once.
+            None => scan,
+        }
+    });
+    Drive {
+        scans: scans.collect(),
+        wheels: corrections.of_wheels(),
+        ..drive
+    }
+}
+
+fn seen_truly(scan: &LaserScan, corrections: &Corrections) -> Option<LaserScan> {
+    if *corrections == Corrections::default() {
+        return Some(scan.clone());
+    }
+    let lidar = corrections.lidar(scan.lidar(), scan.beam_count()).ok()?;
+    corrections.scan(scan, &Arc::new(lidar)).ok()
+}
+
+/// A scan of the map as its vehicle stated it.
+pub(super) fn as_stated(scan: &LaserScan, corrections: &Corrections) -> Option<LaserScan> {
+    if *corrections == Corrections::default() {
+        return Some(scan.clone());
+    }
+    let stated: Lidar = corrections
+        .stated_lidar(scan.lidar(), scan.beam_count())
+        .ok()?;
+    LaserScan::from_ticks(Arc::new(stated), scan.ticks()).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Estimate, Quantity, TripCalibration};
+
+    fn record(
+        vehicle: &str,
+        lidar: Option<&str>,
+        trip: usize,
+        yaw_rad: f64,
+    ) -> TripCalibrationRecord {
+        let estimate = |value| Estimate {
+            value,
+            sigma: 0.0015,
+        };
+        let estimates = [
+            (Quantity::MountYaw, estimate(yaw_rad)),
+            (
+                Quantity::WayScale,
+                estimate(0.03 + 1e-4 / 3.0 * trip as f64),
+            ),
+        ];
+        TripCalibrationRecord {
+            trip_id: TripId::new(format!("{vehicle}-{trip}")).unwrap(),
+            vehicle_id: VehicleId::new(vehicle).unwrap(),
+            lidar: lidar.map(|name| LidarId::new(name).unwrap()),
+            stamp: StampNs(trip as i64),
+            scans: 150,
+            calibration: TripCalibration {
+                estimates: estimates.into(),
+                ..TripCalibration::default()
+            },
+            beside_primary: None,
+        }
+    }
+
+    fn decided(all: &Calibrations, before: &TripCorrections, at: i64) -> TripCorrections {
+        let (vehicle, front) = (VehicleId::new("b").unwrap(), LidarId::new("front").unwrap());
+        let trip = TripId::new(format!("new-{at}")).unwrap();
+        all.corrections_for(&vehicle, before, Some(&front), (&trip, StampNs(at)))
+    }
+
+    #[test]
+    fn a_vehicle_is_corrected_by_its_own_trips_since_the_first_that_was_sure() {
+        let mut all = Calibrations::default();
+        let mut before = TripCorrections::default();
+        for trip in 0..6 {
+            before = decided(&all, &before, trip);
+            assert_eq!(before.applied().is_empty(), trip < 4, "{trip}");
+            for vehicle in ["a", "b", "c"] {
+                let yaw_rad = if vehicle == "b" { 0.03 } else { -0.2 };
+                for lidar in ["front", "rear"] {
+                    all.put(&record(vehicle, Some(lidar), trip as usize, yaw_rad))
+                        .unwrap();
+                }
+            }
+        }
+        // The wheels are the vehicle's, and corrected once.
+        let told = before.applied().iter().map(|one| {
+            let lidar = one.lidar.as_ref().unwrap().to_string();
+            (lidar, one.quantity, one.since_trip.to_string())
+        });
+        let told: Vec<_> = told.collect();
+        let expected = [
+            ("front", Quantity::MountYaw),
+            ("front", Quantity::WayScale),
+            ("rear", Quantity::MountYaw),
+        ];
+        let expected = expected.map(|(l, q)| (l.to_owned(), q, "new-4".to_owned()));
+        assert_eq!(told, expected);
+        assert!((before.applied()[0].estimate.value - 0.03).abs() < 1e-9);
+        assert_eq!(
+            all.newest_trip(&VehicleId::new("b").unwrap())
+                .unwrap()
+                .as_str(),
+            "b-5"
+        );
+        // Knocked: nothing of the mount is corrected any more, the wheels are.
+        all.put(&record("b", Some("front"), 6, -0.04)).unwrap();
+        let after = decided(&all, &before, 7);
+        let left: Vec<Quantity> = after.applied().iter().map(|one| one.quantity).collect();
+        assert_eq!(left, [Quantity::WayScale, Quantity::MountYaw]);
+        assert_eq!(after.applied()[0].since_trip.as_str(), "new-4");
+    }
+
+    #[test]
+    fn words_are_those_that_come_back_from_the_store() {
+        let mut kept = Calibrations::default();
+        let mut restored = Vec::new();
+        for trip in 0..30 {
+            let record = record("b", None, trip, 0.1 / (3.0 + trip as f64));
+            kept.put(&record).unwrap();
+            let text = serde_json::to_string(&record.calibration).unwrap();
+            restored.push(TripCalibrationRecord {
+                calibration: serde_json::from_str(&text).unwrap(),
+                ..record
+            });
+        }
+        let restored = Calibrations::of(restored.split_off(10));
+        assert_eq!(kept.by_lidar, restored.by_lidar);
+        assert_eq!(kept.vehicles().count(), 1);
+    }
+
+    #[test]
+    fn what_is_corrected_goes_back_to_what_was_stated() {
+        let lidar = Lidar {
+            angle_min_rad: -2.0,
+            angle_increment_rad: 0.02,
+            range_min_m: 0.05,
+            range_max_m: 10.0,
+            mount: crate::geometry::Pose2::new(0.2, 0.1, 0.5),
+            range_sigma_m: 0.01,
+            band: None,
+        };
+        let ranges = (0..201).map(|beam| Some(1.0 + 0.01 * f64::from(beam)));
+        let sent = LaserScan::new(Arc::new(lidar), ranges).unwrap();
+        let corrections = Corrections::default()
+            .with(Quantity::MountYaw, 0.03)
+            .with(Quantity::MountX, -0.05)
+            .with(Quantity::BeamSpacing, 0.02);
+        let seen = seen_truly(&sent, &corrections).unwrap();
+        assert_ne!(seen.lidar(), sent.lidar());
+        let back = as_stated(&seen, &corrections).unwrap();
+        assert_eq!(back.ticks(), sent.ticks());
+        let off = back.lidar().mount.between(&sent.lidar().mount).log();
+        assert!(off.norm() < 1e-12);
+        let none = Corrections::default();
+        assert_eq!(seen_truly(&sent, &none).unwrap(), sent);
+    }
+}
