@@ -123,9 +123,17 @@ pub(super) fn sure(quantity: Quantity, words: &[Word]) -> Option<Estimate> {
     let of_others = combined(quantity, others)?.estimate.value;
     let student = STUDENT[(words.len() - TRIPS_MIN).min(STUDENT.len() - 1)];
     let Estimate { value, sigma } = all.estimate;
+    // What the beams' spacing leaves open is the same in all trips, however many there are.
+    let shared = match quantity {
+        Quantity::TurnScale => words
+            .iter()
+            .map(|w| w.estimate.sigma)
+            .fold(f64::MAX, f64::min),
+        _ => sigma,
+    };
     let least = quantity
         .applied_min()
-        .max(APPLIED_SIGMAS * sigma)
+        .max(APPLIED_SIGMAS * shared)
         .max(student * all.scatter);
     let is_sure = value.abs() >= least
         && sigma <= quantity.applied_sigma_max()

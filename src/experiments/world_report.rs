@@ -18,7 +18,6 @@ pub fn worlds_text(study: &WorldsStudy) -> String {
         "open alerts true (95 %)",
         "ended alerts true",
         "other kind",
-        "vehicles suspected",
         "mismatches",
         "batches not merged",
     ];
@@ -72,7 +71,7 @@ fn per_cent(correlation: &Correlation) -> String {
     )
 }
 
-fn cells(score: &WorldScore) -> [String; 11] {
+fn cells(score: &WorldScore) -> [String; 10] {
     let ended = &score.ended_true;
     [
         score.laps.to_string(),
@@ -83,7 +82,6 @@ fn cells(score: &WorldScore) -> [String; 11] {
         score.open_true.text(),
         format!("{}/{}", ended.hits, ended.of),
         score.other_kind.to_string(),
-        score.suspected.to_string(),
         score.mismatches.to_string(),
         score.batches_not_merged.to_string(),
     ]

@@ -61,8 +61,6 @@ pub struct WorldScore {
     pub ended_true: Share,
     /// Alerts on a change of the world that are not of its kind.
     pub other_kind: usize,
-    /// Open alerts that suspect a vehicle.
-    pub suspected: usize,
     /// Open alerts that the map does not fit.
     pub mismatches: usize,
     /// Batches that never found a place in the map.
@@ -79,7 +77,8 @@ impl WorldScore {
     ) {
         for (alert, is_open) in alerts {
             match alert.kind {
-                ChangeKind::VehicleSuspect => self.suspected += usize::from(*is_open),
+                // Trips are not asked about their vehicles here.
+                ChangeKind::VehicleSuspect => {}
                 ChangeKind::MapMismatch => self.mismatches += usize::from(*is_open),
                 _ => self.add_change_alert(alert, *is_open, world, reach_m),
             }
@@ -137,7 +136,6 @@ impl WorldScore {
         add(&mut self.open_true, &other.open_true);
         add(&mut self.ended_true, &other.ended_true);
         self.other_kind += other.other_kind;
-        self.suspected += other.suspected;
         self.mismatches += other.mismatches;
         self.batches_not_merged += other.batches_not_merged;
     }
@@ -198,14 +196,12 @@ mod tests {
             (alert(ChangeKind::Appeared, Vector2::new(3.0, 3.0)), true),
             (alert(ChangeKind::Appeared, Vector2::new(3.0, 3.0)), false),
             (alert(ChangeKind::MapMismatch, Vector2::zeros()), true),
-            (alert(ChangeKind::VehicleSuspect, Vector2::zeros()), false),
         ];
         let mut score = WorldScore::default();
         score.add_alerts(&alerts, &world, 0.35);
         assert_eq!(score.open_true, Share { hits: 1, of: 2 });
         assert_eq!(score.ended_true, Share { hits: 0, of: 1 });
         assert_eq!((score.other_kind, score.mismatches), (1, 1));
-        assert_eq!(score.suspected, 0, "it is suspected no more");
         score.add_change(&world[0], &alerts, 0.35);
         score.add_change(&world[0], &alerts[1..], 0.35);
         assert_eq!(

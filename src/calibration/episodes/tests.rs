@@ -42,6 +42,23 @@ fn four_trips_that_agree_are_sure_and_fewer_are_not() {
 }
 
 #[test]
+fn turns_are_no_surer_than_the_spacing_of_the_beams_leaves_them() {
+    let words: Vec<Word> = words(&[0.0266, 0.024, 0.0259, 0.0259]);
+    let with_sigma = |sigma: f64| -> Vec<Word> {
+        let word = |word: &Word| Word {
+            estimate: Estimate {
+                sigma,
+                ..word.estimate
+            },
+            ..*word
+        };
+        words.iter().map(word).collect()
+    };
+    assert!(sure(Quantity::TurnScale, &with_sigma(0.007)).is_some());
+    assert_eq!(sure(Quantity::TurnScale, &with_sigma(0.0165)), None);
+}
+
+#[test]
 fn one_odd_trip_is_doubted_and_forgotten() {
     let doubted = episodes(&[0.03, 0.031, 0.029, 0.03, -0.02]);
     assert_eq!(
