@@ -17,7 +17,7 @@ const KNOCKED_RAD: f64 = -0.06;
 const KNOCKED_FROM: usize = 5;
 /// By how much the wheels overstate ways.
 const SCALE: f64 = 0.04;
-const TRIPS: usize = 8;
+const TRIPS: usize = 7;
 const MOUNT: Pose2 = Pose2 {
     x: 0.2,
     y: 0.0,
@@ -53,11 +53,11 @@ fn driven(trip: usize) -> Vec<SimScan> {
             sigma_theta_rad: 0.002,
         },
         path_noise_m: 0.2,
-        scan_spacing_m: 0.15,
+        scan_spacing_m: 0.16,
         speed_mps: 1.2,
     };
     let path = Route::new(&corners, 1.0).unwrap();
-    drive(&world, &path, &vehicle, 2, 7 + trip as u64)
+    drive(&world, &path, &vehicle, 1, 7 + trip as u64)
 }
 
 fn name(trip: usize) -> TripId {

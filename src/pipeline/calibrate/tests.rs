@@ -1,0 +1,173 @@
+use std::sync::Arc;
+
+use super::super::vehicles::corrected;
+use super::*;
+use crate::calibration::{AppliedCorrection, Estimate, Quantity};
+use crate::ids::StampNs;
+use crate::mapping::{Drive, DriveScan, LidarOfVehicle, Weighting};
+use crate::sim::{Hall, Scene, SimLidar, SimScan, Vehicle, drive};
+
+const TURN_RAD: f64 = 0.04;
+
+/// A lap of a vehicle whose lidar sits turned on its mount.
+fn lap(trip: &TripId) -> Drive {
+    let hall = Hall::generate(5).unwrap();
+    let vehicle = Vehicle::of_fleet(0, 0.0).with_turned_lidar(TURN_RAD);
+    let lidar = Arc::new(vehicle.lidar.geometry.clone().validated().unwrap());
+    let scans = drive(&hall.world, &hall.route, &vehicle, 1, 5).into_iter();
+    let scans = scans.map(|scan| DriveScan {
+        beam_interval_s: 0.0,
+        lidar: Default::default(),
+        stamp: StampNs((1e9 * scan.time_s) as i64),
+        odom_from_base: scan.odom_from_base,
+        scan: LaserScan::new(lidar.clone(), scan.ranges_m).unwrap(),
+    });
+    Drive {
+        wheels: Default::default(),
+        trip: trip.clone(),
+        initial_pose: None,
+        scans: scans.collect(),
+    }
+}
+
+#[test]
+fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
+    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let mut map = RouteMap::new(Weighting::Robust);
+    let mut whole = lap(&trip);
+    let mut rest = whole.clone();
+    rest.scans = whole.scans.split_off(60);
+    map.extend(&whole).unwrap();
+    let none = KeptScans::new();
+    assert_eq!(
+        trip_calibrations(&map, &trip, &vehicle, &none, &TripCorrections::default()),
+        [],
+        "too few"
+    );
+    let known = kept_scans(&map, &trip);
+    map.extend(&rest).unwrap();
+    let asked = trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default());
+    let [asked] = asked.as_slice() else {
+        panic!("{} were asked", asked.len());
+    };
+    assert_eq!(asked.scans as usize, kept_scans(&map, &trip)[&None]);
+    assert_eq!((&asked.lidar, &asked.beside_primary), (&None, &None));
+    let yaw = asked.calibration.estimates[&Quantity::MountYaw];
+    assert!((yaw.value - TURN_RAD).abs() < 4.0 * yaw.sigma, "{yaw:?}");
+    assert!(yaw.sigma < 0.01, "{yaw:?}");
+    let known = kept_scans(&map, &trip);
+    assert_eq!(
+        trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default()),
+        [],
+        "no news"
+    );
+}
+
+#[test]
+fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
+    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let corrections = [
+        (Quantity::MountYaw, TURN_RAD),
+        (Quantity::MountX, -0.1),
+        (Quantity::WayScale, 0.02),
+        (Quantity::TurnPerMetre, -0.003),
+    ];
+    let corrections = corrections.map(|(quantity, value)| {
+        let estimate = Estimate {
+            value,
+            sigma: 0.001,
+        };
+        AppliedCorrection::new(None, quantity, &estimate, (trip.clone(), StampNs(0)))
+    });
+    let corrections = TripCorrections::new(corrections.into());
+    let asked = |corrections: &TripCorrections| {
+        let mut map = RouteMap::new(Weighting::Robust);
+        map.extend(&corrected(lap(&trip), corrections)).unwrap();
+        let none = KeptScans::new();
+        let mut asked = trip_calibrations(&map, &trip, &vehicle, &none, corrections);
+        (asked.remove(0).calibration.estimates, map.keyframes().len())
+    };
+    let (stated, nodes) = asked(&TripCorrections::default());
+    let (corrected, nodes_corrected) = asked(&corrections);
+    assert!(nodes.abs_diff(nodes_corrected) < nodes / 10);
+    assert_eq!(stated.len(), corrected.len());
+    for (quantity, stated) in &stated {
+        let apart = (corrected[quantity].value - stated.value).abs();
+        assert!(
+            apart < 0.5 * stated.sigma,
+            "{quantity:?}: {apart} {stated:?}"
+        );
+    }
+}
+
+/// A lap of a vehicle with two lidars, of which the rear one sits turned.
+#[test]
+fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
+    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let hall = Hall::generate(5).unwrap();
+    let [front, rear] = SimLidar::front_and_rear(std::f64::consts::PI, 181, 20.0, 0.01);
+    let mount_error = Pose2::new(0.0, 0.0, TURN_RAD);
+    let lidars = [
+        front.clone(),
+        SimLidar {
+            mount_error,
+            ..rear
+        },
+    ];
+    let driven_by = Vehicle {
+        lidar: front,
+        ..Vehicle::of_fleet(0, 0.0)
+    };
+    let scene = Scene::of_hall(&hall, 0);
+    let ahead = scene.drive(&driven_by, 0..1, 5);
+    let back = scene.drive_of_companion(&driven_by, (1, &lidars[1]), 0..1, 5);
+    let scan = |place: usize, scan: SimScan| DriveScan {
+        beam_interval_s: 0.0,
+        lidar: LidarOfVehicle {
+            name: Some(LidarId::new(["front", "rear"][place]).unwrap()),
+            place,
+        },
+        stamp: StampNs((1e9 * scan.time_s) as i64),
+        odom_from_base: scan.odom_from_base,
+        scan: {
+            let geometry = Arc::new(lidars[place].geometry.clone());
+            LaserScan::new(geometry, scan.ranges_m).unwrap()
+        },
+    };
+    let both = ahead.into_iter().zip(back);
+    let scans = both.flat_map(|(ahead, back)| [scan(0, ahead), scan(1, back)]);
+    let mut map = RouteMap::new(Weighting::Robust);
+    map.extend(&Drive {
+        wheels: Default::default(),
+        trip: trip.clone(),
+        initial_pose: None,
+        scans: scans.collect(),
+    })
+    .unwrap();
+    let told = trip_calibrations(
+        &map,
+        &trip,
+        &vehicle,
+        &KeptScans::new(),
+        &TripCorrections::default(),
+    );
+    let [front, rear] = told.as_slice() else {
+        panic!("{} were asked", told.len());
+    };
+    let names = [front, rear].map(|record| record.lidar.as_ref().unwrap().as_str());
+    assert_eq!(names, ["front", "rear"]);
+    assert_eq!(front.beside_primary, None);
+    let yaws = [
+        (&front.calibration, 0.0),
+        (&rear.calibration, TURN_RAD),
+        (rear.beside_primary.as_ref().unwrap(), TURN_RAD),
+    ];
+    for (told, truth) in yaws {
+        let yaw = told.estimates[&Quantity::MountYaw];
+        assert!(
+            (yaw.value - truth).abs() < 4.0 * yaw.sigma,
+            "{yaw:?}, not {truth}"
+        );
+        assert!(yaw.sigma < 0.01, "{yaw:?}");
+    }
+}
