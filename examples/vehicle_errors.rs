@@ -162,6 +162,7 @@ fn word(lap: usize, scans: &[TripScan]) -> anyhow::Result<CalibratedTrip> {
 struct Told {
     truth: Corrections,
     sure: Vec<Estimates>,
+    /// Laps with a vehicle that would be suspected.
     alerts: usize,
 }
 
@@ -246,7 +247,9 @@ fn tell(
         )?;
         trips.push(word(lap, &scans)?);
         let known = VehicleCalibration::of(trips.clone());
-        sure.push(known.sure());
+        let mut values = known.sure();
+        values.extend(known.uncorrected());
+        sure.push(values);
         let (_, faults) = known.lasting_faults();
         alerts += usize::from(
             !(known.changes().is_empty() && known.unsteady().is_empty() && faults.is_empty()),

@@ -122,9 +122,16 @@ impl Quantity {
         FAR_OVER_APPLIED * self.limits().worth
     }
 
-    /// Whether the map corrects it. A clock is not: each trip's own scans say how far it is off, and
-    /// the scale of ranges is told by no vehicle alone.
+    /// Whether the map corrects it. A clock is not: each trip's own scans say how far it is off. Nor
+    /// is what bends or scales scans: what the vehicle's earlier trips saw is in the map as it was
+    /// stated, and would contradict what later ones see.
     pub fn is_corrected(self) -> bool {
+        self.is_of_vehicle() && self != Self::BeamSpacing
+    }
+
+    /// Whether trips together say it of a vehicle: not the clock, which each trip measures for
+    /// itself, nor the scale of ranges, which no vehicle alone tells.
+    pub fn is_of_vehicle(self) -> bool {
         !matches!(self, Self::ClockOffset | Self::RangeScale)
     }
 

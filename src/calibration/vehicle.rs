@@ -86,18 +86,29 @@ impl VehicleCalibration {
     /// What has changed within the trips that are weighed, the last time for each quantity.
     pub fn changes(&self) -> Vec<Change> {
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
-        let known = known.filter(|(quantity, _)| quantity.is_corrected());
+        let known = known.filter(|(quantity, _)| quantity.is_of_vehicle());
         known
             .filter_map(|(quantity, of)| change(quantity, of))
+            .collect()
+    }
+
+    /// What is sure and not corrected.
+    pub fn uncorrected(&self) -> Estimates {
+        let known = Quantity::ALL.into_iter().zip(&self.episodes);
+        let known = known.filter(|(quantity, of)| {
+            quantity.is_of_vehicle() && !quantity.is_corrected() && of.odd.is_none()
+        });
+        known
+            .filter_map(|(quantity, of)| Some((quantity, sure(quantity, &of.now)?)))
             .collect()
     }
 
     /// The quantities that are far off in most trips and not sure enough to be corrected, since they
     /// differ from trip to trip: what trips say on average, and the standard deviation among them.
     pub fn unsteady(&self) -> Vec<(Quantity, Estimate)> {
-        let sure = self.sure();
+        let (sure, uncorrected) = (self.sure(), self.uncorrected());
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
-        let known = known.filter(|(quantity, _)| quantity.is_corrected());
+        let known = known.filter(|(quantity, _)| quantity.is_of_vehicle());
         let is_unsteady = |(quantity, of): &(Quantity, &Episodes)| {
             let far = of.now.iter();
             let far = far.filter(|word| word.estimate.value.abs() >= quantity.far_min());
@@ -105,6 +116,7 @@ impl VehicleCalibration {
                 && 2 * far.count() > of.now.len()
                 && of.odd.is_none()
                 && !sure.contains_key(quantity)
+                && !uncorrected.contains_key(quantity)
         };
         known
             .filter(is_unsteady)

@@ -69,6 +69,22 @@ impl VehicleFault {
         }
     }
 
+    /// Of a value that is off, always alike, and not corrected.
+    pub fn uncorrected(lidar: Option<LidarId>, quantity: Quantity, now: &Estimate) -> Self {
+        let now = rounded(now);
+        Self {
+            lidar,
+            quantity: Some(quantity),
+            before: None,
+            text: format!(
+                "{} is off by {}, which is not corrected: it should be stated as it is",
+                quantity.subject(),
+                quantity.told(&now)
+            ),
+            now: Some(now),
+        }
+    }
+
     /// Of something that no correction mends.
     pub fn uncorrectable(lidar: Option<LidarId>, text: &str) -> Self {
         Self {

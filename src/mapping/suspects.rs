@@ -71,9 +71,12 @@ impl RouteMap {
             return false;
         }
         let reach_m = reach_m + MARGIN_M;
-        let wants_old = finding.kind == ChangeKind::Appeared;
-        let is_old = |trip: &TripId, stamp| {
-            !is_own(trip) || suspect.sound_until.is_some_and(|until| stamp <= until)
+        // Beside what has come something stood before; where something has gone, it is seen now.
+        let is_asked = |trip: &TripId, stamp| match finding.kind {
+            ChangeKind::Appeared => {
+                !is_own(trip) || suspect.sound_until.is_some_and(|until| stamp <= until)
+            }
+            _ => is_own(trip) && stamp >= finding.since,
         };
         let mut there: Vec<Vector2<f64>> = Vec::new();
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
@@ -81,7 +84,7 @@ impl RouteMap {
             for taken in keyframe.taken_scans(node.pose) {
                 let eye = taken.map_from_base.translation();
                 let is_near = distance_to_polygon(&eye, &finding.region) <= REACH_M;
-                if is_near && is_old(&keyframe.trip, taken.stamp) == wants_old {
+                if is_near && is_asked(&keyframe.trip, taken.stamp) {
                     let observation = Observation::new(taken.scan, &taken.map_from_base);
                     let near =
                         |at: &Vector2<f64>| distance_to_polygon(at, &finding.region) <= reach_m;

@@ -88,6 +88,10 @@ fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Sh
             0,
         ));
     }
+    for (quantity, estimate) in calibration.uncorrected() {
+        let fault = VehicleFault::uncorrected(lidar.cloned(), quantity, &estimate);
+        shown.push(lasting(fault, 0));
+    }
     let (first, faults) = calibration.lasting_faults();
     for text in faults {
         shown.push(lasting(
@@ -175,6 +179,23 @@ mod tests {
                 "{suspect:?}"
             );
         }
+    }
+
+    #[test]
+    fn beams_that_are_off_are_told_and_not_corrected() {
+        let estimate = Estimate {
+            value: -0.04,
+            sigma: 0.006,
+        };
+        let word = TripCalibration {
+            estimates: [(Quantity::BeamSpacing, estimate)].into(),
+            ..TripCalibration::default()
+        };
+        assert_eq!(suspects(&route(&vec![word.clone(); 3])), []);
+        let told = suspects(&route(&vec![word; 4]));
+        let fault = &told[0].faults[0];
+        assert!(fault.text.contains("off by -4.00"), "{fault:?}");
+        assert!(told[0].displacement().at_range_m(5.0) > 0.4);
     }
 
     #[test]
