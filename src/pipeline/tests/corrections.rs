@@ -53,11 +53,11 @@ fn driven(trip: usize) -> Vec<SimScan> {
             sigma_theta_rad: 0.002,
         },
         path_noise_m: 0.2,
-        scan_spacing_m: 0.16,
+        scan_spacing_m: 0.15,
         speed_mps: 1.2,
     };
     let path = Route::new(&corners, 1.0).unwrap();
-    drive(&world, &path, &vehicle, 1, 7 + trip as u64)
+    drive(&world, &path, &vehicle, 2, 7 + trip as u64)
 }
 
 fn name(trip: usize) -> TripId {
