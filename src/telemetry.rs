@@ -56,6 +56,10 @@ fn install() -> anyhow::Result<PrometheusHandle> {
         "mapshift_pending_batches",
         "Batches that wait to be processed"
     );
+    metrics::describe_counter!(
+        "mapshift_map_mendings_total",
+        "Segments of maps that lay in the wrong place and were put right by closures"
+    );
     metrics::describe_gauge!("mapshift_connections", "Open connections");
     metrics::describe_counter!(
         "mapshift_webhook_attempts_total",

@@ -60,8 +60,9 @@ struct Segment {
 /// Puts one `map_mismatch` in the place of findings that one shift explains. Every other finding
 /// stays as it is and where it is; mismatches follow.
 ///
-/// Only findings of state that a single trip shows, and that have no counterpart, are considered:
-/// a second trip that shows the same is evidence of a change. What appeared is paired with what
+/// Only findings of state that a single pass shows, as `is_of_one_pass` tells, and that have no
+/// counterpart, are considered: a second pass or trip that shows the same is evidence of a change.
+/// What appeared is paired with what
 /// disappeared within 1.5 m, if both began in one pass and their outlines are alike. At least three
 /// pairs of different findings, over at least 2.5 m of the map, with one displacement to within
 /// 0.12 m and of at least 0.1 m, are a map error, unless more than a third of the pass's findings
@@ -76,10 +77,11 @@ struct Segment {
 /// explains has ended.
 pub fn explain_by_shift(
     findings: Vec<Finding>,
+    is_of_one_pass: impl Fn(&Finding) -> bool,
     measured: impl Fn(&Finding) -> Option<ShiftFit>,
 ) -> Vec<Finding> {
     let mut order: Vec<usize> = (0..findings.len())
-        .filter(|&k| is_considered(&findings[k]))
+        .filter(|&k| is_considered(&findings[k]) && is_of_one_pass(&findings[k]))
         .collect();
     order.sort_by(|&a, &b| in_order(&findings[a], &findings[b]));
     let considered: Vec<&Finding> = order.iter().map(|&k| &findings[k]).collect();

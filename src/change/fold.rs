@@ -4,6 +4,8 @@
 //! too, whatever the order in which the scans came: exactly the findings that stand and that
 //! nobody has decided about. History alone tells the order.
 
+use std::borrow::Cow;
+
 use super::{AlertStatus, ChangeKind, Finding};
 use crate::geometry::{Vector2, polygon_gap};
 use crate::ids::{StampNs, TripId};
@@ -27,12 +29,12 @@ pub struct AlertState {
 }
 
 /// A status that the findings lead to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
     /// From now on.
     pub status: AlertStatus,
     /// Why, for people.
-    pub note: Option<&'static str>,
+    pub note: Option<Cow<'static, str>>,
 }
 
 /// What becomes of one alert.
@@ -186,7 +188,7 @@ fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
 }
 
 /// How far apart two findings are, metres; `None` if they cannot tell of the same.
-fn gap(a: &Finding, b: &Finding) -> Option<f64> {
+pub(super) fn gap(a: &Finding, b: &Finding) -> Option<f64> {
     if a.kind != b.kind || !a.shares_a_band(b) {
         return None;
     }
@@ -261,7 +263,7 @@ fn advance(alert: &AlertState, site: &Site<'_>) -> Option<Advanced> {
         state.status = AlertStatus::Open;
         let step = Step {
             status: AlertStatus::Open,
-            note: Some(SEEN_AGAIN),
+            note: Some(SEEN_AGAIN.into()),
         };
         return Some((state, vec![step]));
     }
@@ -278,7 +280,7 @@ fn resolve(alert: &AlertState, note: &'static str) -> Advanced {
     };
     let step = Step {
         status: AlertStatus::Resolved,
-        note: Some(note),
+        note: Some(note.into()),
     };
     (state, vec![step])
 }

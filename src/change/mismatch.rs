@@ -2,7 +2,7 @@
 
 use super::region::{centroid, region_round};
 use super::{ChangeKind, Finding, Tier};
-use crate::geometry::{Pose2, angle_difference_rad};
+use crate::geometry::{Pose2, Vector2, angle_difference_rad};
 use crate::ids::{NodeId, StampNs, TripId};
 
 /// A keyframe is expected to be tied to a reference that is no farther than this, metres,
@@ -11,6 +11,9 @@ const NEAR_M: f64 = 1.5;
 const NEAR_RAD: f64 = 0.5;
 /// So many keyframes in a row without a closure are a mismatch.
 const MISSING_MIN: usize = 12;
+/// Of its own trip a keyframe is expected to be tied to those that came so many keyframes before it
+/// or earlier. The newest are no partners, and who turns round on the spot is not back yet.
+const RECENT_KEYFRAMES: u32 = 40;
 /// Radius round each of their poses, metres.
 const REGION_RADIUS_M: f64 = 0.5;
 
@@ -23,24 +26,38 @@ pub struct TiedPose {
     pub stamp: StampNs,
     /// `map_from_base`.
     pub pose: Pose2,
+    /// Its place in its trip.
+    pub trip_order: u32,
     /// Whether a closure ties it to a reference.
     pub tied: bool,
 }
 
-/// Stretches of a trip that other trips' references cover, and no closure ties to them.
-/// `references` are those of other trips with their `map_from_base`.
+/// A reference that a keyframe may be tied to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownPose {
+    /// The node.
+    pub node: NodeId,
+    /// `map_from_base`.
+    pub pose: Pose2,
+    /// Its place in the trip that is asked about, if it is of that.
+    pub trip_order: Option<u32>,
+}
+
+/// Segments of a trip that references cover, of other trips or of an earlier lap, and no closure
+/// ties to them.
 ///
 /// A keyframe is tied to what the map has when it comes, so that it is expected at references of
 /// smaller ids alone: whichever of two drives comes first, it is the second one that may be
 /// missing its closures.
-pub fn mismatches(
-    trip: &TripId,
-    poses: &[TiedPose],
-    references: &[(NodeId, Pose2)],
-) -> Vec<Finding> {
+pub fn mismatches(trip: &TripId, poses: &[TiedPose], references: &[KnownPose]) -> Vec<Finding> {
     let is_missing = |pose: &TiedPose| {
-        let mut known = references.iter().filter(|(node, _)| *node < pose.node);
-        !pose.tied && known.any(|(_, reference)| is_near(reference, &pose.pose))
+        let is_known = |reference: &&KnownPose| {
+            let own = reference.trip_order;
+            reference.node < pose.node
+                && own.is_none_or(|order| order + RECENT_KEYFRAMES < pose.trip_order)
+        };
+        let mut known = references.iter().filter(is_known);
+        !pose.tied && known.any(|reference| is_near(&reference.pose, &pose.pose))
     };
     let runs = poses.chunk_by(|a, b| is_missing(a) == is_missing(b));
     let missing = runs.filter(|run| run.len() >= MISSING_MIN && is_missing(&run[0]));
@@ -52,23 +69,34 @@ fn is_near(a: &Pose2, b: &Pose2) -> bool {
         && angle_difference_rad(a.theta, b.theta) <= NEAR_RAD
 }
 
+impl Finding {
+    /// A mismatch that names the keyframes of its segment, and the region of which covers their
+    /// `places` too (map frame, metres).
+    pub fn on_segment(mut self, mut nodes: Vec<NodeId>, places: &[Vector2<f64>]) -> Self {
+        nodes.sort_unstable();
+        let driven = region_round(places, REGION_RADIUS_M);
+        self.region = region_round(&[self.region.as_slice(), &driven].concat(), 0.0);
+        self.location = centroid(&self.region);
+        self.nodes = nodes;
+        self
+    }
+}
+
 fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
     let places: Vec<_> = run.iter().map(|pose| pose.pose.translation()).collect();
-    let region = region_round(&places, REGION_RADIUS_M);
-    let mut nodes: Vec<NodeId> = run.iter().map(|pose| pose.node).collect();
-    nodes.sort_unstable();
-    Finding {
+    let nodes = run.iter().map(|pose| pose.node).collect();
+    let finding = Finding {
         tier: Tier::Confirmed,
         counterpart: None,
         shift: None,
         suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::MapMismatch,
-        location: centroid(&region),
+        location: places[0],
         sigma_m: REGION_RADIUS_M,
-        region,
+        region: Vec::new(),
         edges: Vec::new(),
-        nodes,
+        nodes: Vec::new(),
         trips: vec![trip.clone()],
         views: run.len(),
         laps: 1,
@@ -76,7 +104,8 @@ fn finding_of(trip: &TripId, run: &[TiedPose]) -> Finding {
         since: run[0].stamp,
         last_seen: run[run.len() - 1].stamp,
         until: None,
-    }
+    };
+    finding.on_segment(nodes, &places)
 }
 
 #[cfg(test)]
@@ -89,17 +118,27 @@ mod tests {
             node: NodeId(first_node + k),
             stamp: StampNs(k),
             pose: Pose2::new(0.5 * k as f64, 0.0, 0.0),
+            trip_order: k as u32,
             tied: tied(k),
         };
         (0..count).map(pose).collect()
     }
 
-    fn references(first_node: i64, count: i64) -> Vec<(NodeId, Pose2)> {
-        let drive = drive(first_node, count, |_| true);
-        drive.iter().map(|p| (p.node, p.pose)).collect()
+    /// References of another trip.
+    fn references(first_node: i64, count: i64) -> Vec<KnownPose> {
+        known(&drive(first_node, count, |_| true), |_| None)
     }
 
-    fn missing(poses: &[TiedPose], references: &[(NodeId, Pose2)]) -> Vec<Vec<i64>> {
+    fn known(poses: &[TiedPose], trip_order: impl Fn(&TiedPose) -> Option<u32>) -> Vec<KnownPose> {
+        let of_pose = |p: &TiedPose| KnownPose {
+            node: p.node,
+            pose: p.pose,
+            trip_order: trip_order(p),
+        };
+        poses.iter().map(of_pose).collect()
+    }
+
+    fn missing(poses: &[TiedPose], references: &[KnownPose]) -> Vec<Vec<i64>> {
         let findings = mismatches(&TripId::new("t").unwrap(), poses, references);
         let nodes = findings.iter().map(|f| f.nodes.iter().map(|n| n.0));
         nodes.map(Iterator::collect).collect()
@@ -130,11 +169,34 @@ mod tests {
     #[test]
     fn nothing_is_expected_where_no_reference_looks_the_same_way() {
         let untied = drive(100, 60, |_| false);
-        let turned = references(1, 60).into_iter();
-        let turned = turned.map(|(node, pose)| (node, pose.compose(&Pose2::new(0.0, 0.0, 0.6))));
-        assert!(missing(&untied, &turned.collect::<Vec<_>>()).is_empty());
-        let aside = references(1, 60).into_iter();
-        let aside = aside.map(|(node, pose)| (node, pose.compose(&Pose2::new(0.0, 1.6, 0.0))));
-        assert!(missing(&untied, &aside.collect::<Vec<_>>()).is_empty());
+        for off in [Pose2::new(0.0, 0.0, 0.6), Pose2::new(0.0, 1.6, 0.0)] {
+            let mut references = references(1, 60);
+            for reference in &mut references {
+                reference.pose = reference.pose.compose(&off);
+            }
+            assert!(missing(&untied, &references).is_empty());
+        }
+    }
+
+    /// Two laps of one trip, the second of them tied nowhere.
+    #[test]
+    fn a_trip_that_never_ends_is_expected_where_it_was_itself_laps_ago() {
+        let mut laps = drive(1, 60, |_| true);
+        let second = drive(61, 60, |_| false).into_iter().enumerate();
+        laps.extend(second.map(|(k, pose)| TiedPose {
+            trip_order: 60 + k as u32,
+            ..pose
+        }));
+        let own = known(&laps, |p| Some(p.trip_order));
+        assert_eq!(missing(&laps, &own), [Vec::from_iter(61..121)]);
+        // Nowhere is it expected at what it has only just driven.
+        let at_once = drive(1, 60, |_| false);
+        let here = |pose: &TiedPose| TiedPose {
+            pose: Pose2::IDENTITY,
+            ..*pose
+        };
+        let turning: Vec<TiedPose> = at_once.iter().map(here).take(40).collect();
+        let own = known(&turning, |p| Some(p.trip_order));
+        assert!(missing(&turning, &own).is_empty());
     }
 }

@@ -14,7 +14,9 @@ use crate::change::{
 use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::graph::{EdgeKind, EdgeStatus, Node};
 use crate::ids::StampNs;
-use crate::mapping::{Drive, DriveScan, InitialPose, Keyframe, RouteMap, Scope, Sites, Weighting};
+use crate::mapping::{
+    Drive, DriveScan, InitialPose, Keyframe, Mending, RouteMap, Scope, Sites, Weighting,
+};
 use crate::scan::LaserScan;
 
 /// Scans in a batch, as a gateway sends them.
@@ -28,6 +30,8 @@ pub(super) struct RouteRun {
     pub observed: BTreeSet<StampNs>,
     /// Every alert ever raised.
     pub alerts: Vec<RouteAlert>,
+    /// Segments that were put right, in their order.
+    pub mendings: Vec<Mending>,
     /// Scans that were given.
     pub scans: usize,
     /// CPU time of map and alerts, seconds.
@@ -159,30 +163,35 @@ impl RouteAlert {
     }
 }
 
-struct Route {
+pub(super) struct Route {
     map: RouteMap,
     alerts: Vec<RouteAlert>,
+    mendings: Vec<Mending>,
     batch: usize,
     batches_not_merged: usize,
     cpu_s: f64,
     /// Whether alerts are raised.
     is_asked: bool,
+    /// Whether segments that lie wrong are put right.
+    pub(super) mends: bool,
 }
 
 impl Route {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             map: RouteMap::new(Weighting::Robust),
             alerts: Vec::new(),
+            mendings: Vec::new(),
             batch: 0,
             batches_not_merged: 0,
             cpu_s: 0.0,
             is_asked: true,
+            mends: true,
         }
     }
 
     /// Batches that cannot be placed wait for the trip's next.
-    fn drive(&mut self, recording: &Recording, known_start: bool) -> anyhow::Result<()> {
+    pub(super) fn drive(&mut self, recording: &Recording, known_start: bool) -> anyhow::Result<()> {
         let (mut waiting, mut batches_waiting) = (Vec::new(), 0);
         for batch in recording.scans.chunks(BATCH_SCANS) {
             for scan in batch {
@@ -213,7 +222,7 @@ impl Route {
             let watch = CpuWatch::start();
             if self.map.extend(&drive).is_ok() {
                 if self.is_asked {
-                    self.raise();
+                    self.raise(Sites::Touched)?;
                 }
                 waiting.clear();
                 batches_waiting = 0;
@@ -225,27 +234,53 @@ impl Route {
         Ok(())
     }
 
-    /// Folds what the map says now into the alerts.
-    fn raise(&mut self) {
-        let findings = self.findings();
+    /// Maps a recording without a question.
+    pub(super) fn drive_unasked(&mut self, recording: &Recording) -> anyhow::Result<()> {
+        self.is_asked = false;
+        let driven = self.drive(recording, true);
+        self.is_asked = true;
+        driven
+    }
+
+    /// Puts another map in the place of the route's, and raises what all of it says.
+    pub(super) fn replace_map(
+        &mut self,
+        other: impl FnOnce(&RouteMap) -> anyhow::Result<RouteMap>,
+    ) -> anyhow::Result<()> {
+        self.map = other(&self.map)?;
+        self.raise(Sites::All)
+    }
+
+    /// Mends the map where it can be, and folds what it says then into the alerts.
+    fn raise(&mut self, sites: Sites) -> anyhow::Result<()> {
+        let findings = self.findings(sites)?;
         let states: Vec<AlertState> = self.alerts.iter().map(|a| a.state.clone()).collect();
         for update in fold(&states, &findings) {
             self.take(update);
         }
+        Ok(())
     }
 
-    fn findings(&mut self) -> Vec<Finding> {
+    fn findings(&mut self, sites: Sites) -> anyhow::Result<Vec<Finding>> {
+        let known = self.alerts.iter().map(|alert| alert.state.evidence.clone());
+        let known: Vec<Finding> = known.collect();
         let states = self.alerts.iter().map(|alert| &alert.state);
         let pending = states.filter(|state| stays_untouched(state.status, &state.evidence));
         let pending: Vec<_> = pending.map(|state| state.evidence.clone()).collect();
-        self.map.findings(&Scope {
-            sites: Sites::Touched,
+        let scope = Scope {
+            sites,
             pending: &pending,
             false_alerts_per_lap: FALSE_ALERTS_PER_LAP,
             accepted: &[],
             vehicles: &BTreeMap::new(),
             suspects: &[],
-        })
+        };
+        if !self.mends {
+            return Ok(self.map.findings(&scope));
+        }
+        let (findings, mendings) = self.map.findings_and_mendings(&scope, &known)?;
+        self.mendings.extend(mendings);
+        Ok(findings)
     }
 
     fn take(&mut self, update: AlertUpdate) {
@@ -294,7 +329,7 @@ impl Route {
         measured.collect()
     }
 
-    fn finish(self, recordings: &[Recording]) -> RouteRun {
+    pub(super) fn finish(self, recordings: &[Recording]) -> RouteRun {
         let observed = self.placed().filter(|(.., is_kept)| *is_kept);
         RouteRun {
             poses: self
@@ -303,6 +338,7 @@ impl Route {
                 .collect(),
             observed: observed.map(|(stamp, ..)| stamp).collect(),
             alerts: self.alerts,
+            mendings: self.mendings,
             scans: recordings.iter().map(|r| r.scans.len()).sum(),
             cpu_s: self.cpu_s,
             batches: self.batch,

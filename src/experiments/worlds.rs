@@ -163,7 +163,7 @@ struct Outcome {
 
 /// A scene, and what passes in it: there for single laps only.
 pub(super) struct Setting {
-    scene: Scene,
+    pub(super) scene: Scene,
     passing: BTreeSet<usize>,
 }
 

@@ -175,6 +175,32 @@ pub(super) fn what_is_left_fits(old: &Placed<'_>, new: &Placed<'_>) -> bool {
         >= LEFT_FIXED_SHARE_MIN
 }
 
+/// How far two scans, matched at `old_from_new`, fix even the direction that they fix least: 0 not
+/// at all, 1 plainly. `None` if the old one has no points.
+pub(super) fn fixed_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> Option<f64> {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
+    Some(
+        alignment
+            .contrast(old_from_new, &IcpParams::ROBUST)
+            .fixed_share,
+    )
+}
+
+/// The robust estimate of `old_from_new` that a match ends at which begins there, whatever it is
+/// worth; `None` without points.
+pub(super) fn aligned_from(
+    old: &Placed<'_>,
+    new: &Placed<'_>,
+    old_from_new: &Pose2,
+) -> Option<Estimate> {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
+    let sigma_m = sigmas_m.0.max(sigmas_m.1);
+    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
+    Some(alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST))
+}
+
 /// Matches a new scan with an old one, expected at `old_from_new`, as the paper does: with all
 /// points of both (section 4), from where the graph expects it (section 3).
 ///

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, Fit, Layer, ObservationKey, Observed,
-    SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, Suspect, TiedPose, Tier, explain_by_shift,
-    join_bands, join_counterparts, layer_of, mismatches, separate_bands, separate_counterparts,
-    state_changes, support_min,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, KnownPose, Layer, ObservationKey,
+    Observed, SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, Suspect, TiedPose, Tier,
+    explain_by_shift, join_bands, join_counterparts, layer_of, mismatches, separate_bands,
+    separate_counterparts, state_changes, support_min,
 };
 use crate::geometry::{Vector2, distance_to_polygon};
-use crate::graph::EdgeKind;
-use crate::ids::{EdgeId, TripId, VehicleId};
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{EdgeId, NodeId, TripId, VehicleId};
 use crate::observation::{Observation, REACH_M};
 
 /// Two findings of one kind this near to each other are one, found from two sides, metres.
@@ -99,13 +99,41 @@ impl RouteMap {
         let findings = layers.flat_map(|(layer, screen)| {
             let findings = self.judged_layer(layer, screen, &of_state, scope);
             // What one shift explains is no change.
-            explain_by_shift(findings, |mismatch| self.shift_fit(layer, mismatch))
+            let is_of_one_pass = |finding: &Finding| self.is_of_one_pass(finding);
+            let fit = |mismatch: &Finding| self.shift_fit(layer, mismatch);
+            let findings = explain_by_shift(findings, is_of_one_pass, fit);
+            findings.into_iter().map(|f| self.with_segment(f))
         });
         // What several bands show is one event, and so is what left one place for another.
         let mut findings = join_counterparts(join_bands(findings.collect()));
         let is_kept = |finding: &&Finding| self.is_kept(finding, scope);
         findings.extend(shifted().filter(is_kept).cloned());
         findings
+    }
+
+    /// Whether a single pass shows a finding, or a single trip that never saw the place otherwise:
+    /// such a trip may lie elsewhere from its beginning.
+    fn is_of_one_pass(&self, finding: &Finding) -> bool {
+        let [trip] = finding.trips.as_slice() else {
+            return false;
+        };
+        let saw_it_before = |node: &NodeId| {
+            let keyframe = self.keyframe(*node);
+            keyframe.is_some_and(|k| k.trip == *trip && k.stamp < finding.since)
+        };
+        finding.laps <= 1 || !finding.nodes.iter().any(saw_it_before)
+    }
+
+    /// A mismatch with the keyframes of its segment, and with a region that covers them too; any
+    /// other finding as it is.
+    fn with_segment(&self, finding: Finding) -> Finding {
+        if finding.shift.is_none() {
+            return finding;
+        }
+        let segment = self.nodes_of_segment(&finding);
+        let places = segment.iter().map(|(_, pose)| pose.translation());
+        let places: Vec<Vector2<f64>> = places.collect();
+        finding.on_segment(segment.iter().map(|(node, _)| *node).collect(), &places)
     }
 
     /// Whether a finding stands as it is, since nothing was touched near it in any layer.
@@ -264,14 +292,20 @@ impl RouteMap {
 
     fn mismatches_of(&self, trip: &TripId) -> Vec<Finding> {
         let nodes = self.graph.nodes();
-        let others = self.keyframes.iter().zip(nodes);
         let first = self.trips[trip].first();
         let layer = first.map(|&k| self.keyframes[k].layer());
-        let others = others.filter(|(keyframe, _)| {
-            let is_other = keyframe.reference && keyframe.scan.is_some() && keyframe.trip != *trip;
-            is_other && Some(keyframe.layer()) == layer
+        let references = self.keyframes.iter().zip(nodes);
+        let references = references.filter(|(keyframe, _)| {
+            let has_scan = keyframe.reference && keyframe.scan.is_some();
+            has_scan && Some(keyframe.layer()) == layer
         });
-        let references: Vec<_> = others.map(|(_, node)| (node.id, node.pose)).collect();
+        let references: Vec<KnownPose> = references
+            .map(|(keyframe, node)| KnownPose {
+                node: node.id,
+                pose: node.pose,
+                trip_order: (keyframe.trip == *trip).then_some(keyframe.trip_order),
+            })
+            .collect();
         let order = |k: &usize| self.keyframes[*k].trip_order;
         // Keyframes on both sides of others that have left are no run.
         let placed = self.trips[trip].iter().filter(|k| !self.is_lost(**k));
@@ -291,13 +325,15 @@ impl RouteMap {
             node: node.id,
             stamp: self.keyframes[k].stamp,
             pose: node.pose,
+            trip_order: self.keyframes[k].trip_order,
             tied: incident.any(|&edge| self.ties(edge, k)),
         }
     }
 
-    /// Whether an edge is a closure from an older node to node `k`.
+    /// Whether an edge is a closure from an older node to node `k`, and no false one.
     fn ties(&self, edge: usize, k: usize) -> bool {
-        self.graph.edges()[edge].kind == EdgeKind::LoopClosure && self.graph.ends()[edge].1 == k
+        let (edge, (_, to)) = (&self.graph.edges()[edge], self.graph.ends()[edge]);
+        edge.kind == EdgeKind::LoopClosure && edge.status != EdgeStatus::Quarantined && to == k
     }
 }
 

@@ -26,7 +26,7 @@ use crate::solver::SolveOptions;
 /// Keyframes that a new scan is matched against.
 const LOCAL_MAP_KEYFRAMES: usize = 8;
 /// A trip's newest keyframes are no partners for its next one.
-const RECENT_KEYFRAMES: usize = 20;
+pub(super) const RECENT_KEYFRAMES: usize = 20;
 /// How far a partner may be, metres.
 pub(super) const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
 
@@ -519,7 +519,7 @@ impl RouteMap {
         Ok(())
     }
 
-    fn add_closure(
+    pub(super) fn add_closure(
         &mut self,
         partner: usize,
         index: usize,
@@ -543,7 +543,7 @@ impl RouteMap {
     }
 
     /// What a closure says now that the graph is solved with it.
-    fn closure(
+    pub(super) fn closure(
         &self,
         edge: EdgeId,
         [partner, index]: [usize; 2],

@@ -159,6 +159,11 @@ impl RouteMap {
         id
     }
 
+    /// Takes back the ids of edges that were taken out again.
+    pub(super) fn set_next_edge(&mut self, next: EdgeId) {
+        self.next_edge = next.0;
+    }
+
     pub(super) fn insert_keyframe(
         &mut self,
         pose: Pose2,

@@ -8,16 +8,18 @@ use uuid::Uuid;
 use super::engine::now;
 use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, Verdict, residual_series};
-use crate::change::{AlertState, AlertUpdate, Finding, fold};
+use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
 use crate::ids::{AlertId, EdgeId, VehicleId};
+use crate::mapping::Mending;
 use crate::store::{AlertRecord, AlertResidual, ClaimedJob, HistoryEntry, SYSTEM};
 
 /// Alerts whose regions are this close tell of the same place, metres.
 const RELATED_M: f64 = 1.0;
 
 /// Folds all findings known now into the route's alerts: the new alerts and the next revisions of
-/// those that change. The workspace's alerts are brought up to date.
+/// those that change. What was mended is resolved first. The workspace's alerts are brought up to
+/// date.
 ///
 /// To be called when the job's closures are among the workspace's, since every alert says what
 /// the residual series has of its strongest one.
@@ -25,34 +27,57 @@ pub(super) fn fold_into(
     workspace: &mut Workspace,
     job: &ClaimedJob,
     findings: &[Finding],
+    mendings: &[Mending],
 ) -> Vec<AlertRecord> {
-    let states: Vec<AlertState> = workspace.alerts.iter().map(state_of).collect();
-    let updates = fold(&states, findings);
+    let mut changed = Vec::new();
+    let mended = mendings.iter().map(|m| (&m.mismatch, m.shift));
+    let mended: Vec<_> = mended.collect();
+    let updates = resolve_mended(&states_of(workspace), &mended);
+    take(workspace, job, updates, &mut changed);
+    let updates = fold(&states_of(workspace), findings);
+    take(workspace, job, updates, &mut changed);
+    changed
+}
+
+fn states_of(workspace: &Workspace) -> Vec<AlertState> {
+    workspace.alerts.iter().map(state_of).collect()
+}
+
+/// Brings alerts up to date, each by one revision however often it changes.
+fn take(
+    workspace: &mut Workspace,
+    job: &ClaimedJob,
+    updates: Vec<AlertUpdate>,
+    changed: &mut Vec<AlertRecord>,
+) {
     if updates.is_empty() {
-        return Vec::new();
+        return;
     }
     let mut residuals = Residuals::of(workspace);
     let now = now();
-    let changed: Vec<AlertRecord> = updates
-        .into_iter()
-        .map(|update| {
-            let before = update.existing.map(|k| workspace.alerts[k].clone());
-            let residual = residuals.strongest(workspace, &update.state.evidence);
-            let mut alert = before.unwrap_or_else(|| raised(workspace, job, &update.state, now));
-            bring_up_to_date(&mut alert, update, now);
-            alert.vehicles = vehicles_of(workspace, &alert.evidence);
-            alert.residual = residual;
-            alert
-        })
-        .collect();
-    for alert in &changed {
-        if alert.revision == 1 {
-            workspace.alerts.push(alert.clone());
-        } else {
-            workspace.replace_alert(alert);
+    // They know nothing of each other.
+    let mut raised_now = Vec::new();
+    for update in updates {
+        let before = update.existing.map(|k| workspace.alerts[k].clone());
+        let residual = residuals.strongest(workspace, &update.state.evidence);
+        let is_new = before.is_none();
+        let mut alert = before.unwrap_or_else(|| raised(workspace, job, &update.state, now));
+        bring_up_to_date(&mut alert, update, now);
+        alert.vehicles = vehicles_of(workspace, &alert.evidence);
+        alert.residual = residual;
+        match changed.iter_mut().find(|earlier| earlier.id == alert.id) {
+            Some(earlier) => {
+                alert.revision = earlier.revision;
+                *earlier = alert.clone();
+            }
+            None => changed.push(alert.clone()),
+        }
+        match is_new {
+            true => raised_now.push(alert),
+            false => workspace.replace_alert(&alert),
         }
     }
-    changed
+    workspace.alerts.extend(raised_now);
 }
 
 fn state_of(alert: &AlertRecord) -> AlertState {
@@ -100,7 +125,7 @@ fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, now: Timestamp
             status: step.status,
             at,
             by: SYSTEM.to_owned(),
-            note: step.note.map(str::to_owned),
+            note: step.note.as_deref().map(str::to_owned),
         }));
 }
 

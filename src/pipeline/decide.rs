@@ -164,10 +164,12 @@ impl Decisions {
 }
 
 /// Whether somebody may do this with the alert as it is. A vehicle that is suspected and a segment
-/// that one shift explains are no changes of the world: there is nothing to take into the map.
+/// where the map is wrong are no changes of the world: there is nothing to take into the map.
 pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
-    let evidence = &alert.evidence;
-    let is_change = evidence.kind != ChangeKind::VehicleSuspect && evidence.shift.is_none();
+    let is_change = !matches!(
+        alert.evidence.kind,
+        ChangeKind::VehicleSuspect | ChangeKind::MapMismatch
+    );
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
 }
 

@@ -151,7 +151,7 @@ pub(super) fn process_edges(
     });
     let mut outcomes: Vec<BatchOutcome> = outcomes.collect();
     count_added(&mut outcomes, &added);
-    conclude(workspace, job, &edges.origins, &added, outcomes)
+    conclude(workspace, job, &edges.origins, added, outcomes)
 }
 
 /// The batches that hang together with the map, and what keeps the others out: leaves out what

@@ -10,39 +10,58 @@ use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_c
 use crate::change::series::{ClosureSample, residual_series};
 use crate::change::{ChangeKind, Detector, Finding, Tier, region_round, stays_untouched};
 use crate::ids::{EdgeId, NodeId, TripId};
-use crate::mapping::{Scope, Sites};
+use crate::mapping::{Mending, Scope, Sites};
 use crate::store::AlertRecord;
 
 /// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
 /// the rule does not say where.
 const PAPER_REGION_M: f64 = 1.0;
 
-/// All findings that stand. In fused mode places are judged anew that something was seen of since
-/// the last time.
-pub(super) fn findings(workspace: &mut Workspace) -> Vec<Finding> {
-    match workspace.detector {
-        Detector::Fused => {
-            let mut findings = by_observations(workspace);
-            findings.extend(by_residuals(workspace));
-            findings
-        }
-        Detector::Seed => by_the_paper(workspace),
-    }
+/// What the scans of a map say, and what was put right in it.
+#[derive(Default)]
+pub(super) struct Observed {
+    pub findings: Vec<Finding>,
+    pub mendings: Vec<Mending>,
 }
 
-fn by_observations(workspace: &mut Workspace) -> Vec<Finding> {
+/// Asks the scans, in fused mode, and mends the map where they prove where a segment belongs.
+/// Places are judged anew that something was seen of since the last time.
+///
+/// # Errors
+/// If the graph refuses an id; the workspace is lost then.
+pub(super) fn observed(workspace: &mut Workspace) -> anyhow::Result<Observed> {
+    if workspace.detector == Detector::Seed {
+        return Ok(Observed::default());
+    }
     let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
     let pending = workspace.alerts.iter().filter(stays);
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
     let suspects = suspects(&workspace.calibrations);
-    workspace.map.findings(&Scope {
+    let evidence = workspace.alerts.iter().map(|alert| &alert.evidence);
+    let known = evidence.filter(|known| known.kind == ChangeKind::MapMismatch);
+    let known: Vec<Finding> = known.cloned().collect();
+    let scope = Scope {
         sites: Sites::Touched,
         pending: &pending,
         false_alerts_per_lap: workspace.false_alarm_rate,
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
         suspects: &suspects,
-    })
+    };
+    let (findings, mendings) = workspace.map.findings_and_mendings(&scope, &known)?;
+    Ok(Observed { findings, mendings })
+}
+
+/// All findings that stand, those of the scans among them.
+pub(super) fn findings(workspace: &Workspace, observed: Vec<Finding>) -> Vec<Finding> {
+    match workspace.detector {
+        Detector::Fused => {
+            let mut findings = observed;
+            findings.extend(by_residuals(workspace));
+            findings
+        }
+        Detector::Seed => by_the_paper(workspace),
+    }
 }
 
 /// The changes that the series of each sub-graph shows (paper, section 4.2).

@@ -4,8 +4,8 @@ use anyhow::Context;
 
 use super::alerts::fold_into;
 use super::calibrate::{kept_scans, trip_calibrations};
-use super::findings::findings;
-use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, of_added};
+use super::findings::{Observed, findings as all_findings, observed};
+use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added};
 use super::stage::stage_of;
 use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
@@ -13,7 +13,9 @@ use crate::calibration::{Corrections, TripCorrections};
 use crate::change::Detector;
 use crate::formats::batch_json;
 use crate::ids::{NodeId, VehicleId};
-use crate::mapping::{Drive, DriveScan, Extension, Keyframe, NotExtended, RouteMap};
+use crate::mapping::{
+    Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
+};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -74,7 +76,7 @@ pub(super) fn process(
     for word in &words {
         workspace.calibrations.put(word)?;
     }
-    let (workspace, mut result) = conclude(workspace, job, &origins, &added, outcomes)?;
+    let (workspace, mut result) = conclude(workspace, job, &origins, added, outcomes)?;
     result.calibrations = words;
     if let Known::Before(_) = known {
         result.corrections = Some((drive.trip, corrections));
@@ -102,7 +104,7 @@ fn corrections(
     }
 }
 
-/// Judges what was added, and gathers what is to be saved.
+/// Judges what was added, mends the map where it can be, and gathers what is to be saved.
 ///
 /// # Errors
 /// As [`of_added`].
@@ -110,18 +112,48 @@ pub(super) fn conclude(
     mut workspace: Workspace,
     job: &ClaimedJob,
     origins: &[Origin],
-    added: &Added,
-    outcomes: Vec<BatchOutcome>,
+    mut added: Added,
+    mut outcomes: Vec<BatchOutcome>,
 ) -> anyhow::Result<(Workspace, JobResult)> {
-    let mut result = of_added(&mut workspace, job, origins, added)?;
-    if !added.is_nothing() {
-        let findings = findings(&mut workspace);
-        result.alerts = fold_into(&mut workspace, job, &findings);
+    name_vehicles(&mut workspace, origins);
+    let is_news = !added.is_nothing();
+    let Observed { findings, mendings } = match is_news {
+        true => observed(&mut workspace)?,
+        false => Observed::default(),
+    };
+    for mending in &mendings {
+        note_mending(job, mending);
+        let closures = &mending.closures;
+        added.edges.extend(
+            closures
+                .iter()
+                .map(|closure| (closure.edge, closed_by(closure, 0))),
+        );
+    }
+    if let Some(newest) = outcomes.last_mut().filter(|_| !mendings.is_empty()) {
+        newest.flags.push("map_mended".to_owned());
+    }
+    let mut result = of_added(&mut workspace, job, origins, &added)?;
+    if is_news {
+        let findings = all_findings(&workspace, findings);
+        result.alerts = fold_into(&mut workspace, job, &findings, &mendings);
     }
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;
     result.outcomes = outcomes;
     Ok((workspace, result))
+}
+
+fn note_mending(job: &ClaimedJob, mending: &Mending) {
+    tracing::info!(
+        route = %job.route_id,
+        x_m = mending.shift.x,
+        y_m = mending.shift.y,
+        closures = mending.closures.len(),
+        quarantined = mending.quarantined.len(),
+        "a segment of the map was put right"
+    );
+    metrics::counter!("mapshift_map_mendings_total").increment(1);
 }
 
 /// A batch's end, with nothing added.
@@ -232,11 +264,18 @@ fn added_by(drives: &[Drive], extension: &Extension, map: &RouteMap) -> Added {
     };
     for closure in &extension.closures {
         if let Some(edge) = added.edges.get_mut(&closure.edge) {
-            edge.delta_f = Some(closure.delta_f);
-            edge.closure = Some(closure_record(closure));
+            *edge = closed_by(closure, edge.origin);
         }
     }
     added
+}
+
+fn closed_by(closure: &Closure, origin: usize) -> AddedEdge {
+    AddedEdge {
+        origin,
+        delta_f: Some(closure.delta_f),
+        closure: Some(closure_record(closure)),
+    }
 }
 
 /// The drive that a new node's scan came with, as a place among them.

@@ -57,6 +57,14 @@ pub(super) struct AddedEdge {
     pub closure: Option<ClosureRecord>,
 }
 
+/// Notes whose the trips of a job are.
+pub(super) fn name_vehicles(workspace: &mut Workspace, origins: &[Origin]) {
+    for origin in origins {
+        let (trip, vehicle) = (origin.trip_id.clone(), origin.vehicle_id.clone());
+        workspace.vehicles.insert(trip, vehicle);
+    }
+}
+
 /// The result of what was added, without its outcomes; the workspace's record of what is saved is
 /// brought up to date.
 ///
@@ -68,10 +76,7 @@ pub(super) fn of_added(
     origins: &[Origin],
     added: &Added,
 ) -> anyhow::Result<JobResult> {
-    for origin in origins {
-        let (trip, vehicle) = (origin.trip_id.clone(), origin.vehicle_id.clone());
-        workspace.vehicles.insert(trip, vehicle);
-    }
+    name_vehicles(workspace, origins);
     let nodes_now = nodes_of(&workspace.map);
     let edges_now = edges_of(&workspace.map);
     let old_nodes = count_known(&workspace.saved_nodes, &nodes_now, |node| node.id);

@@ -14,7 +14,7 @@ use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::if_match::if_match;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::upload::small_json;
-use crate::change::AlertAction;
+use crate::change::{AlertAction, ChangeKind};
 use crate::ids::AlertId;
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{AlertRecord, SYSTEM};
@@ -104,6 +104,12 @@ fn refused(alert: &AlertRecord, action: AlertAction) -> Problem {
         names => format!("what is possible now: {}", names.join(", ")),
     };
     let reason = match alert.status.allows(action) {
+        true if alert.evidence.kind == ChangeKind::MapMismatch => {
+            "of kind map_mismatch: the map is wrong there, not the world, and there is nothing to \
+             take into it; it is mended, and the alert resolved, once scans prove where the segment \
+             belongs"
+                .to_owned()
+        }
         true => format!(
             "of kind {}: no change of the world",
             alert.evidence.kind.name()

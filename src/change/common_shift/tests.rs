@@ -41,7 +41,11 @@ fn of_trip(trip: &str, findings: impl IntoIterator<Item = Finding>) -> Vec<Findi
 
 /// The observations say what the outlines say.
 fn explain(findings: Vec<Finding>) -> Vec<Finding> {
-    explain_by_shift(findings, |mismatch| mismatch.shift.map(ShiftFit::known))
+    explain_by_shift(
+        findings,
+        |_| true,
+        |mismatch| mismatch.shift.map(ShiftFit::known),
+    )
 }
 
 fn assert_unexplained(findings: Vec<Finding>) {
@@ -91,9 +95,9 @@ fn displacements_need_not_be_equal_to_the_millimetre() {
 #[test]
 fn the_observations_have_the_last_word() {
     let measured = Vector2::new(-0.35, 0.05);
-    let explained = explain_by_shift(row(3), |_| Some(ShiftFit::known(measured)));
+    let explained = explain_by_shift(row(3), |_| true, |_| Some(ShiftFit::known(measured)));
     assert_eq!((explained.len(), explained[0].shift), (1, Some(measured)));
-    assert_eq!(explain_by_shift(row(3), |_| None), row(3));
+    assert_eq!(explain_by_shift(row(3), |_| true, |_| None), row(3));
 }
 
 #[test]
@@ -118,10 +122,14 @@ fn what_else_the_measured_shift_explains_joins_the_mismatch() {
     );
     let new = [of(&come), of(&[end.clone(), other.clone()])].concat();
     let findings = [row(3), vec![end, other.clone()]].concat();
-    let explained = explain_by_shift(findings, |mismatch| {
-        let expected = mismatch.shift.unwrap_or_default();
-        ShiftFit::of(old.iter().copied(), new.iter().copied(), &expected)
-    });
+    let explained = explain_by_shift(
+        findings,
+        |_| true,
+        |mismatch| {
+            let expected = mismatch.shift.unwrap_or_default();
+            ShiftFit::of(old.iter().copied(), new.iter().copied(), &expected)
+        },
+    );
     assert_eq!((explained.len(), &explained[0]), (2, &other));
     assert!((explained[1].shift.unwrap() - shift).norm() < 0.02);
 }
@@ -207,6 +215,22 @@ fn trips_are_not_mixed() {
     let shifts: Vec<_> = both.iter().filter_map(|f| f.shift).collect();
     assert_eq!((both.len(), shifts.len()), (2, 2));
     assert!(both.iter().all(|finding| finding.trips.len() == 1));
+}
+
+/// As of a trip that never ends: what the next lap shows too has changed.
+#[test]
+fn what_a_second_pass_shows_is_a_change() {
+    let of_first_lap = |finding: &Finding| finding.laps == 1;
+    let explain = |findings| {
+        let by = |mismatch: &Finding| mismatch.shift.map(ShiftFit::known);
+        explain_by_shift(findings, of_first_lap, by)
+    };
+    assert_eq!(explain(row(3)).len(), 1);
+    let mut shown_twice = row(3);
+    for finding in &mut shown_twice {
+        finding.laps = 2;
+    }
+    assert_eq!(explain(shown_twice.clone()), shown_twice);
 }
 
 #[test]

@@ -105,7 +105,7 @@ fn what_a_shift_explains_is_told_elsewhere() {
         ..finding(ChangeKind::MapMismatch, 1.1, 0.0, 100, None)
     };
     let updates = fold(&alerts.states, std::slice::from_ref(&mismatch));
-    let notes: Vec<_> = updates.iter().map(|u| u.steps[0].note).collect();
+    let notes: Vec<_> = updates.iter().map(|u| u.steps[0].note.as_deref()).collect();
     assert_eq!(notes, [Some(TOLD_ELSEWHERE), Some(REFUTED), None]);
     assert_eq!(updates[2].state.evidence, mismatch);
 }
@@ -197,8 +197,8 @@ fn neighbours_at_one_time_are_alerts_of_their_own() {
     // Seen as one from now on, one of the two tells of it.
     alerts.fold(&[appeared(1.1, 100, None)]);
     assert_eq!(alerts.statuses(), [Open, Resolved]);
-    let note = fold(&alerts.states[..1], &[])[0].steps[0].note;
-    assert_eq!(note, Some(REFUTED));
+    let updates = fold(&alerts.states[..1], &[]);
+    assert_eq!(updates[0].steps[0].note.as_deref(), Some(REFUTED));
 }
 
 #[test]

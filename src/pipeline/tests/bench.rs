@@ -109,7 +109,7 @@ impl Bench {
         let (mut workspace, mut result) = process(workspace, &job, &known).unwrap();
         workspace.alerts = alerts;
         let findings = findings(&workspace);
-        result.alerts = fold_into(&mut workspace, &job, &findings);
+        result.alerts = fold_into(&mut workspace, &job, &findings, &[]);
         assert_eq!(
             store.apply_result(result).await.unwrap(),
             Applied::Committed
