@@ -12,7 +12,7 @@ pub(super) const SECOND_NS: i64 = 1_000_000_000;
 
 /// A square of this half width round a place, that one trip saw for nine seconds from second
 /// `since_s` on.
-pub(super) fn finding(
+pub(crate) fn finding(
     kind: ChangeKind,
     place: [f64; 2],
     half_width_m: f64,

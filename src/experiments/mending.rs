@@ -9,18 +9,18 @@ use std::collections::BTreeSet;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
+use super::alert::ScoredAlert;
 use super::recording::Recording;
-use super::route::{Route, RouteRun};
+use super::route::{Route, RouteAlert, RouteRun};
 use super::scoring::reach_m;
 use super::table::Table;
 use super::world_conditions::{Condition, LAPS, LAPS_BEFORE, PLAIN, WorldKind};
 use super::world_scoring::{WorldChange, reports, world_changes};
 use super::worlds::{Setting, recordings_of};
 use crate::change::ChangeKind;
-use crate::geometry::{Pose2, Vector2};
-use crate::graph::{Edge, EdgeKind};
+use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs, TripId};
-use crate::mapping::{RouteMap, Weighting};
+use crate::mapping::{Keyframe, RouteMap};
 use crate::sim::SimScan;
 
 /// How a part of a lap comes to lie in the wrong place.
@@ -67,6 +67,51 @@ pub struct MendingCase {
     pub before: Outcome,
     /// With one that is.
     pub after: Outcome,
+}
+
+/// What mending does to recordings of which no truth is known.
+#[derive(Debug, Clone, Serialize)]
+pub struct MendedRecordings {
+    /// Segments that were put right: when they begin (seconds), by how much they were moved (metres),
+    /// by how many closures, and how many edges were quarantined.
+    pub mendings: Vec<(f64, [f64; 2], usize, usize)>,
+    /// Open alerts of a map that is not mended: kind and place.
+    pub alerts_before: Vec<(&'static str, [f64; 2])>,
+    /// Of one that is.
+    pub alerts_after: Vec<(&'static str, [f64; 2])>,
+    /// CPU time of both maps, seconds.
+    pub cpu_s: [f64; 2],
+}
+
+/// Maps recordings twice, the second time mending what can be mended.
+///
+/// # Errors
+/// If a scan does not fit its lidar, or the graph refuses an id.
+pub fn measure_mended_recordings(recordings: &[Recording]) -> anyhow::Result<MendedRecordings> {
+    let run = |mends: bool| -> anyhow::Result<RouteRun> {
+        let mut route = Route::new();
+        route.mends = mends;
+        for recording in recordings {
+            route.drive(recording, true)?;
+        }
+        Ok(route.finish(recordings))
+    };
+    let (before, after) = (run(false)?, run(true)?);
+    let alerts = |run: &RouteRun| -> Vec<(&'static str, [f64; 2])> {
+        let open = run.open_alerts().into_iter();
+        open.map(|a| (a.kind.name(), a.location.into())).collect()
+    };
+    let mendings = after.mendings.iter().map(|mending| {
+        let begins_s = mending.mismatch.since.seconds();
+        let (closures, quarantined) = (mending.closures.len(), mending.quarantined.len());
+        (begins_s, mending.shift.into(), closures, quarantined)
+    });
+    Ok(MendedRecordings {
+        mendings: mendings.collect(),
+        alerts_before: alerts(&before),
+        alerts_after: alerts(&after),
+        cpu_s: [before.cpu_s, after.cpu_s],
+    })
 }
 
 /// How a map ends.
@@ -163,7 +208,7 @@ fn run(displacement: Displacement, world: WorldKind, seed: u64) -> anyhow::Resul
     let displaced = displaced(&recordings[DISPLACED_LAP], seed)?;
     let (unmended, before) = one_map(&truth, &displaced, displacement, false)?;
     let (mended, after) = one_map(&truth, &displaced, displacement, true)?;
-    let is_there = |alert: &&super::route::RouteAlert| {
+    let is_there = |alert: &RouteAlert| {
         let evidence = &alert.state.evidence;
         evidence.kind == ChangeKind::MapMismatch && evidence.trips.contains(&displaced.trip)
     };
@@ -172,7 +217,7 @@ fn run(displacement: Displacement, world: WorldKind, seed: u64) -> anyhow::Resul
         world: world.name(),
         seed,
         by_m: displaced.by.norm(),
-        found: unmended.alerts.iter().any(|alert| is_there(&alert)),
+        found: unmended.alerts.iter().any(is_there),
         mendings: mended.mendings.len(),
         before,
         after,
@@ -223,7 +268,7 @@ fn displace(
     displaced: &Displaced,
     displacement: Displacement,
 ) -> anyhow::Result<RouteMap> {
-    let is_of_segment = |keyframe: &crate::mapping::Keyframe| {
+    let is_of_segment = |keyframe: &Keyframe| {
         let [first, last] = displaced.stamps;
         keyframe.trip == displaced.trip && (first..=last).contains(&keyframe.stamp)
     };
@@ -232,46 +277,8 @@ fn displace(
         .filter(|keyframe| is_of_segment(keyframe))
         .map(|keyframe| keyframe.node)
         .collect();
-    let pose_of = |node: NodeId| -> Option<Pose2> {
-        let pose = map.graph().node(node)?.pose;
-        let by = if moved.contains(&node) {
-            displaced.by
-        } else {
-            Vector2::zeros()
-        };
-        Some(Pose2 {
-            x: pose.x + by.x,
-            y: pose.y + by.y,
-            ..pose
-        })
-    };
-    let nodes = map.keyframes().iter().filter_map(|keyframe| {
-        let pose = pose_of(keyframe.node)?;
-        Some((pose, keyframe.clone()))
-    });
-    let edges = map.graph().edges().iter().filter_map(|edge| {
-        let crosses = moved.contains(&edge.from) != moved.contains(&edge.to);
-        if !crosses {
-            return Some(*edge);
-        }
-        if edge.kind == EdgeKind::LoopClosure && displacement == Displacement::NoClosures {
-            return None;
-        }
-        Some(Edge {
-            measurement: pose_of(edge.from)?.between(&pose_of(edge.to)?),
-            ..*edge
-        })
-    });
-    let edges: Vec<Edge> = edges.collect();
-    let (next_node, next_edge) = (map.next_node_id(), map.next_edge_id());
-    let nodes: Vec<_> = nodes.collect();
-    Ok(RouteMap::restore(
-        Weighting::Robust,
-        nodes,
-        edges,
-        next_node,
-        next_edge,
-    )?)
+    let keeps_closures = displacement == Displacement::FalseClosures;
+    Ok(map.falsified(&moved, &displaced.by, keeps_closures)?)
 }
 
 fn outcome(truth: &Truth<'_>, displaced: &Displaced, run: &RouteRun) -> Outcome {
@@ -293,7 +300,7 @@ fn outcome(truth: &Truth<'_>, displaced: &Displaced, run: &RouteRun) -> Outcome 
     let alerts = run.open_alerts();
     let mismatches = alerts.iter().filter(|a| a.kind == ChangeKind::MapMismatch);
     let told = alerts.iter().filter(|a| a.kind.is_of_state());
-    let is_false = |alert: &&super::alert::ScoredAlert| {
+    let is_false = |alert: &&ScoredAlert| {
         let mut changes = truth.changes.iter();
         !changes.any(|change| reports(alert, change, truth.reach_m))
     };

@@ -47,7 +47,10 @@ pub use detector::Detector;
 pub use distance::region_distance_m;
 pub use drawn::{DrawnObject, altered};
 pub use labels::{Label, read_labels};
-pub use mending::{Displacement, MendingCase, Outcome, measure_mending, mending_text};
+pub use mending::{
+    Displacement, MendedRecordings, MendingCase, Outcome, measure_mended_recordings,
+    measure_mending, mending_text,
+};
 pub use odometry_faults::{Fault, FaultCase, FaultyTrip, faults_text, measure_faults};
 pub use pictures::Picture;
 pub use pose_consistency::{PoseConsistency, measure_pose_consistency, pose_consistency_text};

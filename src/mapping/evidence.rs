@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, Agreement, CandidateSite, Finding, Fit, KnownPose, Layer, ObservationKey,
-    Observed, SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, Suspect, TiedPose, Tier,
-    explain_by_shift, join_bands, join_counterparts, layer_of, mismatches, separate_bands,
-    separate_counterparts, state_changes, support_min,
+    AcceptedChange, Agreement, CandidateSite, Finding, Fit, KnownPose, Layer, MovedPose,
+    ObservationKey, Observed, SHIFT_MAX_M, Screen, Screened, ShiftFit, Site, Suspect, TiedPose,
+    Tier, displaced_segments, explain_by_shift, join_bands, join_counterparts, layer_of,
+    mismatches, separate_bands, separate_counterparts, state_changes, support_min,
 };
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::graph::{EdgeKind, EdgeStatus};
@@ -22,6 +22,8 @@ const SEGMENT_MARGIN_M: f64 = 1.0;
 
 /// How observations fit what other passes found, as far as it was asked.
 type Fits = BTreeMap<ObservationKey, Fit>;
+/// By which observations had to be moved to fit, map frame, metres.
+type Moved = BTreeMap<ObservationKey, Vector2<f64>>;
 
 /// What findings are asked for.
 pub struct Scope<'a> {
@@ -53,15 +55,36 @@ impl RouteMap {
     /// What the observations of the map say: places that changed, and segments where the map does
     /// not fit; and the vehicles that are suspected, with the changes that their faults explain.
     pub fn findings(&mut self, scope: &Scope<'_>) -> Vec<Finding> {
+        self.findings_and_hints(scope).0
+    }
+
+    /// Findings, and segments that may lie in the wrong place, since their scans fit elsewhere.
+    pub(super) fn findings_and_hints(&mut self, scope: &Scope<'_>) -> (Vec<Finding>, Vec<Finding>) {
         self.update_screen();
-        let mut findings = self.state_changes(scope);
+        let mut moved = Moved::default();
+        let mut findings = self.state_changes(scope, &mut moved);
         self.layers.settle();
         let suspected = self.silence(&mut findings, scope);
         let seen = self.trips.iter();
         let seen = seen.filter(|(_, places)| self.has_scans(places));
         findings.extend(seen.flat_map(|(trip, _)| self.mismatches_of(trip)));
         findings.extend(suspected);
-        findings
+        (findings, displaced_segments(self.moved_poses(&moved)))
+    }
+
+    fn moved_poses(&self, moved: &Moved) -> Vec<MovedPose<'_>> {
+        let poses = moved.iter().filter_map(|((node, _), by)| {
+            let position = self.graph.node_position(*node)?;
+            let keyframe = &self.keyframes[position];
+            Some(MovedPose {
+                node: *node,
+                trip: &keyframe.trip,
+                stamp: keyframe.stamp,
+                pose: self.graph.nodes()[position].pose,
+                by: *by,
+            })
+        });
+        poses.collect()
     }
 
     /// Brings the screen up to date with the map, without a judgement: what has moved or left is
@@ -89,7 +112,7 @@ impl RouteMap {
         self.layers = layers;
     }
 
-    fn state_changes(&self, scope: &Scope<'_>) -> Vec<Finding> {
+    fn state_changes(&self, scope: &Scope<'_>, moved: &mut Moved) -> Vec<Finding> {
         // Each side of a change, in each band, is kept or judged anew on its own, and a segment
         // that a shift explains as a whole: what it was found by is not kept.
         let of_state = scope.pending.iter().filter(|f| f.kind.is_of_state());
@@ -97,7 +120,7 @@ impl RouteMap {
         let shifted = || scope.pending.iter().filter(|f| f.shift.is_some());
         let layers = self.layers.iter();
         let findings = layers.flat_map(|(layer, screen)| {
-            let findings = self.judged_layer(layer, screen, &of_state, scope);
+            let findings = self.judged_layer(layer, screen, &of_state, scope, moved);
             // What one shift explains is no change.
             let is_of_one_pass = |finding: &Finding| self.is_of_one_pass(finding);
             let fit = |mismatch: &Finding| self.shift_fit(layer, mismatch);
@@ -148,6 +171,7 @@ impl RouteMap {
         screen: &Screen,
         pending: &[Finding],
         scope: &Scope<'_>,
+        moved: &mut Moved,
     ) -> Vec<Finding> {
         let shifted = scope.pending.iter().filter(|f| f.shift.is_some());
         let regions = pending.iter().chain(shifted).map(|f| f.region.as_slice());
@@ -171,6 +195,14 @@ impl RouteMap {
                 }
             }
         }
+        moved.extend(fits.iter().filter_map(|(key, fit)| {
+            let position = self.graph.node_position(key.0)?;
+            let pose = self.graph.nodes()[position].pose;
+            let mut taken = self.keyframes[position].taken_scans(pose);
+            let taken = taken.find(|taken| taken.place == key.1)?;
+            let by = fit.map_from_base.translation() - taken.map_from_base.translation();
+            Some((*key, by))
+        }));
         let found = findings.iter().map(|f| f.region.as_slice());
         let regions: Vec<_> = found.chain(regions).map(<[_]>::to_vec).collect();
         let reliability = screen.reliability(&regions);

@@ -27,6 +27,10 @@ use vote::Vote;
 const CONTRADICTION_M: f64 = 0.1;
 /// … or this share of the shift, if that is more.
 const CONTRADICTION_SHARE: f64 = 0.5;
+/// A step of odometry whose eᵀΩe is more is false: ten standard deviations.
+const STEP_COST_MAX: f64 = 100.0;
+/// A segment is tied anew so often, each time without what contradicted the time before.
+const ROUNDS_MAX: usize = 6;
 /// Keyframes must come to lie as near as this to where they were matched, metres.
 const ARRIVED_M: f64 = 0.05;
 
@@ -64,9 +68,10 @@ impl RouteMap {
         scope: &Scope<'_>,
         known: &[Finding],
     ) -> Result<(Vec<Finding>, Vec<Mending>), GraphError> {
-        let found = self.findings(scope);
+        let (found, hints) = self.findings_and_hints(scope);
         let is_news = |finding: &&Finding| !known.iter().any(|known| is_same(known, finding));
-        let news: Vec<Finding> = found.iter().filter(is_news).cloned().collect();
+        let news = found.iter().chain(&hints).filter(is_news);
+        let news: Vec<Finding> = news.cloned().collect();
         let mendings = self.mend(&news)?;
         if mendings.is_empty() {
             return Ok((found, mendings));
@@ -116,40 +121,83 @@ impl RouteMap {
             next_edge: self.next_edge_id(),
         };
         let mut quarantined = self.holding(&verdict);
-        let retired: Vec<_> = quarantined
-            .iter()
-            .map(|edge| (*edge, EdgeStatus::Quarantined))
-            .collect();
-        self.restate_edges(&retired);
-        let closures = self.insert_votes(&verdict.votes)?;
-        let strained = self.strained(&verdict, &before.graph);
-        if strained.len() > closures.len() {
-            self.put_back(before);
-            return Ok(None);
+        for _ in 0..ROUNDS_MAX {
+            let closures = self.tie(&verdict, &quarantined)?;
+            let more = self.contradicting(&verdict, &before.graph);
+            if more.is_empty() {
+                if !self.have_arrived(&verdict.votes) {
+                    break;
+                }
+                self.settle_in(&verdict);
+                return Ok(Some(Mending {
+                    mismatch: mismatch.clone(),
+                    shift: verdict.shift,
+                    closures,
+                    quarantined,
+                }));
+            }
+            let is_outvoted = more.len() > closures.len();
+            quarantined.extend(more);
+            self.put_back(&before);
+            if is_outvoted {
+                break;
+            }
         }
-        let statuses: Vec<_> = strained
-            .iter()
-            .map(|edge| (*edge, EdgeStatus::Quarantined))
-            .collect();
-        self.restate_edges(&statuses);
-        quarantined.extend(strained);
-        if !self.have_arrived(&verdict.votes) {
-            self.put_back(before);
-            return Ok(None);
-        }
-        self.settle_in(&verdict);
-        Ok(Some(Mending {
-            mismatch: mismatch.clone(),
-            shift: verdict.shift,
-            closures,
-            quarantined,
-        }))
+        self.put_back(&before);
+        Ok(None)
     }
 
-    fn put_back(&mut self, before: Before) {
-        self.graph = before.graph;
+    /// Ties a segment where its keyframes belong, without the edges that held it elsewhere.
+    fn tie(
+        &mut self,
+        verdict: &Verdict,
+        quarantined: &[EdgeId],
+    ) -> Result<Vec<Closure>, GraphError> {
+        let statuses = quarantined
+            .iter()
+            .map(|edge| (*edge, EdgeStatus::Quarantined));
+        self.restate_edges(&statuses.collect::<Vec<_>>());
+        for &k in &verdict.places {
+            let pose = self.graph.nodes()[k].pose;
+            let moved = Pose2 {
+                x: pose.x + verdict.shift.x,
+                y: pose.y + verdict.shift.y,
+                ..pose
+            };
+            self.graph.set_pose_at(k, moved);
+        }
+        self.insert_votes(&verdict.votes)
+    }
+
+    /// What disagrees with where a segment is now: the step of odometry that does so most, else
+    /// closures that fitted before.
+    fn contradicting(&self, verdict: &Verdict, before: &PoseGraph) -> Vec<EdgeId> {
+        match self.most_strained_step(verdict) {
+            Some(step) => vec![step],
+            None => self.strained(verdict, before),
+        }
+    }
+
+    fn put_back(&mut self, before: &Before) {
+        self.graph = before.graph.clone();
         self.set_next_edge(before.next_edge);
         self.forget_solves();
+    }
+
+    /// The step of odometry into a segment, within it or out of it that least agrees with where the
+    /// segment is now, if that is beyond belief.
+    fn most_strained_step(&self, verdict: &Verdict) -> Option<EdgeId> {
+        let at_segment = verdict.places.iter().flat_map(|&k| self.graph.incident(k));
+        let steps: BTreeSet<usize> = at_segment.copied().collect();
+        let strained = steps.into_iter().filter_map(|position| {
+            let edge = &self.graph.edges()[position];
+            let is_step = edge.kind == EdgeKind::Odometry && edge.status == EdgeStatus::Active;
+            let error = self.graph.error_of(edge).filter(|_| is_step)?;
+            let cost = edge.information.squared_norm(&error);
+            (cost > STEP_COST_MAX).then_some((cost, edge.id))
+        });
+        let worst = strained.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        worst.map(|(_, edge)| edge)
     }
 
     /// The closures that tie a segment to older nodes where it does not belong.
@@ -298,3 +346,6 @@ fn is_same(a: &Finding, b: &Finding) -> bool {
 fn contradiction_m(shift: &Vector2<f64>) -> f64 {
     CONTRADICTION_M.max(CONTRADICTION_SHARE * shift.norm())
 }
+
+#[cfg(test)]
+mod tests;

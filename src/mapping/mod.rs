@@ -13,6 +13,7 @@ mod drift;
 mod drive;
 mod evidence;
 mod extend;
+mod falsified;
 mod front_end;
 mod given;
 mod intermediate;

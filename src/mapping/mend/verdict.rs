@@ -81,3 +81,54 @@ pub(super) fn spread_m(places: impl Iterator<Item = Vector2<f64>> + Clone) -> f6
         .flat_map(|a| places.clone().map(move |b| (a - b).norm()));
     apart.fold(0.0, f64::max)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose2;
+
+    fn vote(at_m: f64, moved: [f64; 2], turned_rad: f64) -> Said {
+        Said::Elsewhere(Vote {
+            place: 0,
+            pose: Pose2::new(at_m, 0.0, 0.0),
+            moved: moved.into(),
+            turned_rad,
+            closures: Vec::new(),
+        })
+    }
+
+    fn judged(said: Vec<Said>, shift: Option<[f64; 2]>) -> Option<(usize, Vector2<f64>)> {
+        let segment = Segment::of_places(vec![0], shift.map(Vector2::from), 6.0);
+        agreed(said, &segment).map(|verdict| (verdict.votes.len(), verdict.shift))
+    }
+
+    fn three() -> Vec<Said> {
+        let votes = [(0.0, [0.4, 0.0]), (1.5, [0.42, 0.01]), (3.0, [0.4, -0.01])];
+        votes.map(|(at_m, moved)| vote(at_m, moved, 0.0)).into()
+    }
+
+    #[test]
+    fn three_that_agree_and_lie_apart_are_enough() {
+        assert_eq!(judged(three(), None).map(|(votes, _)| votes), Some(3));
+        assert!(judged(three(), Some([0.35, 0.0])).is_some());
+        let mut two = three();
+        two.pop();
+        assert!(judged(two, None).is_none());
+        assert!(judged(Vec::new(), None).is_none());
+    }
+
+    #[test]
+    fn one_place_another_shift_or_contradiction_proves_nothing() {
+        let at_one_place = (0..9).map(|k| vote(0.1 * f64::from(k), [0.4, 0.0], 0.0));
+        assert!(judged(at_one_place.collect(), None).is_none());
+        assert!(judged(three(), Some([0.1, 0.0])).is_none());
+        let mut right = three();
+        right.extend([Said::Here, Said::Here]);
+        assert!(judged(right, None).is_none());
+        let mut silent = three();
+        silent.extend([Said::Nothing, Said::Nothing, Said::Here]);
+        assert!(judged(silent, None).is_some());
+        let turned = [0.0, 0.1, 0.2].map(|rad| vote(10.0 * rad, [0.4, 0.0], rad));
+        assert!(judged(turned.into(), None).is_none());
+    }
+}

@@ -54,6 +54,23 @@ pub(super) struct Segment {
     pub extent_m: f64,
 }
 
+impl Segment {
+    /// A segment of a trip that has nothing else.
+    #[cfg(test)]
+    pub(super) fn of_places(
+        places: Vec<usize>,
+        shift: Option<Vector2<f64>>,
+        extent_m: f64,
+    ) -> Self {
+        Self {
+            trip: places.clone(),
+            places,
+            shift,
+            extent_m,
+        }
+    }
+}
+
 /// Where a keyframe belongs by its own scan.
 #[derive(Clone)]
 pub(super) struct Vote {
@@ -193,7 +210,7 @@ impl RouteMap {
             return verdict;
         };
         let mut verdict = verdict;
-        if segment.shift.is_some() {
+        if verdict.shift.norm() > SAME_PLACE_M {
             let before: Vec<usize> = segment.trip[..first].iter().rev().copied().collect();
             let mut ahead = self.followed(&before, segment, &mut verdict);
             ahead.reverse();
@@ -204,23 +221,53 @@ impl RouteMap {
     }
 
     /// How far a segment goes on along some keyframes, the nearest first; what they say joins the
-    /// votes.
+    /// votes. Beyond the last that votes for it those belong to it, up to the first that lies where
+    /// it belongs, that do not lean towards where they lie.
     fn followed(&self, along: &[usize], segment: &Segment, verdict: &mut Verdict) -> Vec<usize> {
         let (mut right, mut silent, mut followed) = (0, 0, 0);
+        let mut first_right = 0;
         for (n, &k) in along.iter().enumerate().take(FOLLOWED_MAX) {
             match self.vote(segment, k, Some(&verdict.shift)) {
                 Said::Elsewhere(vote) if verdict.is_agreed_by(&vote) => {
                     (right, silent, followed) = (0, 0, n + 1);
                     verdict.votes.push(vote);
                 }
-                Said::Elsewhere(_) | Said::Here => (right, silent) = (right + 1, 0),
+                Said::Elsewhere(_) | Said::Here => {
+                    first_right = if right == 0 { n } else { first_right };
+                    (right, silent) = (right + 1, 0);
+                }
                 Said::Nothing => silent += 1,
             }
             if right >= RIGHT_MAX || silent >= SILENT_MAX {
                 break;
             }
         }
-        along[..followed].to_vec()
+        let between = followed..first_right.max(followed);
+        let leaning = between.take_while(|&n| self.leans(segment, along[n], &verdict.shift));
+        let leaning = leaning.count();
+        along[..followed + leaning].to_vec()
+    }
+
+    /// Whether what an older keyframe saw speaks more for a place that is shifted than for where a
+    /// keyframe lies, or for neither.
+    fn leans(&self, segment: &Segment, k: usize, shift: &Vector2<f64>) -> bool {
+        let new = self.placed(k);
+        let there = Placed {
+            pose: shifted(&new.pose, shift),
+            ..new
+        };
+        let nearby = self.older_references(segment, k, &there.pose, 0.0);
+        let partners = partners::choose(&there, &nearby);
+        let leans = partners.first().and_then(|old| {
+            let begun_at = |pose: &Pose2| closure::aligned_from(old, &new, &old.pose.between(pose));
+            let (here, there) = (begun_at(&new.pose)?, begun_at(&there.pose)?);
+            if !is_same_place(&here.pose, &there.pose) {
+                return Some(there.explained_share() >= here.explained_share() + GAIN_MIN);
+            }
+            let moved = old.pose.compose(&there.pose).translation() - new.pose.translation();
+            Some((moved - shift).norm() < moved.norm())
+        });
+        leans.unwrap_or(true)
     }
 }
 
