@@ -200,7 +200,8 @@ pub(super) struct BatchBody {
     #[schema(required)]
     reason: Option<String>,
     /// What was noticed: `clock_skew`, `empty_scans`, `gap` (batches before it never came), `late`,
-    /// `not_localised` (at its end nobody knew where the vehicle was), `wild_odometry`, …
+    /// `map_mended` (with it a segment of the map was put right; a resolved `map_mismatch` says
+    /// which), `not_localised` (at its end nobody knew where the vehicle was), `wild_odometry`, …
     flags: Vec<String>,
     /// Number of scans.
     scans: i64,

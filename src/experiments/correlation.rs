@@ -287,6 +287,7 @@ mod tests {
         let run = RouteRun {
             observed: poses.keys().copied().collect(),
             poses,
+            mendings: Vec::new(),
             alerts: Vec::new(),
             scans: 600,
             cpu_s: 0.0,

@@ -67,7 +67,8 @@ pub(super) struct AlertBody {
     bands: Vec<AlertBandBody>,
     /// The loop closures whose scans disagree there.
     edge_ids: Vec<i64>,
-    /// The nodes whose scans show the old or the new state.
+    /// The nodes whose scans show the old or the new state; of a `map_mismatch` those of the segment
+    /// that does not fit, which `region` covers.
     node_ids: Vec<i64>,
     /// The vehicles that saw the new state.
     vehicle_ids: Vec<String>,

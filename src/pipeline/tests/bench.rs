@@ -20,7 +20,7 @@ use crate::formats::{Look, MapPicture};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
-use crate::mapping::IntermediateScan;
+use crate::mapping::{IntermediateScan, Mending};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
     AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,
@@ -97,6 +97,18 @@ impl Bench {
         laps: usize,
         findings: impl Fn(&Workspace) -> Vec<Finding>,
     ) {
+        self.mended_lap(trip, hour, laps, |map| (findings(map), Vec::new()))
+            .await;
+    }
+
+    /// As [`Self::lap`], where something was mended too.
+    pub async fn mended_lap(
+        &self,
+        trip: &str,
+        hour: i64,
+        laps: usize,
+        observed: impl Fn(&Workspace) -> (Vec<Finding>, Vec<Mending>),
+    ) {
         let store = &self.engine.store;
         let journaled = store.journal_batch(upload(trip, hour, laps)).await;
         assert_eq!(journaled.unwrap(), Journaled::Stored);
@@ -108,8 +120,8 @@ impl Bench {
         let known = known_corrections(store, &workspace, &job).await.unwrap();
         let (mut workspace, mut result) = process(workspace, &job, &known).unwrap();
         workspace.alerts = alerts;
-        let findings = findings(&workspace);
-        result.alerts = fold_into(&mut workspace, &job, &findings, &[]);
+        let (findings, mendings) = observed(&workspace);
+        result.alerts = fold_into(&mut workspace, &job, &findings, &mendings);
         assert_eq!(
             store.apply_result(result).await.unwrap(),
             Applied::Committed

@@ -79,7 +79,11 @@ async fn what_is_no_change_of_the_world_cannot_be_accepted() {
         shift: Some(Vector2::new(0.4, 0.0)),
         ..finding
     };
-    for of_no_change in [suspect as fn(Finding) -> Finding, shifted] {
+    let missing = |finding: Finding| Finding {
+        kind: ChangeKind::MapMismatch,
+        ..finding
+    };
+    for of_no_change in [suspect as fn(Finding) -> Finding, shifted, missing] {
         let bench = Bench::new().await;
         bench.lap("before", 0, 1, |_| Vec::new()).await;
         bench

@@ -1,8 +1,9 @@
 use super::bench::{Bench, box_finding, route, stamp_of_hour};
 use crate::change::series::{ClosureSample, SeriesEntry, residual_series};
-use crate::change::{AlertStatus, Detector, Finding};
+use crate::change::{AlertStatus, ChangeKind, Detector, Finding};
 use crate::geometry::Vector2;
 use crate::ids::{BatchId, VehicleId};
+use crate::mapping::Mending;
 use crate::store::{AlertFilter, SYSTEM};
 
 #[tokio::test(flavor = "multi_thread")]
@@ -152,4 +153,59 @@ async fn alerts_are_listed_newest_first_and_told_of_in_order() {
         (next[0].sequence, next[0].alert_id, next[0].revision),
         (last, all[0].id, 2)
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_mended_is_resolved_and_says_by_how_much() {
+    let bench = Bench::new().await;
+    let mismatch = |finding: Finding| Finding {
+        kind: ChangeKind::MapMismatch,
+        shift: Some(Vector2::new(0.4, 0.0)),
+        ..finding
+    };
+    bench.lap("before", 0, 1, |_| Vec::new()).await;
+    bench
+        .lap("after", 1, 1, |map| vec![mismatch(box_finding(map))])
+        .await;
+    let told = bench.alerts().await.remove(0);
+    assert_eq!(told.status, AlertStatus::Open);
+    let mut never_told = told.evidence.clone();
+    for corner in &mut never_told.region {
+        corner.x += 30.0;
+    }
+    let mended = [told.evidence.clone(), never_told].map(|mismatch| Mending {
+        mismatch,
+        shift: Vector2::new(0.412, -0.02),
+        closures: Vec::new(),
+        quarantined: Vec::new(),
+    });
+    bench
+        .mended_lap("later", 2, 1, |_| (Vec::new(), mended.to_vec()))
+        .await;
+    let bench = bench.restarted().await;
+    let alerts = bench.alerts().await;
+    let note = "closures mended the map: the segment was moved by (0.41, -0.02) m";
+    for (alert, revision) in alerts.iter().zip([2, 1]) {
+        assert_eq!(
+            (alert.status, alert.revision),
+            (AlertStatus::Resolved, revision)
+        );
+        let statuses: Vec<_> = alert.history.iter().map(|entry| entry.status).collect();
+        assert_eq!(statuses, [AlertStatus::Open, AlertStatus::Resolved]);
+        let last = alert.history.last().unwrap();
+        assert_eq!(
+            (last.note.as_deref(), last.by.as_str()),
+            (Some(note), SYSTEM)
+        );
+    }
+    assert_eq!(alerts.len(), 2);
+    // What happens to one within a job is one revision.
+    let stands = mended[0].mismatch.clone();
+    bench.lap("third", 3, 1, |_| vec![stands.clone()]).await;
+    let again = (vec![stands.clone()], vec![mended[0].clone()]);
+    bench.mended_lap("fourth", 4, 1, |_| again.clone()).await;
+    let alerts = bench.alerts().await;
+    assert_eq!((alerts.len(), alerts[0].revision), (2, 4));
+    assert_eq!(alerts[0].status, AlertStatus::Open);
+    assert_eq!(alerts[0].history.len(), 5);
 }
