@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn an_open_mismatch_says_what_mended_it_and_stays_resolved() {
         let told = mismatch([0.0, 0.0]);
-        let raised = applied(&[], &fold(&[], &[told.clone()]));
+        let raised = applied(&[], &fold(&[], std::slice::from_ref(&told)));
         let moved = Vector2::new(-0.312, -0.001);
         let updates = resolve_mended(&raised, &[(&told, moved)]);
         assert_eq!((updates.len(), updates[0].existing), (1, Some(0)));
