@@ -58,6 +58,7 @@ fn finding_of(run: &[MovedPose<'_>]) -> Finding {
         tier: Tier::Tentative,
         counterpart: None,
         shift: Some(Vector2::new(along(0), along(1))),
+        suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::MapMismatch,
         location: places[0],

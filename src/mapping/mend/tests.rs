@@ -70,6 +70,7 @@ fn judged(map: &mut RouteMap) -> (Vec<Finding>, Vec<Mending>) {
         false_alerts_per_lap: 0.01,
         accepted: &[],
         vehicles: &BTreeMap::new(),
+        suspects: &[],
     };
     map.findings_and_mendings(&scope, &[]).unwrap()
 }
@@ -206,6 +207,7 @@ fn a_trip_that_never_ends_is_mended_by_its_own_first_lap() {
         false_alerts_per_lap: 0.01,
         accepted: &[],
         vehicles: &BTreeMap::new(),
+        suspects: &[],
     });
     let told: Vec<&Finding> = told
         .iter()
