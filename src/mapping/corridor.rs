@@ -14,6 +14,8 @@ use crate::scan::SurfacePoint;
 const FACING_SHARE_MAX: f64 = 0.2;
 /// … and the local map by no more than this.
 const LOCAL_FACING_SHARE_MAX: f64 = 0.3;
+/// So long it is at least, as far as the trip has seen it, metres: a single wall is none.
+const SEEN_MIN_M: f64 = 6.0;
 /// How far along the corridor it is looked for, metres.
 const ALONG_MAX_M: f64 = 0.8;
 /// So many points of the local map say as much as all.
@@ -46,8 +48,10 @@ impl AlongCorridor {
         range_sigma_m: f64,
     ) -> Option<Self> {
         let points = local_map.points_within(SEARCH_REACH_M, POINTS_MAX);
-        let is_corridor = facing_share(newest) < FACING_SHARE_MAX
-            && facing_share(&points) < LOCAL_FACING_SHARE_MAX;
+        let (share, along) = least_faced(&points)?;
+        let is_corridor = least_faced(newest)?.0 < FACING_SHARE_MAX
+            && share < LOCAL_FACING_SHARE_MAX
+            && length_m(&points, &along) >= SEEN_MIN_M;
         if !is_corridor {
             return None;
         }
@@ -92,17 +96,30 @@ fn moved_along(axis: &Vector2<f64>, from: &Pose2, to: &Pose2) -> Pose2 {
     from.compose(&Pose2::new(by_m * axis.x, by_m * axis.y, 0.0))
 }
 
-/// How far surfaces face the direction that they face least: 0 if all are parallel, a half if they
-/// face every direction alike, or if there are none.
-fn facing_share(points: &[SurfacePoint]) -> f64 {
+/// The direction that surfaces face least (a unit vector), and how far they do: 0 if all are parallel
+/// to it, a half if they face every direction alike. `None` without surfaces.
+fn least_faced(points: &[SurfacePoint]) -> Option<(f64, Vector2<f64>)> {
     let normals = points.iter().filter_map(|point| point.normal);
     let (sum, count) = normals.fold((Matrix2::zeros(), 0.0), |(sum, count), n| {
         (sum + n * n.transpose(), count + 1.0)
     });
-    match count > 0.0 {
-        true => sum.symmetric_eigenvalues().min() / count,
-        false => 0.5,
-    }
+    let eigen = sum.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    (count > 0.0).then(|| {
+        let direction = eigen.eigenvectors.column(least).into_owned();
+        (eigen.eigenvalues[least] / count, direction)
+    })
+}
+
+/// How far points reach along a direction, metres.
+fn length_m(points: &[SurfacePoint], along: &Vector2<f64>) -> f64 {
+    let (first, last) = points
+        .iter()
+        .map(|point| along.dot(&point.position))
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), at_m| {
+            (first.min(at_m), last.max(at_m))
+        });
+    last - first
 }
 
 /// The nearest references, so far apart.
