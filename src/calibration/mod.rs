@@ -48,5 +48,5 @@ pub use spacing_walls::spacing_by_walls;
 pub use trip::TripCalibration;
 pub use trip_corrections::{AppliedCorrection, TripCorrections};
 pub use trip_scans::{TripScan, matched_motions};
-pub use vehicle::{CalibratedTrip, Change, VehicleCalibration};
+pub use vehicle::{CalibratedTrip, Change, TRIPS_MAX, VehicleCalibration};
 pub use vehicle_fault::{Displacement, VehicleFault};

@@ -4,8 +4,8 @@ use super::episodes::{Episodes, TRIPS_MIN, Word, combined, mean_and_deviation, s
 use super::{Combined, Estimate, Estimates, Quantity, TripCalibration};
 use crate::ids::{StampNs, TripId};
 
-/// So many of the newest trips are weighed.
-const TRIPS_MAX: usize = 20;
+/// So many of the newest trips of a vehicle's lidar are weighed.
+pub const TRIPS_MAX: usize = 20;
 
 /// What one of a vehicle's trips says.
 #[derive(Debug, Clone, PartialEq)]

@@ -75,6 +75,15 @@ impl Pose2 {
         Vector2::new(self.x, self.y)
     }
 
+    /// Moved by a vector of the frame that it is a pose in, metres; not turned.
+    pub fn shifted(&self, by: &Vector2<f64>) -> Self {
+        Self {
+            x: self.x + by.x,
+            y: self.y + by.y,
+            ..*self
+        }
+    }
+
     /// The rotation as a 2 × 2 matrix.
     pub fn rotation(&self) -> Matrix2<f64> {
         *Rotation2::new(self.theta).matrix()

@@ -116,8 +116,7 @@ pub(super) fn measure(
     rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
-    let sigma_m = sigmas_m.0.max(sigmas_m.1);
+    let sigma_m = range_sigma_m(old, new)?;
     let points = &new.keyframe.points;
     let mut alignment = Alignment::new(&cloud, points);
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
@@ -195,8 +194,7 @@ pub(super) fn aligned_from(
     old_from_new: &Pose2,
 ) -> Option<Estimate> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
-    let sigma_m = sigmas_m.0.max(sigmas_m.1);
+    let sigma_m = range_sigma_m(old, new)?;
     let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
     Some(alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST))
 }
@@ -214,8 +212,7 @@ pub(super) fn measure_by_score(
     rule: &ClosureRule,
 ) -> Option<ClosureMeasurement> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let sigmas_m = (old.keyframe.range_sigma_m()?, new.keyframe.range_sigma_m()?);
-    let sigma_m = sigmas_m.0.max(sigmas_m.1);
+    let sigma_m = range_sigma_m(old, new)?;
     let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
     let all_points = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ALL_POINTS);
     let accepted = all_points.termination != Termination::TooFewPoints
@@ -225,6 +222,12 @@ pub(super) fn measure_by_score(
     }
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     Some(ClosureMeasurement { robust, all_points })
+}
+
+/// The larger noise of two scans' ranges, metres; `None` without scans.
+fn range_sigma_m(old: &Placed<'_>, new: &Placed<'_>) -> Option<f64> {
+    let [old, new] = [old, new].map(|placed| placed.keyframe.range_sigma_m());
+    Some(old?.max(new?))
 }
 
 /// The larger share of one scan's points in the other's free space; `None` without scans.

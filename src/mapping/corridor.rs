@@ -5,7 +5,7 @@
 //! what references show, and closures keep to where it fits.
 
 use super::local_map::{LocalMap, SEARCH_REACH_M};
-use super::partners::Placed;
+use super::partners::{self, Placed};
 use crate::geometry::{Matrix2, Pose2, Vector2, Vector3};
 use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination};
 use crate::scan::SurfacePoint;
@@ -22,8 +22,6 @@ const ALONG_MAX_M: f64 = 0.8;
 const POINTS_MAX: usize = 500;
 /// Least share of the local map that must fit.
 const SUPPORT_MIN: f64 = 0.5;
-/// References that are compared with are so far apart, metres.
-const REFERENCE_SPACING_M: f64 = 0.8;
 
 /// A place along a corridor.
 pub(super) struct AlongCorridor {
@@ -37,25 +35,27 @@ pub(super) struct AlongCorridor {
 
 impl AlongCorridor {
     /// Of the trip whose newest keyframe, with these points, is expected at `expected`
-    /// (`map_from_base`); `local_map` is in its base frame.
+    /// (`map_from_base`); `local_map` is one in its base frame.
     ///
     /// `None` where there is no corridor, or where the references show another place.
-    pub fn of(
+    pub fn of<'a>(
         newest: &[SurfacePoint],
-        local_map: &LocalMap<'_>,
-        references: &[Placed<'_>],
+        local_map: impl FnOnce() -> LocalMap<'a>,
+        references: &[Placed<'a>],
         expected: &Pose2,
         range_sigma_m: f64,
     ) -> Option<Self> {
-        let points = local_map.points_within(SEARCH_REACH_M, POINTS_MAX);
-        let (share, along) = least_faced(&points)?;
-        let is_corridor = least_faced(newest)?.0 < FACING_SHARE_MAX
-            && share < LOCAL_FACING_SHARE_MAX
-            && length_m(&points, &along) >= SEEN_MIN_M;
-        if !is_corridor {
+        // Of the newest scan alone first: most are of no corridor.
+        if least_faced(newest)?.0 >= FACING_SHARE_MAX {
             return None;
         }
-        let apart = spaced(references, expected);
+        let points = local_map().points_within(SEARCH_REACH_M, POINTS_MAX);
+        let (share, along) = least_faced(&points)?;
+        if share >= LOCAL_FACING_SHARE_MAX || length_m(&points, &along) < SEEN_MIN_M {
+            return None;
+        }
+        let nearest = partners::nearest_first(expected, references);
+        let apart = partners::spaced(nearest, usize::MAX);
         let scans = apart
             .iter()
             .map(|placed| (placed.pose, placed.keyframe.points.as_slice()));
@@ -122,20 +122,6 @@ fn length_m(points: &[SurfacePoint], along: &Vector2<f64>) -> f64 {
     last - first
 }
 
-/// The nearest references, so far apart.
-fn spaced<'a>(references: &[Placed<'a>], expected: &Pose2) -> Vec<Placed<'a>> {
-    let way_m = |a: &Pose2, b: &Pose2| (a.translation() - b.translation()).norm();
-    let mut nearest: Vec<Placed<'a>> = references.to_vec();
-    nearest.sort_by(|a, b| way_m(&a.pose, expected).total_cmp(&way_m(&b.pose, expected)));
-    let mut kept: Vec<Placed<'a>> = Vec::new();
-    for placed in nearest {
-        if (kept.iter()).all(|other| way_m(&other.pose, &placed.pose) >= REFERENCE_SPACING_M) {
-            kept.push(placed);
-        }
-    }
-    kept
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -194,7 +180,7 @@ mod tests {
         let expected = Pose2::new(off_m, 0.0, 0.0);
         AlongCorridor::of(
             &keyframes[7].points,
-            &local_map,
+            || local_map,
             &references,
             &expected,
             0.01,

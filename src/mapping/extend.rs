@@ -375,7 +375,13 @@ impl RouteMap {
         }
         let found = self.find_closures(index);
         if !found.is_empty() {
-            self.insert_closures(index, &found, added)?;
+            let found = found.iter();
+            let found = found.map(|(partner, measurement)| ([*partner, index], measurement));
+            let closures = self.insert_closures(found)?;
+            added
+                .edges
+                .extend(closures.iter().map(|closure| closure.edge));
+            added.closures.extend(closures);
             self.keyframes[index].drift_m = 0.0;
         }
         let pose = self.graph.nodes()[index].pose;
@@ -456,8 +462,8 @@ impl RouteMap {
         }
         let keyframe = &self.keyframes[index];
         let sigma_m = keyframe.range_sigma_m()?;
-        let local_map = self.local_map(index);
-        AlongCorridor::of(&keyframe.points, &local_map, references, pose, sigma_m)
+        let local_map = || self.local_map(index);
+        AlongCorridor::of(&keyframe.points, local_map, references, pose, sigma_m)
     }
 
     /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at
@@ -496,33 +502,31 @@ impl RouteMap {
         self.keyframes[k].reference && self.keyframes[k].scan.is_some()
     }
 
-    /// Adds the closures of a new node with their older ends, and solves the graph.
-    fn insert_closures(
+    /// Adds closures, each with the places of its older end and of its newer one, and solves the
+    /// graph.
+    pub(super) fn insert_closures<'a>(
         &mut self,
-        index: usize,
-        found: &[(usize, ClosureMeasurement)],
-        added: &mut Extension,
-    ) -> Result<(), GraphError> {
-        let first = added.edges.len();
-        for (partner, measurement) in found {
-            added
-                .edges
-                .push(self.add_closure(*partner, index, measurement)?);
+        found: impl Iterator<Item = ([usize; 2], &'a ClosureMeasurement)>,
+    ) -> Result<Vec<Closure>, GraphError> {
+        let (mut edges, mut measured) = (Vec::new(), Vec::new());
+        for (ends, measurement) in found {
+            edges.push(self.add_closure(ends, measurement)?);
+            measured.push((ends, measurement));
         }
-        let edges = &added.edges[first..];
         let options = SolveOptions::default();
-        let growths = self.solver.solve_closures(&mut self.graph, edges, &options);
-        for ((&edge, (partner, measurement)), delta_f) in edges.iter().zip(found).zip(growths) {
-            let closure = self.closure(edge, [*partner, index], measurement, delta_f);
-            added.closures.push(closure);
-        }
-        Ok(())
+        let growths = self
+            .solver
+            .solve_closures(&mut self.graph, &edges, &options);
+        let closures = edges.into_iter().zip(measured).zip(growths);
+        let closures = closures.map(|((edge, (ends, measurement)), delta_f)| {
+            self.closure(edge, ends, measurement, delta_f)
+        });
+        Ok(closures.collect())
     }
 
-    pub(super) fn add_closure(
+    fn add_closure(
         &mut self,
-        partner: usize,
-        index: usize,
+        [partner, index]: [usize; 2],
         measurement: &ClosureMeasurement,
     ) -> Result<EdgeId, GraphError> {
         let optimised = match self.weighting {
@@ -543,7 +547,7 @@ impl RouteMap {
     }
 
     /// What a closure says now that the graph is solved with it.
-    pub(super) fn closure(
+    fn closure(
         &self,
         edge: EdgeId,
         [partner, index]: [usize; 2],

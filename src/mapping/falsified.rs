@@ -22,15 +22,10 @@ impl RouteMap {
     ) -> Result<Self, GraphError> {
         let pose_of = |node: NodeId| -> Option<Pose2> {
             let pose = self.graph.node(node)?.pose;
-            let by = match moved.contains(&node) {
-                true => *by,
-                false => Vector2::zeros(),
-            };
-            Some(Pose2 {
-                x: pose.x + by.x,
-                y: pose.y + by.y,
-                ..pose
-            })
+            match moved.contains(&node) {
+                true => Some(pose.shifted(by)),
+                false => Some(pose),
+            }
         };
         let nodes = self.keyframes.iter().filter_map(|keyframe| {
             let pose = pose_of(keyframe.node)?;

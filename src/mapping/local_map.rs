@@ -82,11 +82,7 @@ impl<'a> LocalMap<'a> {
             })
         });
         let within: Vec<SurfacePoint> = placed.filter(|p| p.position.norm() <= reach_m).collect();
-        if within.len() <= count_max {
-            return within;
-        }
-        let chosen = (0..count_max).map(|k| within[k * within.len() / count_max]);
-        chosen.collect()
+        evenly_chosen(&within, count_max).copied().collect()
     }
 
     /// One point for each square of the given width, in order of appearance, no farther than
@@ -104,13 +100,14 @@ impl<'a> LocalMap<'a> {
                 kept.push(position);
             }
         }
-        if kept.len() <= count_max {
-            return kept;
-        }
-        (0..count_max)
-            .map(|k| kept[k * kept.len() / count_max])
-            .collect()
+        evenly_chosen(&kept, count_max).copied().collect()
     }
+}
+
+/// All of some things, or `count_max` of them, evenly chosen.
+pub(super) fn evenly_chosen<T>(things: &[T], count_max: usize) -> impl Iterator<Item = &T> {
+    let count = things.len().min(count_max);
+    (0..count).map(move |k| &things[k * things.len() / count])
 }
 
 #[cfg(test)]

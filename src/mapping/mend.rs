@@ -15,7 +15,6 @@ use crate::change::{ChangeKind, Finding};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
-use crate::solver::SolveOptions;
 
 mod verdict;
 mod vote;
@@ -158,12 +157,7 @@ impl RouteMap {
             .map(|edge| (*edge, EdgeStatus::Quarantined));
         self.restate_edges(&statuses.collect::<Vec<_>>());
         for &k in &verdict.places {
-            let pose = self.graph.nodes()[k].pose;
-            let moved = Pose2 {
-                x: pose.x + verdict.shift.x,
-                y: pose.y + verdict.shift.y,
-                ..pose
-            };
+            let moved = self.graph.nodes()[k].pose.shifted(&verdict.shift);
             self.graph.set_pose_at(k, moved);
         }
         self.insert_votes(&verdict.votes)
@@ -228,23 +222,11 @@ impl RouteMap {
     }
 
     fn insert_votes(&mut self, votes: &[Vote]) -> Result<Vec<Closure>, GraphError> {
-        let mut ends = Vec::new();
-        for vote in votes {
-            for (partner, measurement) in &vote.closures {
-                let edge = self.add_closure(*partner, vote.place, measurement)?;
-                ends.push((edge, [*partner, vote.place], measurement));
-            }
-        }
-        let edges: Vec<EdgeId> = ends.iter().map(|(edge, ..)| *edge).collect();
-        let options = SolveOptions::default();
-        let growths = self
-            .solver
-            .solve_closures(&mut self.graph, &edges, &options);
-        let closures = ends.into_iter().zip(growths);
-        let closures = closures.map(|((edge, ends, measurement), delta_f)| {
-            self.closure(edge, ends, measurement, delta_f)
+        let closures = votes.iter().flat_map(|vote| {
+            let closures = vote.closures.iter();
+            closures.map(|(partner, measurement)| ([*partner, vote.place], measurement))
         });
-        Ok(closures.collect())
+        self.insert_closures(closures)
     }
 
     /// Closures of nodes that have moved that fitted before and do not now.

@@ -70,19 +70,36 @@ pub(super) fn choose<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Pla
         .map(|(share, old)| ((share * 5.0) as u32, old))
         .collect();
     ranked.sort_by_key(|(tier, old)| (std::cmp::Reverse(*tier), old.keyframe.node));
-    let mut chosen: Vec<Placed<'a>> = Vec::new();
-    for (_, old) in ranked {
-        let apart = |other: &Placed<'_>| {
-            (other.pose.translation() - old.pose.translation()).norm() >= PARTNER_SPACING_M
-        };
-        if chosen.iter().all(apart) {
-            chosen.push(old);
-            if chosen.len() == PARTNERS_MAX {
-                break;
-            }
+    spaced(ranked.into_iter().map(|(_, old)| old), PARTNERS_MAX)
+}
+
+/// The first of some placed keyframes, and of the others in their order those that are
+/// [`PARTNER_SPACING_M`] from all taken before, `count_max` at most.
+pub(super) fn spaced<'a>(
+    ranked: impl IntoIterator<Item = Placed<'a>>,
+    count_max: usize,
+) -> Vec<Placed<'a>> {
+    let mut kept: Vec<Placed<'a>> = Vec::new();
+    for placed in ranked {
+        if kept.len() == count_max {
+            break;
+        }
+        if (kept.iter()).all(|other| way_m(&other.pose, &placed.pose) >= PARTNER_SPACING_M) {
+            kept.push(placed);
         }
     }
-    chosen
+    kept
+}
+
+/// Placed keyframes by their distance from a pose.
+pub(super) fn nearest_first<'a>(pose: &Pose2, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
+    let mut ranked = placed.to_vec();
+    ranked.sort_by(|a, b| way_m(&a.pose, pose).total_cmp(&way_m(&b.pose, pose)));
+    ranked
+}
+
+fn way_m(a: &Pose2, b: &Pose2) -> f64 {
+    (a.translation() - b.translation()).norm()
 }
 
 /// The one reference node that a new node is tied to in the paper's graph: the nearest, if it is
@@ -105,10 +122,8 @@ pub(super) fn nearest_of_any<'a>(
 
 /// The candidates within [`NEAREST_MAX_M`], the nearest first.
 fn by_distance<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
-    let way_m = |old: &Placed<'a>| (old.pose.translation() - new.pose.translation()).norm();
-    let near = candidates.iter().filter(|old| way_m(old) <= NEAREST_MAX_M);
-    let mut ranked: Vec<Placed<'a>> = near.copied().collect();
-    ranked.sort_by(|a, b| way_m(a).total_cmp(&way_m(b)));
+    let mut ranked = nearest_first(&new.pose, candidates);
+    ranked.retain(|old| way_m(&old.pose, &new.pose) <= NEAREST_MAX_M);
     ranked
 }
 

@@ -6,15 +6,12 @@ use std::sync::Arc;
 use anyhow::Context;
 
 use crate::calibration::{
-    AppliedCorrection, CalibratedTrip, Corrections, TripCorrections, VehicleCalibration,
+    AppliedCorrection, CalibratedTrip, Corrections, TRIPS_MAX, TripCorrections, VehicleCalibration,
 };
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
 use crate::mapping::{Drive, DriveScan};
 use crate::scan::{LaserScan, Lidar};
 use crate::store::TripCalibrationRecord;
-
-/// So many of the newest trips of a vehicle's lidar are kept, as the store reads them.
-const TRIPS_MAX: usize = 20;
 
 /// The newest trips' words by vehicle and lidar, the oldest first, as they come from the store.
 #[derive(Debug, Default)]

@@ -8,11 +8,8 @@ use sqlx::{Row, SqliteConnection};
 use super::columns::{alert_id, json, json_text, name, optional_json, time};
 use super::error::StoreError;
 use super::{Store, named};
-use crate::calibration::{CalibratedTrip, TripCalibration, TripCorrections};
+use crate::calibration::{CalibratedTrip, TRIPS_MAX, TripCalibration, TripCorrections};
 use crate::ids::{AlertId, LidarId, RouteId, StampNs, TripId, VehicleId};
-
-/// So many of the newest trips of a vehicle's lidar say how it is calibrated.
-const TRIPS_MAX: u32 = 20;
 
 /// What a trip says of its vehicle by one of its lidars, as a result brings it.
 #[derive(Debug, Clone, PartialEq)]
@@ -243,7 +240,7 @@ pub(super) async fn route_calibrations(
          WHERE newness <= ? ORDER BY vehicle_id, lidar, stamp_ns, trip_id",
     )
     .bind(route.as_str())
-    .bind(TRIPS_MAX)
+    .bind(TRIPS_MAX as i64)
     .fetch_all(reader)
     .await?;
     rows.iter().map(record_of).collect()
@@ -298,7 +295,7 @@ async fn calibrations(
     )
     .bind(route_key)
     .bind(vehicle.as_str())
-    .bind(TRIPS_MAX)
+    .bind(TRIPS_MAX as i64)
     .fetch_all(reader)
     .await?;
     let mut of_only_one = Vec::new();

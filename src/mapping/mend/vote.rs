@@ -3,7 +3,7 @@
 use super::super::anchor;
 use super::super::closure::{self, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureMeasurement, Slack};
 use super::super::extend::{PARTNER_DISTANCE_MAX_M, RECENT_KEYFRAMES};
-use super::super::local_map::LocalMap;
+use super::super::local_map::{LocalMap, evenly_chosen};
 use super::super::partners::{self, Placed};
 use super::super::route_map::RouteMap;
 use super::verdict::{Verdict, spread_m};
@@ -115,10 +115,9 @@ impl RouteMap {
 
     /// What some keyframes of a segment, evenly chosen, say each for itself.
     pub(super) fn votes_of(&self, segment: &Segment) -> Vec<Said> {
-        let count = segment.places.len().min(KEYFRAMES_MAX);
-        let chosen = (0..count).map(|n| segment.places[n * segment.places.len() / count]);
+        let chosen = evenly_chosen(&segment.places, KEYFRAMES_MAX);
         chosen
-            .map(|k| self.vote(segment, k, segment.shift.as_ref()))
+            .map(|&k| self.vote(segment, k, segment.shift.as_ref()))
             .collect()
     }
 
@@ -126,7 +125,7 @@ impl RouteMap {
     /// not of its segment.
     fn vote(&self, segment: &Segment, k: usize, shift: Option<&Vector2<f64>>) -> Said {
         let new = self.placed(k);
-        let begin = shifted(&new.pose, &shift.copied().unwrap_or_default());
+        let begin = new.pose.shifted(&shift.copied().unwrap_or_default());
         let window = Slack {
             distance_m: shift.map_or(WINDOW_UNKNOWN_M, |_| WINDOW_M),
             turn_rad: WINDOW_RAD,
@@ -253,7 +252,7 @@ impl RouteMap {
     fn leans(&self, segment: &Segment, k: usize, shift: &Vector2<f64>) -> bool {
         let new = self.placed(k);
         let there = Placed {
-            pose: shifted(&new.pose, shift),
+            pose: new.pose.shifted(shift),
             ..new
         };
         let nearby = self.older_references(segment, k, &there.pose, 0.0);
@@ -316,12 +315,4 @@ fn agreeing(place: usize, lies: &Pose2, matches: Vec<Match>, is_untied: bool) ->
 fn is_same_place(a: &Pose2, b: &Pose2) -> bool {
     (a.translation() - b.translation()).norm() <= SAME_PLACE_M
         && angle_difference_rad(a.theta, b.theta) <= SAME_PLACE_RAD
-}
-
-fn shifted(pose: &Pose2, shift: &Vector2<f64>) -> Pose2 {
-    Pose2 {
-        x: pose.x + shift.x,
-        y: pose.y + shift.y,
-        ..*pose
-    }
 }
