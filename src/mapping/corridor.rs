@@ -35,7 +35,7 @@ pub(super) struct AlongCorridor {
 
 impl AlongCorridor {
     /// Of the trip whose newest keyframe, with these points, is expected at `expected`
-    /// (`map_from_base`); `local_map` is one in its base frame.
+    /// (`map_from_base`); `local_map` makes one in its base frame, if it is needed.
     ///
     /// `None` where there is no corridor, or where the references show another place.
     pub fn of<'a>(
@@ -54,7 +54,7 @@ impl AlongCorridor {
         if share >= LOCAL_FACING_SHARE_MAX || length_m(&points, &along) < SEEN_MIN_M {
             return None;
         }
-        let nearest = partners::nearest_first(expected, references);
+        let nearest = partners::nearest_first(expected, references.iter().copied());
         let apart = partners::spaced(nearest, usize::MAX);
         let scans = apart
             .iter()

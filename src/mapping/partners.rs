@@ -92,8 +92,11 @@ pub(super) fn spaced<'a>(
 }
 
 /// Placed keyframes by their distance from a pose.
-pub(super) fn nearest_first<'a>(pose: &Pose2, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
-    let mut ranked = placed.to_vec();
+pub(super) fn nearest_first<'a>(
+    pose: &Pose2,
+    placed: impl IntoIterator<Item = Placed<'a>>,
+) -> Vec<Placed<'a>> {
+    let mut ranked: Vec<Placed<'a>> = placed.into_iter().collect();
     ranked.sort_by(|a, b| way_m(&a.pose, pose).total_cmp(&way_m(&b.pose, pose)));
     ranked
 }
@@ -122,9 +125,9 @@ pub(super) fn nearest_of_any<'a>(
 
 /// The candidates within [`NEAREST_MAX_M`], the nearest first.
 fn by_distance<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
-    let mut ranked = nearest_first(&new.pose, candidates);
-    ranked.retain(|old| way_m(&old.pose, &new.pose) <= NEAREST_MAX_M);
-    ranked
+    let near =
+        (candidates.iter().copied()).filter(|old| way_m(&old.pose, &new.pose) <= NEAREST_MAX_M);
+    nearest_first(&new.pose, near)
 }
 
 #[cfg(test)]
