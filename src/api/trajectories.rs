@@ -107,7 +107,7 @@ pub(super) async fn get_trajectory(
     });
     let corrections = state.store.trip_corrections(&route_id, &trip_id).await?;
     let corrections = corrections.unwrap_or_default();
-    let corrections = corrections.applied().iter().filter_map(correction_body);
+    let corrections = corrections.applied().iter().map(correction_body);
     Ok(Json(TrajectoryBody {
         trip_id: trip_id.to_string(),
         corrections: corrections.collect(),
@@ -115,13 +115,13 @@ pub(super) async fn get_trajectory(
     }))
 }
 
-fn correction_body(applied: &AppliedCorrection) -> Option<TripCorrectionBody> {
-    Some(TripCorrectionBody {
+fn correction_body(applied: &AppliedCorrection) -> TripCorrectionBody {
+    TripCorrectionBody {
         lidar: applied.lidar.as_ref().map(ToString::to_string),
-        quantity: field_of(applied.quantity)?,
+        quantity: field_of(applied.quantity),
         value: applied.estimate.value,
         sigma: applied.estimate.sigma,
-    })
+    }
 }
 
 /// Read a trip's trajectory as TUM text.

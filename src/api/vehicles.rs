@@ -137,6 +137,10 @@ struct CalibrationBody {
     /// on it.
     #[schema(required)]
     beam_spacing: Option<CalibratedBody>,
+    /// Share by which distances are longer than the ranges say, beside what other vehicles have
+    /// brought into the map. A vehicle alone cannot tell it.
+    #[schema(required)]
+    range_scale: Option<CalibratedBody>,
     /// What the newest trips contradict of what those before said, until four of them say the same:
     /// names of the fields above.
     changed: Vec<String>,
@@ -155,8 +159,8 @@ struct CalibratedBody {
     /// Whether it is sure: four trips say it, their mean is farther from 0 than is worth a correction,
     /// than three standard errors and than their scatter allows, and the newest confirms what those
     /// before it say. The vehicle's next trip is corrected by what is sure, but for `relative_mount`,
-    /// and wheels by a lidar that is not the vehicle's first. The clock never is: each trip measures
-    /// its own.
+    /// wheels by a lidar that is not the vehicle's first, `beam_spacing` and `range_scale`. The clock
+    /// never is sure: each trip measures its own.
     sure: bool,
     /// Whether the scans and odometry of its newest trip are corrected for it.
     applied: bool,
@@ -291,7 +295,8 @@ fn calibrated(
     Some(CalibratedBody {
         value: combined.estimate.value,
         sigma: combined.estimate.sigma,
-        sure: calibration.sure().contains_key(&quantity),
+        sure: calibration.sure().contains_key(&quantity)
+            || calibration.uncorrected().contains_key(&quantity),
         applied: applied.is_some(),
         correction: applied.map(CorrectionBody::from),
     })
@@ -300,7 +305,7 @@ fn calibrated(
 fn changed(calibration: &VehicleCalibration) -> Vec<String> {
     let changes = calibration.changes().into_iter();
     let standing = changes.filter(|change| change.known_anew.is_none());
-    let changed = standing.filter_map(|change| field_of(change.quantity));
+    let changed = standing.map(|change| field_of(change.quantity));
     changed.map(str::to_owned).collect()
 }
 
@@ -350,15 +355,16 @@ impl CalibrationBody {
             turn_per_metre: calibrated(Quantity::TurnPerMetre),
             clock: calibrated(Quantity::ClockOffset),
             beam_spacing: calibrated(Quantity::BeamSpacing),
+            range_scale: calibrated(Quantity::RangeScale),
             changed: changed(&combined),
             faults: combined.newest_faults().to_vec(),
         }
     }
 }
 
-/// The field that a quantity stands in; the scale of the ranges is not told by a vehicle alone.
-pub(super) fn field_of(quantity: Quantity) -> Option<&'static str> {
-    Some(match quantity {
+/// The field that a quantity stands in.
+pub(super) fn field_of(quantity: Quantity) -> &'static str {
+    match quantity {
         Quantity::MountYaw => "yaw",
         Quantity::MountX => "offset_x",
         Quantity::MountY => "offset_y",
@@ -367,6 +373,6 @@ pub(super) fn field_of(quantity: Quantity) -> Option<&'static str> {
         Quantity::TurnPerMetre => "turn_per_metre",
         Quantity::ClockOffset => "clock",
         Quantity::BeamSpacing => "beam_spacing",
-        Quantity::RangeScale => return None,
-    })
+        Quantity::RangeScale => "range_scale",
+    }
 }

@@ -41,7 +41,7 @@ pub use motion_fit::{MotionFit, fit_motions};
 pub use motions::{Motions, ScanMotion, is_complete};
 pub use odometry_track::OdometryTrack;
 pub use quantity::Quantity;
-pub use range_scale::{MapScan, range_scale};
+pub use range_scale::MapScan;
 pub use spacing::Spacing;
 pub use spacing_matches::{ScanPair, spacing_by_matches};
 pub use spacing_walls::spacing_by_walls;

@@ -126,13 +126,13 @@ impl Quantity {
     /// is what bends or scales scans: what the vehicle's earlier trips saw is in the map as it was
     /// stated, and would contradict what later ones see.
     pub fn is_corrected(self) -> bool {
-        self.is_of_vehicle() && self != Self::BeamSpacing
+        self.is_of_vehicle() && !matches!(self, Self::BeamSpacing | Self::RangeScale)
     }
 
     /// Whether trips together say it of a vehicle: not the clock, which each trip measures for
-    /// itself, nor the scale of ranges, which no vehicle alone tells.
+    /// itself.
     pub fn is_of_vehicle(self) -> bool {
-        !matches!(self, Self::ClockOffset | Self::RangeScale)
+        self != Self::ClockOffset
     }
 
     /// Standard deviation that no number of drives goes below, in the quantity's unit.

@@ -41,7 +41,7 @@ const UNKNOWN_POSE: PoseSigmas = PoseSigmas {
 
 /// What scans of a trip, in the order of time, say of [`Quantity::RangeScale`]. `None` without
 /// enough of them that match and have walls on several sides.
-pub fn range_scale(scans: &[MapScan<'_>]) -> Option<Estimate> {
+pub(super) fn range_scale(scans: &[MapScan<'_>]) -> Option<Estimate> {
     let said: Vec<Said> = scans.iter().filter_map(said_by).collect();
     shared_value(Quantity::RangeScale, &said)
 }

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Estimate, Estimates, Motions, Quantity, Spacing, fit_motions};
+use super::range_scale::{MapScan, range_scale};
+use super::{Estimates, Motions, Quantity, Spacing, fit_motions};
 
 /// Residuals of the motions so many times as large as usual are none of wheels and matches.
 const EXCESS_MAX: f64 = 4.0;
@@ -19,12 +20,12 @@ pub struct TripCalibration {
 }
 
 impl TripCalibration {
-    /// Of a trip's motions and of what its scans say of the beams and the ranges.
+    /// Of a trip's motions and of what its scans say of the beams.
     ///
     /// Where the spacing is wrong, motions matched with the stated lidar are wrong too: they are to
     /// be matched with the corrected one ([`super::Corrections::lidar`] with
     /// [`Spacing::significant`] in it), and with the stated mount, odometry and clock.
-    pub fn of(motions: &Motions, spacing: Option<&Spacing>, range_scale: Option<Estimate>) -> Self {
+    pub fn of(motions: &Motions, spacing: Option<&Spacing>) -> Self {
         let fit = fit_motions(motions);
         let mut estimates = fit
             .as_ref()
@@ -55,9 +56,6 @@ impl TripCalibration {
                 100.0 * walls.value,
             ));
         }
-        if let Some(range_scale) = range_scale {
-            estimates.insert(Quantity::RangeScale, range_scale);
-        }
         let spacing_left = spacing.copied().unwrap_or_default().left();
         // Beams by a per cent too far apart make all turns by scans a per cent too large.
         if let Some(turn) = estimates.get_mut(&Quantity::TurnScale) {
@@ -68,5 +66,14 @@ impl TripCalibration {
             spacing: spacing.copied().unwrap_or_default(),
             faults,
         }
+    }
+
+    /// The same with what a map that other vehicles have made says of the ranges.
+    #[must_use]
+    pub fn beside_others(mut self, scans: &[MapScan<'_>]) -> Self {
+        if let Some(range_scale) = range_scale(scans) {
+            self.estimates.insert(Quantity::RangeScale, range_scale);
+        }
+        self
     }
 }

@@ -55,7 +55,7 @@ impl TripCalibration {
             correction.lidar(stated, first.scan.beam_count()).ok()
         });
         let lidar = corrected.map_or_else(|| stated.clone(), Arc::new);
-        Self::of(&matched_motions(scans, &lidar), Some(&spacing), None)
+        Self::of(&matched_motions(scans, &lidar), Some(&spacing))
     }
 }
 

@@ -59,7 +59,9 @@ pub(super) struct Confirmation {
     /// Another place is one like it if it reaches this share of its score.
     rival_share: f64,
     slack: Slack,
-    /// Least share of the compared scans that must agree.
+    /// Of the compared scans so many must agree, …
+    agreeing_min: usize,
+    /// … and this share of them.
     agreeing_share_min: f64,
 }
 
@@ -76,6 +78,7 @@ const TRUSTING: Confirmation = Confirmation {
         well_known: true,
         contradiction_share_max: CONTRADICTION_SHARE_MAX,
     },
+    agreeing_min: KEYFRAMES_MIN,
     agreeing_share_min: 0.6,
 };
 
@@ -91,7 +94,15 @@ pub(super) const STRICT: Confirmation = Confirmation {
         contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
         ..TRUSTING.slack
     },
+    agreeing_min: KEYFRAMES_MIN,
     agreeing_share_min: 0.9,
+};
+
+/// For a trip that comes from afar, by what it saw on its last metres: a lap may end where it only
+/// touches what it saw first.
+pub(super) const FROM_AFAR: Confirmation = Confirmation {
+    agreeing_min: 2,
+    ..STRICT
 };
 
 const EVERYWHERE: SearchParams = SearchParams {
@@ -185,7 +196,7 @@ fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
 }
 
 /// Compares each of the trip's scans with its partners at the place found.
-fn confirm(
+pub(super) fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     map_from_own: &Pose2,
@@ -198,7 +209,7 @@ fn confirm(
             agreeing += usize::from(agrees);
         }
     }
-    let enough = agreeing >= KEYFRAMES_MIN.min(own.len())
+    let enough = agreeing >= confirmation.agreeing_min.min(own.len())
         && agreeing as f64 >= confirmation.agreeing_share_min * compared as f64;
     if enough {
         return Ok(());
@@ -222,7 +233,8 @@ pub(super) fn agrees(
         ..*own
     };
     let (slack, rule) = (&confirmation.slack, ClosureRule::default());
-    let chosen = partners::choose(&expected, references);
+    let nearby = partners::within_reach(&expected.pose, references);
+    let chosen = partners::choose(&expected, &nearby);
     let agrees = chosen.iter().any(|old| {
         let old_from_new = old.pose.between(&expected.pose);
         closure::measure(old, &expected, &old_from_new, slack, &rule).is_some()
@@ -230,15 +242,33 @@ pub(super) fn agrees(
     (!chosen.is_empty()).then_some(agrees)
 }
 
-const NEARBY: SearchParams = SearchParams {
+/// How a place is looked for around an expected one.
+pub(super) struct Nearby {
+    /// Edge of a cell of the search, metres, …
+    resolution_m: f64,
+    /// … and points that are compared.
+    points_max: usize,
+    /// Least score of a place.
+    score_min: f64,
+}
+
+/// As well as it can be found.
+pub(super) const FINE: Nearby = Nearby {
+    resolution_m: 0.05,
+    points_max: POINTS_MAX,
     score_min: 0.45,
-    // What is nearer is the same hill: along a corridor hills are long.
-    distinct_distance_m: 1.0,
-    distinct_turn_rad: 0.2,
-    rival_share: 0.9,
-    wants_best_rival: false,
 };
-const NEARBY_RESOLUTION_M: f64 = 0.05;
+
+/// Far around, by what is seen on a way: what is found is compared scan by scan.
+pub(super) const COARSE: Nearby = Nearby {
+    resolution_m: 0.2,
+    points_max: 150,
+    score_min: 0.6,
+};
+
+/// What is nearer is the same hill, metres and radians: along a corridor hills are long.
+const SAME_HILL_M: f64 = 1.0;
+const SAME_HILL_RAD: f64 = 0.2;
 /// A hit that lies nearer than this to the end of its slack, metres, …
 const BORDER_M: f64 = 0.1;
 /// … or than this part of the slack, is the slope of a hill outside: such hits tied the maps of
@@ -255,18 +285,26 @@ pub(super) fn relocate(
     references: &[Placed<'_>],
     expected: &Pose2,
     slack: &Slack,
+    nearby: &Nearby,
 ) -> Option<Pose2> {
+    let resolution_m = nearby.resolution_m;
     let reference_map = placed_map(references);
     let (centre, half_width_m) = (expected.translation(), SEARCH_REACH_M + slack.distance_m);
-    let grid =
-        reference_map.grid_around(&centre, half_width_m, NEARBY_RESOLUTION_M, GRID_LEVELS)?;
-    let points = local_map.thinned(NEARBY_RESOLUTION_M, SEARCH_REACH_M, POINTS_MAX);
+    let grid = reference_map.grid_around(&centre, half_width_m, resolution_m, GRID_LEVELS)?;
+    let points = local_map.thinned(resolution_m, SEARCH_REACH_M, nearby.points_max);
     let window = SearchWindow {
         centre: *expected,
         half_width_m: slack.distance_m,
         half_turn_rad: slack.turn_rad,
     };
-    let hit = search(&grid, &points, &window, &NEARBY)?;
+    let params = SearchParams {
+        score_min: nearby.score_min,
+        distinct_distance_m: SAME_HILL_M,
+        distinct_turn_rad: SAME_HILL_RAD,
+        rival_share: 0.9,
+        wants_best_rival: false,
+    };
+    let hit = search(&grid, &points, &window, &params)?;
     let moved = hit.pose.translation() - expected.translation();
     let border_m = BORDER_M.max(BORDER_SHARE * slack.distance_m);
     let is_inside = moved.norm() <= slack.distance_m - border_m;

@@ -12,7 +12,7 @@ pub const LOST_DRIFT_M: f64 = 1e6;
 /// expected, metres.
 pub(super) const DRIFT_SMALL_M: f64 = 6.0;
 /// Beyond this it comes from afar, and may be tied to what only looks like the place, metres.
-const DRIFT_FAR_M: f64 = 30.0;
+pub(super) const DRIFT_FAR_M: f64 = 30.0;
 
 /// A trip that was not found is searched for again when its drift has grown by this share …
 const SEARCH_GROWTH: f64 = 0.05;
@@ -41,6 +41,14 @@ pub(super) fn slack_after(drift_m: f64) -> Slack {
         turn_rad: (0.1 + 0.02 * drift_m).min(0.7),
         well_known: false,
         contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
+    }
+}
+
+/// The same for one that comes from afar, where all of its last metres must agree.
+pub(super) fn slack_far(drift_m: f64) -> Slack {
+    Slack {
+        distance_m: (0.3 + 0.03 * drift_m).min(8.0),
+        ..slack_after(drift_m)
     }
 }
 

@@ -2,11 +2,8 @@
 
 use super::anchor::{self, AnchorError};
 use super::clock::TripClock;
-use super::closure::{self, Closure, ClosureMeasurement};
-use super::corridor::AlongCorridor;
-use super::drift::{
-    DRIFT_SMALL_M, LOST_DRIFT_M, drift_of, drift_of_motion, is_search_due, slack_after, slack_small,
-};
+use super::closure::{Closure, ClosureMeasurement};
+use super::drift::{LOST_DRIFT_M, drift_of, drift_of_motion};
 use super::drive::{Drive, DriveScan, InitialPose};
 use super::front_end::{Motion, match_scans};
 use super::intermediate::IntermediateScan;
@@ -14,7 +11,7 @@ use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
 use super::moments::{Moment, Seen};
 use super::odometry::OdometryMotion;
-use super::partners::{self, Placed};
+use super::partners;
 use super::route_map::{RouteMap, Weighting};
 use super::step::{Step, is_abrupt};
 use crate::geometry::Pose2;
@@ -25,10 +22,6 @@ use crate::solver::SolveOptions;
 
 /// Keyframes that a new scan is matched against.
 const LOCAL_MAP_KEYFRAMES: usize = 8;
-/// A trip's newest keyframes are no partners for its next one.
-pub(super) const RECENT_KEYFRAMES: usize = 20;
-/// How far a partner may be, metres.
-pub(super) const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
 
 /// A scan that fits nowhere is put off, so many times one after the other, before its trip is lost.
 const PUT_OFF_MAX: usize = 3;
@@ -393,107 +386,6 @@ impl RouteMap {
         match found.is_empty() && self.weighting != Weighting::Paper {
             true => self.find_astray(index, added),
             false => Ok(()),
-        }
-    }
-
-    fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
-        let new = self.placed(index);
-        let slack = slack_after(new.keyframe.drift_m);
-        let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m;
-        let nearby = self.references_near(index, &new.pose, within_m);
-        if nearby.is_empty() {
-            return Vec::new();
-        }
-        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
-        let pose = if is_tied {
-            new.pose
-        } else if self.weighting != Weighting::Paper && !self.is_search_due(index) {
-            return Vec::new();
-        } else {
-            let local_map = self.local_map(index);
-            match anchor::relocate(&local_map, &nearby, &new.pose, &slack) {
-                Some(pose) => pose,
-                // A search that finds nothing is no gate of the paper's, which trusts the
-                // position (section 3).
-                None if self.weighting == Weighting::Paper => new.pose,
-                None => return Vec::new(),
-            }
-        };
-        let along = self.along_corridor(index, &nearby, &pose);
-        let along = along.filter(|along| {
-            (along.pose.translation() - pose.translation()).norm() <= slack.distance_m
-        });
-        let pose = along.as_ref().map_or(pose, |along| along.pose);
-        let expected = Placed { pose, ..new };
-        let chosen = match self.weighting {
-            Weighting::Robust => partners::choose(&expected, &nearby),
-            Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
-            Weighting::Paper => Vec::from_iter(partners::nearest_of_any(&expected, &nearby)),
-        };
-        let (slack, rule) = (slack_small(new.keyframe.drift_m), &self.closure_rule);
-        let measured = chosen.iter().filter_map(|old| {
-            let old_from_new = old.pose.between(&pose);
-            let found = match self.weighting {
-                Weighting::Robust | Weighting::AllPointsIdentity => {
-                    closure::measure(old, &new, &old_from_new, &slack, rule)
-                }
-                Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
-            }?;
-            let robust = match &along {
-                Some(along) => along.hold(&found.robust, &old_from_new),
-                None => found.robust,
-            };
-            let found = ClosureMeasurement { robust, ..found };
-            Some((self.graph.node_position(old.keyframe.node)?, found))
-        });
-        measured.collect()
-    }
-
-    /// Where the keyframe at `index`, expected at `pose`, is along the corridor that it is in, if it
-    /// is in one. The paper's matches are of single scans.
-    fn along_corridor(
-        &self,
-        index: usize,
-        references: &[Placed<'_>],
-        pose: &Pose2,
-    ) -> Option<AlongCorridor> {
-        if self.weighting != Weighting::Robust {
-            return None;
-        }
-        let keyframe = &self.keyframes[index];
-        let sigma_m = keyframe.range_sigma_m()?;
-        let local_map = || self.local_map(index);
-        AlongCorridor::of(&keyframe.points, local_map, references, pose, sigma_m)
-    }
-
-    /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at
-    /// `index`, if there are any.
-    pub(super) fn references_near(
-        &self,
-        index: usize,
-        pose: &Pose2,
-        within_m: f64,
-    ) -> Vec<Placed<'_>> {
-        let trip = &self.trips[&self.keyframes[index].trip];
-        let recent = trip.len().saturating_sub(RECENT_KEYFRAMES + 1);
-        let recent = &trip[recent..];
-        let nodes = self.graph.nodes();
-        let near =
-            |k: &usize| (nodes[*k].pose.translation() - pose.translation()).norm() <= within_m;
-        let near = (0..self.keyframes.len())
-            .filter(|k| self.is_reference_with_scan(*k) && !recent.contains(k))
-            .filter(near)
-            .map(|k| self.placed(k))
-            .collect();
-        self.of_layer_first(self.keyframes[index].layer(), near)
-    }
-
-    /// Whether a trip that has drifted is searched for at its keyframe at `index`.
-    fn is_search_due(&self, index: usize) -> bool {
-        let drift_m = |k: usize| self.keyframes[k].drift_m;
-        match self.trip_up_to(index) {
-            [.., before, _] => is_search_due(drift_m(*before), drift_m(index)),
-            _ => true,
         }
     }
 

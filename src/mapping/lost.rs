@@ -10,10 +10,10 @@
 use super::anchor;
 use super::closure;
 use super::drift::{LOST_DRIFT_M, slack_after};
-use super::extend::{Extension, PARTNER_DISTANCE_MAX_M};
+use super::extend::Extension;
 use super::front_end::Motion;
 use super::odometry::OdometryMotion;
-use super::partners::{self, Placed};
+use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::change::Layer;
 use crate::geometry::Pose2;

@@ -19,6 +19,7 @@ mod given;
 mod intermediate;
 mod keyframe;
 mod local_map;
+mod loops;
 mod lost;
 mod mend;
 mod moments;

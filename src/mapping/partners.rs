@@ -12,6 +12,8 @@ use crate::matching::Visibility;
 const COVERED_DISTANCE_M: f64 = 0.3;
 /// … and turned by no more than this, radians.
 const COVERED_TURN_RAD: f64 = 0.4;
+/// How far a partner may be, metres.
+pub(super) const PARTNER_DISTANCE_MAX_M: f64 = 5.0;
 /// Partners of one node.
 const PARTNERS_MAX: usize = 3;
 /// Partners of one node are at least so far apart, metres.
@@ -89,6 +91,13 @@ pub(super) fn spaced<'a>(
         }
     }
     kept
+}
+
+/// Placed keyframes that may be partners of one at a pose.
+pub(super) fn within_reach<'a>(pose: &Pose2, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
+    let near = placed.iter().copied();
+    near.filter(|old| way_m(&old.pose, pose) <= PARTNER_DISTANCE_MAX_M)
+        .collect()
 }
 
 /// Placed keyframes by their distance from a pose.

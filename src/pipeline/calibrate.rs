@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use self::others::beside_others;
 use super::vehicles::as_stated;
 use crate::calibration::{CompanionScan, Corrections, TripCalibration, TripCorrections, TripScan};
 use crate::geometry::Pose2;
@@ -22,39 +23,54 @@ const AROUND: usize = 12;
 /// How many scans of each of a trip's lidars the map keeps; of a vehicle's only one without a name.
 pub(super) type KeptScans = BTreeMap<Option<LidarId>, usize>;
 
-/// The trip's word on each of its lidars that is due: if its scans in the map, of which there were
-/// `known` before, have come to one of the numbers at which it is asked.
-///
-/// It rests on what was sent, not on what the map makes of it (but for where a companion's mount
-/// sits beside the primary one, which needs a place for each scan): odometry is kept as it was sent,
-/// and scans go back from the trip's `corrections` to the lidar as it was stated. So no correction
-/// is ever estimated on top of itself.
-pub(super) fn trip_calibrations(
-    map: &RouteMap,
-    trip: &TripId,
-    vehicle: &VehicleId,
-    known: &KeptScans,
-    corrections: &TripCorrections,
-) -> Vec<TripCalibrationRecord> {
-    let due = kept_scans(map, trip).into_iter().filter(|(lidar, count)| {
-        let known = known.get(lidar).copied().unwrap_or(0);
-        SCANS.iter().any(|due| known < *due && due <= count)
-    });
-    let record = |(lidar, _): (Option<LidarId>, usize)| {
-        let scans = scans_of(map, trip, lidar.as_ref(), corrections);
-        Some(TripCalibrationRecord {
-            trip_id: trip.clone(),
-            vehicle_id: vehicle.clone(),
-            stamp: scans.last()?.stamp,
-            scans: u32::try_from(scans.len()).ok()?,
-            calibration: TripCalibration::of_scans(&scans),
-            beside_primary: lidar
-                .as_ref()
-                .and_then(|lidar| beside_primary(map, trip, lidar, corrections)),
-            lidar,
-        })
-    };
-    due.filter_map(record).collect()
+/// A trip that is asked, and the map that it is in.
+pub(super) struct Asked<'a> {
+    pub map: &'a RouteMap,
+    /// Whose the other trips in the map are.
+    pub vehicles: &'a BTreeMap<TripId, VehicleId>,
+    pub trip: &'a TripId,
+    /// Whose the trip is.
+    pub vehicle: &'a VehicleId,
+    /// What was corrected when the trip entered the map.
+    pub corrections: &'a TripCorrections,
+}
+
+impl Asked<'_> {
+    /// The trip's word on each of its lidars that is due: if its scans in the map, of which there
+    /// were `known` before, have come to one of the numbers at which it is asked.
+    ///
+    /// It rests on what was sent: odometry is kept as it was sent, and scans go back from the trip's
+    /// corrections to the lidar as it was stated. So no correction is ever estimated on top of
+    /// itself. What other lidars saw of a place, the vehicle's own or other vehicles', is taken as
+    /// the map has it.
+    pub fn calibrations(&self, known: &KeptScans) -> Vec<TripCalibrationRecord> {
+        let Self {
+            map,
+            trip,
+            corrections,
+            ..
+        } = *self;
+        let due = kept_scans(map, trip).into_iter().filter(|(lidar, count)| {
+            let known = known.get(lidar).copied().unwrap_or(0);
+            SCANS.iter().any(|due| known < *due && due <= count)
+        });
+        let record = |(lidar, _): (Option<LidarId>, usize)| {
+            let scans = scans_of(map, trip, lidar.as_ref(), corrections);
+            let calibration = TripCalibration::of_scans(&scans);
+            Some(TripCalibrationRecord {
+                trip_id: trip.clone(),
+                vehicle_id: self.vehicle.clone(),
+                stamp: scans.last()?.stamp,
+                scans: u32::try_from(scans.len()).ok()?,
+                calibration: beside_others(self, lidar.as_ref(), calibration),
+                beside_primary: lidar
+                    .as_ref()
+                    .and_then(|lidar| beside_primary(map, trip, lidar, corrections)),
+                lidar,
+            })
+        };
+        due.filter_map(record).collect()
+    }
 }
 
 /// How many of a trip's scans the map keeps.
@@ -183,5 +199,6 @@ fn base_from_stated(keyframe: &Keyframe, corrections: &TripCorrections) -> Optio
     Some(corrected.mount.compose(&stated.mount.inverse()))
 }
 
+mod others;
 #[cfg(test)]
 mod tests;

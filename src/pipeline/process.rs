@@ -3,7 +3,7 @@
 use anyhow::Context;
 
 use super::alerts::fold_into;
-use super::calibrate::{kept_scans, trip_calibrations};
+use super::calibrate::{Asked, kept_scans};
 use super::findings::{Observed, findings as all_findings, observed};
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added};
 use super::stage::stage_of;
@@ -72,7 +72,14 @@ pub(super) fn process(
         }
         Err(NotExtended::Graph(error)) => return Err(error.into()),
     };
-    let words = trip_calibrations(&workspace.map, &drive.trip, &vehicle, &kept, &corrections);
+    let asked = Asked {
+        map: &workspace.map,
+        vehicles: &workspace.vehicles,
+        trip: &drive.trip,
+        vehicle: &vehicle,
+        corrections: &corrections,
+    };
+    let words = asked.calibrations(&kept);
     for word in &words {
         workspace.calibrations.put(word)?;
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::vehicles::Calibrations;
-use crate::calibration::{Change, VehicleCalibration, VehicleFault};
+use crate::calibration::{Change, Quantity, VehicleCalibration, VehicleFault};
 use crate::change::{Suspect, Tier};
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
 
@@ -23,7 +23,8 @@ struct Shown {
 
 /// The vehicles whose mount, wheels or beams have changed within the trips that are weighed, are far
 /// off and another way in each trip, or show what no correction mends. One that is off, always alike,
-/// is corrected, and not among them.
+/// is corrected, and not among them. Where several vehicles find the map too large or too small by
+/// about as much, its makers' ranges are off, and none of them is suspected for it.
 pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
     let vehicles = calibrations.vehicles();
     vehicles
@@ -34,7 +35,11 @@ pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
 fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> {
     let lidars = calibrations.lidars_of(vehicle).enumerate();
     let shown = lidars.flat_map(|(place, (lidar, words))| {
-        let mut shown = shown_by(lidar, &VehicleCalibration::of(words.to_vec()));
+        let calibration = VehicleCalibration::of(words.to_vec());
+        let mut shown = shown_by(lidar, &calibration);
+        if is_of_map(calibrations, vehicle, &calibration) {
+            shown.retain(|shown| shown.fault.quantity != Some(Quantity::RangeScale));
+        }
         // Wheels are off alike, whichever lidar says it.
         let is_told = |shown: &Shown| shown.fault.quantity.is_some_and(|q| q.is_of_wheels());
         shown.retain(|shown| place == 0 || !is_told(shown));
@@ -60,6 +65,26 @@ fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> 
         },
         significance: shown.iter().map(|s| s.significance).fold(0.0, f64::max),
         faults: shown.into_iter().map(|shown| shown.fault).collect(),
+    })
+}
+
+/// Whether the scale of ranges that a lidar's trips show beside the map is shown by another
+/// vehicle's too: as large, or half as large, and as sure.
+fn is_of_map(
+    calibrations: &Calibrations,
+    vehicle: &VehicleId,
+    calibration: &VehicleCalibration,
+) -> bool {
+    let own = match calibration.combined(Quantity::RangeScale) {
+        Some(own) => own.estimate.value,
+        None => return false,
+    };
+    let others = calibrations.vehicles().filter(|other| *other != vehicle);
+    let mut lidars = others.flat_map(|other| calibrations.lidars_of(other));
+    lidars.any(|(_, words)| {
+        let other = VehicleCalibration::of(words.to_vec()).uncorrected();
+        let other = other.get(&Quantity::RangeScale).copied();
+        other.is_some_and(|other| other.value / own >= 0.5)
     })
 }
 
@@ -128,15 +153,20 @@ fn trips(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Estimate, Quantity, TripCalibration};
+    use crate::calibration::{Estimate, TripCalibration};
     use crate::store::TripCalibrationRecord;
 
     fn route(words: &[TripCalibration]) -> Calibrations {
         let mut all = Calibrations::default();
+        put(&mut all, "v", words);
+        all
+    }
+
+    fn put(all: &mut Calibrations, vehicle: &str, words: &[TripCalibration]) {
         for (k, calibration) in words.iter().enumerate() {
             all.put(&TripCalibrationRecord {
-                trip_id: TripId::new(format!("t{k:02}")).unwrap(),
-                vehicle_id: VehicleId::new("v").unwrap(),
+                trip_id: TripId::new(format!("{vehicle}{k:02}")).unwrap(),
+                vehicle_id: VehicleId::new(vehicle).unwrap(),
                 lidar: None,
                 stamp: StampNs(10 * k as i64),
                 scans: 150,
@@ -145,7 +175,6 @@ mod tests {
             })
             .unwrap();
         }
-        all
     }
 
     fn yaw(value: f64) -> TripCalibration {
@@ -196,6 +225,35 @@ mod tests {
         let fault = &told[0].faults[0];
         assert!(fault.text.contains("off by -4.00"), "{fault:?}");
         assert!(told[0].displacement().at_range_m(5.0) > 0.4);
+    }
+
+    #[test]
+    fn ranges_too_short_are_told_of_one_vehicle_and_not_of_a_fleet() {
+        let words = |value| {
+            let estimate = Estimate {
+                value,
+                sigma: 0.002,
+            };
+            let word = TripCalibration {
+                estimates: [(Quantity::RangeScale, estimate)].into(),
+                ..TripCalibration::default()
+            };
+            vec![word; 4]
+        };
+        let mut all = route(&words(0.03));
+        put(&mut all, "sound", &words(0.001));
+        put(&mut all, "other-way", &words(-0.03));
+        let told = suspects(&all);
+        assert_eq!(told.len(), 2, "{told:?}");
+        let text = &told[1].faults[0].text;
+        assert!(
+            text.contains("the scale of the ranges is off by 3.00"),
+            "{text}"
+        );
+        put(&mut all, "w", &words(0.025));
+        let told = suspects(&all);
+        let left: Vec<&str> = told.iter().map(|one| one.vehicle.as_str()).collect();
+        assert_eq!(left, ["other-way"]);
     }
 
     #[test]

@@ -82,7 +82,7 @@ impl From<VehicleFault> for VehicleFaultBody {
     fn from(fault: VehicleFault) -> Self {
         Self {
             lidar: fault.lidar.map(|lidar| lidar.to_string()),
-            quantity: fault.quantity.and_then(field_of),
+            quantity: fault.quantity.map(field_of),
             before: fault.before.map(FaultValueBody::from),
             now: fault.now.map(FaultValueBody::from),
             text: fault.text,

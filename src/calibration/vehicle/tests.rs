@@ -104,7 +104,7 @@ fn witnesses_that_disagree_are_reported_when_it_lasts() {
         by_matches: Some(estimate(-0.06, 0.003)),
         by_walls: Some(estimate(-0.03, 0.003)),
     };
-    let trip = TripCalibration::of(&motions, Some(&spacing), None);
+    let trip = TripCalibration::of(&motions, Some(&spacing));
     let vehicle = said([trip.clone()]);
     assert_eq!(
         (
@@ -135,7 +135,7 @@ fn wheels_that_slip_are_reported() {
         motions.odometry().clone(),
         slipping.collect::<Vec<_>>(),
     );
-    let trip = TripCalibration::of(&motions, None, None);
+    let trip = TripCalibration::of(&motions, None);
     assert_eq!(trip.faults.len(), 1, "{trip:?}");
     assert!(said(std::iter::repeat_n(trip, 5)).sure().is_empty());
 }
@@ -149,7 +149,7 @@ fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
         let sound = Corrections::default();
         let of = |truth: &Corrections, seed: u64| {
             let laps = (0..4).map(|lap| motions_along(&path, truth, 10 * seed + lap));
-            said(laps.map(|motions| TripCalibration::of(&motions, None, None)))
+            said(laps.map(|motions| TripCalibration::of(&motions, None)))
         };
         let vehicle = of(&sound, 100 + seed);
         assert!(vehicle.sure().is_empty(), "{:?}", vehicle.sure());

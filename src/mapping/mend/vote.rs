@@ -2,9 +2,9 @@
 
 use super::super::anchor;
 use super::super::closure::{self, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureMeasurement, Slack};
-use super::super::extend::{PARTNER_DISTANCE_MAX_M, RECENT_KEYFRAMES};
 use super::super::local_map::{LocalMap, evenly_chosen};
-use super::super::partners::{self, Placed};
+use super::super::loops::RECENT_KEYFRAMES;
+use super::super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::super::route_map::RouteMap;
 use super::verdict::{Verdict, spread_m};
 use crate::change::Finding;
@@ -136,7 +136,7 @@ impl RouteMap {
             return Said::Nothing;
         }
         let own = LocalMap::new(vec![(Pose2::IDENTITY, new.keyframe.points.as_slice())]);
-        let Some(found) = anchor::relocate(&own, &nearby, &begin, &window) else {
+        let Some(found) = anchor::relocate(&own, &nearby, &begin, &window, &anchor::FINE) else {
             return Said::Nothing;
         };
         let expected = Placed { pose: found, ..new };

@@ -4,7 +4,7 @@ use super::super::vehicles::corrected;
 use super::*;
 use crate::calibration::{AppliedCorrection, Estimate, Quantity};
 use crate::ids::StampNs;
-use crate::mapping::{Drive, DriveScan, LidarOfVehicle, Weighting};
+use crate::mapping::{Drive, DriveScan, InitialPose, LidarOfVehicle, Weighting};
 use crate::sim::{Hall, Scene, SimLidar, SimScan, Vehicle, drive};
 
 const TURN_RAD: f64 = 0.04;
@@ -30,9 +30,33 @@ fn lap(trip: &TripId) -> Drive {
     }
 }
 
+/// What a trip says that other trips of these vehicles share the map with.
+fn asked(
+    map: &RouteMap,
+    vehicles: &[(&str, &str)],
+    trip: &TripId,
+    known: &KeptScans,
+    corrections: &TripCorrections,
+) -> Vec<TripCalibrationRecord> {
+    let whose = |(trip, vehicle): &(&str, &str)| {
+        (
+            TripId::new(*trip).unwrap(),
+            VehicleId::new(*vehicle).unwrap(),
+        )
+    };
+    Asked {
+        map,
+        vehicles: &vehicles.iter().map(whose).collect(),
+        trip,
+        vehicle: &VehicleId::new("v").unwrap(),
+        corrections,
+    }
+    .calibrations(known)
+}
+
 #[test]
 fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
-    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let trip = TripId::new("t").unwrap();
     let mut map = RouteMap::new(Weighting::Robust);
     let mut whole = lap(&trip);
     let mut rest = whole.clone();
@@ -40,24 +64,24 @@ fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
     map.extend(&whole).unwrap();
     let none = KeptScans::new();
     assert_eq!(
-        trip_calibrations(&map, &trip, &vehicle, &none, &TripCorrections::default()),
+        asked(&map, &[], &trip, &none, &TripCorrections::default()),
         [],
         "too few"
     );
     let known = kept_scans(&map, &trip);
     map.extend(&rest).unwrap();
-    let asked = trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default());
-    let [asked] = asked.as_slice() else {
-        panic!("{} were asked", asked.len());
+    let told = asked(&map, &[], &trip, &known, &TripCorrections::default());
+    let [told] = told.as_slice() else {
+        panic!("{} were asked", told.len());
     };
-    assert_eq!(asked.scans as usize, kept_scans(&map, &trip)[&None]);
-    assert_eq!((&asked.lidar, &asked.beside_primary), (&None, &None));
-    let yaw = asked.calibration.estimates[&Quantity::MountYaw];
+    assert_eq!(told.scans as usize, kept_scans(&map, &trip)[&None]);
+    assert_eq!((&told.lidar, &told.beside_primary), (&None, &None));
+    let yaw = told.calibration.estimates[&Quantity::MountYaw];
     assert!((yaw.value - TURN_RAD).abs() < 4.0 * yaw.sigma, "{yaw:?}");
     assert!(yaw.sigma < 0.01, "{yaw:?}");
     let known = kept_scans(&map, &trip);
     assert_eq!(
-        trip_calibrations(&map, &trip, &vehicle, &known, &TripCorrections::default()),
+        asked(&map, &[], &trip, &known, &TripCorrections::default()),
         [],
         "no news"
     );
@@ -65,7 +89,7 @@ fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
 
 #[test]
 fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
-    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let trip = TripId::new("t").unwrap();
     let corrections = [
         (Quantity::MountYaw, TURN_RAD),
         (Quantity::MountX, -0.1),
@@ -80,15 +104,15 @@ fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
         AppliedCorrection::new(None, quantity, &estimate, (trip.clone(), StampNs(0)))
     });
     let corrections = TripCorrections::new(corrections.into());
-    let asked = |corrections: &TripCorrections| {
+    let said = |corrections: &TripCorrections| {
         let mut map = RouteMap::new(Weighting::Robust);
         map.extend(&corrected(lap(&trip), corrections)).unwrap();
         let none = KeptScans::new();
-        let mut asked = trip_calibrations(&map, &trip, &vehicle, &none, corrections);
-        (asked.remove(0).calibration.estimates, map.keyframes().len())
+        let mut said = asked(&map, &[], &trip, &none, corrections);
+        (said.remove(0).calibration.estimates, map.keyframes().len())
     };
-    let (stated, nodes) = asked(&TripCorrections::default());
-    let (corrected, nodes_corrected) = asked(&corrections);
+    let (stated, nodes) = said(&TripCorrections::default());
+    let (corrected, nodes_corrected) = said(&corrections);
     assert!(nodes.abs_diff(nodes_corrected) < nodes / 10);
     assert_eq!(stated.len(), corrected.len());
     for (quantity, stated) in &stated {
@@ -100,10 +124,46 @@ fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
     }
 }
 
+#[test]
+fn a_map_of_another_vehicle_tells_the_scale_of_the_ranges() {
+    let (maker, trip) = (TripId::new("maker").unwrap(), TripId::new("t").unwrap());
+    let none = (KeptScans::new(), TripCorrections::default());
+    for (whose, factor) in [("other", 1.0), ("other", 1.03), ("v", 1.03)] {
+        let mut map = RouteMap::new(Weighting::Robust);
+        map.extend(&lap(&maker)).unwrap();
+        let mut drive = lap(&trip);
+        drive.initial_pose = Some(InitialPose {
+            pose: Pose2::IDENTITY,
+            sigma_xy_m: 0.1,
+            sigma_theta_rad: 0.05,
+        });
+        for scan in &mut drive.scans {
+            let ranges = scan.scan.ranges_m().map(|range| range.map(|m| m / factor));
+            scan.scan = LaserScan::new(scan.scan.lidar().clone(), ranges).unwrap();
+        }
+        map.extend(&drive).unwrap();
+        let told = asked(
+            &map,
+            &[("maker", whose), ("t", "v")],
+            &trip,
+            &none.0,
+            &none.1,
+        );
+        let told = told[0].calibration.estimates.get(&Quantity::RangeScale);
+        assert_eq!(
+            told.is_some(),
+            whose == "other",
+            "its own map tells nothing"
+        );
+        let off = told.map_or(0.0, |told| told.value - (factor - 1.0));
+        assert!(off.abs() < 0.004, "{factor}: {told:?}");
+    }
+}
+
 /// A lap of a vehicle with two lidars, of which the rear one sits turned.
 #[test]
 fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
-    let (trip, vehicle) = (TripId::new("t").unwrap(), VehicleId::new("v").unwrap());
+    let trip = TripId::new("t").unwrap();
     let hall = Hall::generate(5).unwrap();
     let [front, rear] = SimLidar::front_and_rear(std::f64::consts::PI, 181, 20.0, 0.01);
     let mount_error = Pose2::new(0.0, 0.0, TURN_RAD);
@@ -144,13 +204,8 @@ fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
         scans: scans.collect(),
     })
     .unwrap();
-    let told = trip_calibrations(
-        &map,
-        &trip,
-        &vehicle,
-        &KeptScans::new(),
-        &TripCorrections::default(),
-    );
+    let none = KeptScans::new();
+    let told = asked(&map, &[], &trip, &none, &TripCorrections::default());
     let [front, rear] = told.as_slice() else {
         panic!("{} were asked", told.len());
     };

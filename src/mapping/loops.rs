@@ -1,0 +1,194 @@
+//! Which older keyframes a new one is tied to, and where it is for that.
+
+use super::anchor::{self, COARSE, FINE};
+use super::closure::{self, ClosureMeasurement, Slack};
+use super::corridor::AlongCorridor;
+use super::drift::{
+    DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_far, slack_small,
+};
+use super::local_map::LocalMap;
+use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
+use super::route_map::{RouteMap, Weighting};
+use crate::geometry::Pose2;
+
+/// A trip's newest keyframes are no partners for its next one.
+pub(super) const RECENT_KEYFRAMES: usize = 20;
+/// A trip that comes from afar is found by what it saw on so much of its way, metres.
+const STRETCH_M: f64 = 10.0;
+
+impl RouteMap {
+    /// The closures of the keyframe at `index` with reference nodes, each with its partner's place.
+    pub(super) fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
+        let new = self.placed(index);
+        let slack = slack_after(new.keyframe.drift_m);
+        let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m;
+        let nearby = self.references_near(index, &new.pose, within_m);
+        if nearby.is_empty() {
+            return Vec::new();
+        }
+        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
+        let pose = if is_tied {
+            new.pose
+        } else if self.weighting != Weighting::Paper && !self.is_search_due(index) {
+            return Vec::new();
+        } else {
+            match self.found_again(index, &nearby, &slack) {
+                Some(pose) => pose,
+                // A search that finds nothing is no gate of the paper's, which trusts the
+                // position (section 3).
+                None if self.weighting == Weighting::Paper => new.pose,
+                None => return Vec::new(),
+            }
+        };
+        let along = self.along_corridor(index, &nearby, &pose);
+        let along = along.filter(|along| {
+            (along.pose.translation() - pose.translation()).norm() <= slack.distance_m
+        });
+        let pose = along.as_ref().map_or(pose, |along| along.pose);
+        let expected = Placed { pose, ..new };
+        let chosen = match self.weighting {
+            Weighting::Robust => partners::choose(&expected, &nearby),
+            Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
+            Weighting::Paper => Vec::from_iter(partners::nearest_of_any(&expected, &nearby)),
+        };
+        let (slack, rule) = (slack_small(new.keyframe.drift_m), &self.closure_rule);
+        let measured = chosen.iter().filter_map(|old| {
+            let old_from_new = old.pose.between(&pose);
+            let found = match self.weighting {
+                Weighting::Robust | Weighting::AllPointsIdentity => {
+                    closure::measure(old, &new, &old_from_new, &slack, rule)
+                }
+                Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
+            }?;
+            let robust = match &along {
+                Some(along) => along.hold(&found.robust, &old_from_new),
+                None => found.robust,
+            };
+            let found = ClosureMeasurement { robust, ..found };
+            Some((self.graph.node_position(old.keyframe.node)?, found))
+        });
+        measured.collect()
+    }
+
+    /// Where the keyframe at `index` is among references, for a trip that has driven a way without
+    /// being tied to the map. Where it comes from afar, all that its last metres show must agree:
+    /// the place that it first looks like may be another one of the kind, and if it is, the right
+    /// one is looked for farther off.
+    fn found_again(&self, index: usize, nearby: &[Placed<'_>], slack: &Slack) -> Option<Pose2> {
+        let new = self.placed(index);
+        let drift_m = new.keyframe.drift_m;
+        let found = anchor::relocate(&self.local_map(index), nearby, &new.pose, slack, &FINE);
+        if drift_m <= DRIFT_FAR_M || self.weighting == Weighting::Paper {
+            return found;
+        }
+        let far = slack_far(drift_m);
+        let within_m = PARTNER_DISTANCE_MAX_M + far.distance_m + STRETCH_M;
+        let references = self.references_near(index, &new.pose, within_m);
+        let stretch = self.stretch_before(index);
+        let stretch: Vec<Placed<'_>> = stretch.iter().map(|&k| self.placed(k)).collect();
+        let is_confirmed = |found: &Pose2| {
+            let map_from_own = found.compose(&new.pose.inverse());
+            let references = self.tied_with(&new, found, &references);
+            anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR).is_ok()
+        };
+        if let Some(found) = found.filter(is_confirmed) {
+            return Some(found);
+        }
+        let in_newest = stretch.iter().map(|placed| {
+            let points = placed.keyframe.points.as_slice();
+            (new.pose.between(&placed.pose), points)
+        });
+        let local_map = LocalMap::new(in_newest.collect());
+        anchor::relocate(&local_map, &references, &new.pose, &far, &COARSE).filter(is_confirmed)
+    }
+
+    /// Of references those that a tie at the place found would hold to: of its trip's own only those
+    /// that were taken about when its partners there were. What it has seen since would move with it.
+    fn tied_with<'a>(
+        &self,
+        new: &Placed<'a>,
+        found: &Pose2,
+        references: &[Placed<'a>],
+    ) -> Vec<Placed<'a>> {
+        let expected = Placed {
+            pose: *found,
+            ..*new
+        };
+        let partners = partners::choose(&expected, &partners::within_reach(found, references));
+        let is_own = |placed: &Placed<'_>| placed.keyframe.trip == new.keyframe.trip;
+        let orders = partners.iter().filter(|partner| is_own(partner));
+        let orders: Vec<u32> = orders.map(|partner| partner.keyframe.trip_order).collect();
+        let is_beside_partner = |placed: &Placed<'_>| {
+            let order = placed.keyframe.trip_order;
+            (orders.iter()).any(|at| order.abs_diff(*at) as usize <= RECENT_KEYFRAMES)
+        };
+        let held = references.iter().copied();
+        held.filter(|placed| !is_own(placed) || is_beside_partner(placed))
+            .collect()
+    }
+
+    /// The keyframes on a trip's last metres up to one of them, the oldest first.
+    fn stretch_before(&self, last: usize) -> Vec<usize> {
+        let nodes = self.graph.nodes();
+        let way_m =
+            |a: usize, b: usize| (nodes[a].pose.translation() - nodes[b].pose.translation()).norm();
+        let trip = self.trip_up_to(last);
+        let mut driven_m = 0.0;
+        let before = trip.windows(2).rev().take_while(|two| {
+            driven_m += way_m(two[0], two[1]);
+            driven_m <= STRETCH_M && self.is_lost(two[0]) == self.is_lost(last)
+        });
+        let mut stretch: Vec<usize> = before.map(|two| two[0]).collect();
+        stretch.reverse();
+        stretch.push(last);
+        stretch
+    }
+
+    /// Where the keyframe at `index`, expected at `pose`, is along the corridor that it is in, if it
+    /// is in one. The paper's matches are of single scans.
+    fn along_corridor(
+        &self,
+        index: usize,
+        references: &[Placed<'_>],
+        pose: &Pose2,
+    ) -> Option<AlongCorridor> {
+        if self.weighting != Weighting::Robust {
+            return None;
+        }
+        let keyframe = &self.keyframes[index];
+        let sigma_m = keyframe.range_sigma_m()?;
+        let local_map = || self.local_map(index);
+        AlongCorridor::of(&keyframe.points, local_map, references, pose, sigma_m)
+    }
+
+    /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at
+    /// `index`, if there are any.
+    pub(super) fn references_near(
+        &self,
+        index: usize,
+        pose: &Pose2,
+        within_m: f64,
+    ) -> Vec<Placed<'_>> {
+        let trip = &self.trips[&self.keyframes[index].trip];
+        let recent = trip.len().saturating_sub(RECENT_KEYFRAMES + 1);
+        let recent = &trip[recent..];
+        let nodes = self.graph.nodes();
+        let near =
+            |k: &usize| (nodes[*k].pose.translation() - pose.translation()).norm() <= within_m;
+        let near = (0..self.keyframes.len())
+            .filter(|k| self.is_reference_with_scan(*k) && !recent.contains(k))
+            .filter(near)
+            .map(|k| self.placed(k))
+            .collect();
+        self.of_layer_first(self.keyframes[index].layer(), near)
+    }
+
+    /// Whether a trip that has drifted is searched for at its keyframe at `index`.
+    fn is_search_due(&self, index: usize) -> bool {
+        let drift_m = |k: usize| self.keyframes[k].drift_m;
+        match self.trip_up_to(index) {
+            [.., before, _] => is_search_due(drift_m(*before), drift_m(index)),
+            _ => true,
+        }
+    }
+}
