@@ -242,33 +242,15 @@ pub(super) fn agrees(
     (!chosen.is_empty()).then_some(agrees)
 }
 
-/// How a place is looked for around an expected one.
-pub(super) struct Nearby {
-    /// Edge of a cell of the search, metres, …
-    resolution_m: f64,
-    /// … and points that are compared.
-    points_max: usize,
-    /// Least score of a place.
-    score_min: f64,
-}
-
-/// As well as it can be found.
-pub(super) const FINE: Nearby = Nearby {
-    resolution_m: 0.05,
-    points_max: POINTS_MAX,
+const NEARBY: SearchParams = SearchParams {
     score_min: 0.45,
+    // What is nearer is the same hill: along a corridor hills are long.
+    distinct_distance_m: 1.0,
+    distinct_turn_rad: 0.2,
+    rival_share: 0.9,
+    wants_best_rival: false,
 };
-
-/// Far around, by what is seen on a way: what is found is compared scan by scan.
-pub(super) const COARSE: Nearby = Nearby {
-    resolution_m: 0.2,
-    points_max: 150,
-    score_min: 0.6,
-};
-
-/// What is nearer is the same hill, metres and radians: along a corridor hills are long.
-const SAME_HILL_M: f64 = 1.0;
-const SAME_HILL_RAD: f64 = 0.2;
+const NEARBY_RESOLUTION_M: f64 = 0.05;
 /// A hit that lies nearer than this to the end of its slack, metres, …
 const BORDER_M: f64 = 0.1;
 /// … or than this part of the slack, is the slope of a hill outside: such hits tied the maps of
@@ -285,26 +267,18 @@ pub(super) fn relocate(
     references: &[Placed<'_>],
     expected: &Pose2,
     slack: &Slack,
-    nearby: &Nearby,
 ) -> Option<Pose2> {
-    let resolution_m = nearby.resolution_m;
     let reference_map = placed_map(references);
     let (centre, half_width_m) = (expected.translation(), SEARCH_REACH_M + slack.distance_m);
-    let grid = reference_map.grid_around(&centre, half_width_m, resolution_m, GRID_LEVELS)?;
-    let points = local_map.thinned(resolution_m, SEARCH_REACH_M, nearby.points_max);
+    let grid =
+        reference_map.grid_around(&centre, half_width_m, NEARBY_RESOLUTION_M, GRID_LEVELS)?;
+    let points = local_map.thinned(NEARBY_RESOLUTION_M, SEARCH_REACH_M, POINTS_MAX);
     let window = SearchWindow {
         centre: *expected,
         half_width_m: slack.distance_m,
         half_turn_rad: slack.turn_rad,
     };
-    let params = SearchParams {
-        score_min: nearby.score_min,
-        distinct_distance_m: SAME_HILL_M,
-        distinct_turn_rad: SAME_HILL_RAD,
-        rival_share: 0.9,
-        wants_best_rival: false,
-    };
-    let hit = search(&grid, &points, &window, &params)?;
+    let hit = search(&grid, &points, &window, &NEARBY)?;
     let moved = hit.pose.translation() - expected.translation();
     let border_m = BORDER_M.max(BORDER_SHARE * slack.distance_m);
     let is_inside = moved.norm() <= slack.distance_m - border_m;

@@ -44,14 +44,6 @@ pub(super) fn slack_after(drift_m: f64) -> Slack {
     }
 }
 
-/// The same for one that comes from afar, where all of its last metres must agree.
-pub(super) fn slack_far(drift_m: f64) -> Slack {
-    Slack {
-        distance_m: (0.3 + 0.03 * drift_m).min(8.0),
-        ..slack_after(drift_m)
-    }
-}
-
 /// A matched motion counts as its length, one by odometry alone as what it may be off.
 pub(super) fn drift_of_motion(motion: &Motion, odometry: &OdometrySigmas) -> f64 {
     if motion.matched {

@@ -1,12 +1,9 @@
 //! Which older keyframes a new one is tied to, and where it is for that.
 
-use super::anchor::{self, COARSE, FINE};
+use super::anchor;
 use super::closure::{self, ClosureMeasurement, Slack};
 use super::corridor::AlongCorridor;
-use super::drift::{
-    DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_far, slack_small,
-};
-use super::local_map::LocalMap;
+use super::drift::{DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_small};
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::geometry::Pose2;
@@ -71,40 +68,27 @@ impl RouteMap {
     }
 
     /// Where the keyframe at `index` is among references, for a trip that has driven a way without
-    /// being tied to the map. Where it comes from afar, all that its last metres show must agree:
-    /// the place that it first looks like may be another one of the kind, and if it is, the right
-    /// one is looked for farther off.
+    /// being tied to the map. Where it comes from afar, all that its last metres show must agree: the
+    /// place that it first looks like may be another one of the kind.
     fn found_again(&self, index: usize, nearby: &[Placed<'_>], slack: &Slack) -> Option<Pose2> {
         let new = self.placed(index);
-        let drift_m = new.keyframe.drift_m;
-        let found = anchor::relocate(&self.local_map(index), nearby, &new.pose, slack, &FINE);
-        if drift_m <= DRIFT_FAR_M || self.weighting == Weighting::Paper {
-            return found;
-        }
-        let far = slack_far(drift_m);
-        let within_m = PARTNER_DISTANCE_MAX_M + far.distance_m + STRETCH_M;
-        let references = self.references_near(index, &new.pose, within_m);
-        let stretch = self.stretch_before(index);
-        let stretch: Vec<Placed<'_>> = stretch.iter().map(|&k| self.placed(k)).collect();
-        let is_confirmed = |found: &Pose2| {
-            let map_from_own = found.compose(&new.pose.inverse());
-            let references = self.tied_with(&new, found, &references);
-            anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR).is_ok()
-        };
-        if let Some(found) = found.filter(is_confirmed) {
+        let found = anchor::relocate(&self.local_map(index), nearby, &new.pose, slack)?;
+        if new.keyframe.drift_m <= DRIFT_FAR_M || self.weighting == Weighting::Paper {
             return Some(found);
         }
-        let in_newest = stretch.iter().map(|placed| {
-            let points = placed.keyframe.points.as_slice();
-            (new.pose.between(&placed.pose), points)
-        });
-        let local_map = LocalMap::new(in_newest.collect());
-        anchor::relocate(&local_map, &references, &new.pose, &far, &COARSE).filter(is_confirmed)
+        let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m + STRETCH_M;
+        let references = self.references_near(index, &new.pose, within_m);
+        let references = self.held_by(&new, &found, &references);
+        let stretch = self.stretch_before(index);
+        let stretch: Vec<Placed<'_>> = stretch.iter().map(|&k| self.placed(k)).collect();
+        let map_from_own = found.compose(&new.pose.inverse());
+        let confirmed = anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR);
+        confirmed.is_ok().then_some(found)
     }
 
-    /// Of references those that a tie at the place found would hold to: of its trip's own only those
-    /// that were taken about when its partners there were. What it has seen since would move with it.
-    fn tied_with<'a>(
+    /// Of references those that stay where they are if the trip is tied at the place found: of its own
+    /// only those that were taken about when its partners there were. Later ones would move with it.
+    fn held_by<'a>(
         &self,
         new: &Placed<'a>,
         found: &Pose2,
@@ -130,12 +114,10 @@ impl RouteMap {
     /// The keyframes on a trip's last metres up to one of them, the oldest first.
     fn stretch_before(&self, last: usize) -> Vec<usize> {
         let nodes = self.graph.nodes();
-        let way_m =
-            |a: usize, b: usize| (nodes[a].pose.translation() - nodes[b].pose.translation()).norm();
         let trip = self.trip_up_to(last);
         let mut driven_m = 0.0;
         let before = trip.windows(2).rev().take_while(|two| {
-            driven_m += way_m(two[0], two[1]);
+            driven_m += partners::way_m(&nodes[two[0]].pose, &nodes[two[1]].pose);
             driven_m <= STRETCH_M && self.is_lost(two[0]) == self.is_lost(last)
         });
         let mut stretch: Vec<usize> = before.map(|two| two[0]).collect();

@@ -110,7 +110,8 @@ pub(super) fn nearest_first<'a>(
     ranked
 }
 
-fn way_m(a: &Pose2, b: &Pose2) -> f64 {
+/// The way between two poses as the crow flies, metres.
+pub(super) fn way_m(a: &Pose2, b: &Pose2) -> f64 {
     (a.translation() - b.translation()).norm()
 }
 

@@ -19,7 +19,14 @@ async fn a_vehicle_is_told_with_what_it_sent() {
     assert_eq!(vehicle["counts"]["scans"], route["counts"]["scans"]);
     // Too few scans to say anything of its lidar.
     assert_eq!(vehicle["calibration"]["trips"], 0);
-    for field in ["yaw", "offset_x", "way_scale", "clock", "beam_spacing"] {
+    for field in [
+        "yaw",
+        "offset_x",
+        "way_scale",
+        "clock",
+        "beam_spacing",
+        "range_scale",
+    ] {
         assert_eq!(vehicle["calibration"][field], Value::Null, "{field}");
     }
     let alone = service.get("/v1/routes/hall/vehicles/agv-07").await.json();

@@ -136,7 +136,7 @@ impl RouteMap {
             return Said::Nothing;
         }
         let own = LocalMap::new(vec![(Pose2::IDENTITY, new.keyframe.points.as_slice())]);
-        let Some(found) = anchor::relocate(&own, &nearby, &begin, &window, &anchor::FINE) else {
+        let Some(found) = anchor::relocate(&own, &nearby, &begin, &window) else {
             return Said::Nothing;
         };
         let expected = Placed { pose: found, ..new };
