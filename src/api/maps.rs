@@ -7,7 +7,6 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use sha2::{Digest, Sha256};
 use tokio::sync::Mutex;
 use utoipa::ToSchema;
 
@@ -30,8 +29,6 @@ pub(super) struct Binary(Vec<u8>);
 
 /// The pictures of one route at one revision.
 struct MapFiles {
-    /// Of the PGM.
-    sha256: [u8; 32],
     png: Bytes,
     pgm: Bytes,
     yaml: Bytes,
@@ -100,22 +97,10 @@ fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles,
     });
     let picture = MapPicture::draw(looks, accepted)?;
     Ok(MapFiles {
-        sha256: Sha256::digest(&picture.pgm).into(),
         png: picture.png.into(),
         pgm: picture.pgm.into(),
         yaml: picture.yaml.into(),
     })
-}
-
-/// The SHA-256 of a route's PGM as it stands; `None` before anything has been merged.
-pub(super) async fn present_sha256(
-    state: &ApiState,
-    route: &RouteRecord,
-) -> Result<Option<[u8; 32]>, Problem> {
-    if route.counts.nodes == 0 {
-        return Ok(None);
-    }
-    Ok(Some(map_files(state, route).await?.sha256))
 }
 
 async fn answer(

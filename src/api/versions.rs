@@ -8,7 +8,6 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::maps::present_sha256;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
 use crate::ids::{AlertId, RouteId};
@@ -33,9 +32,8 @@ struct VersionBody {
     /// The decision that began it; null for the first version.
     #[schema(required)]
     cause: Option<VersionCauseBody>,
-    /// SHA-256 of its `map.pgm`, hexadecimal. That of a version that others have followed never
-    /// changes; that of the present one changes as the map grows, and is null before anything
-    /// has been merged.
+    /// SHA-256 of its `map.pgm`, hexadecimal, which never changes; null for the present version,
+    /// whose map grows with every batch.
     #[schema(required, min_length = 64, max_length = 64)]
     sha256: Option<String>,
 }
@@ -91,38 +89,31 @@ pub(super) async fn list_versions(
 ) -> Result<Json<VersionPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    let route = state.known_route(&route_id).await?;
+    state.known_route(&route_id).await?;
     let after = after.unwrap_or_default();
     let mut records = state
         .store
         .map_versions(&route_id, after, limit.saturating_add(1))
         .await?;
     let next_cursor = cut_page(&mut records, limit, |record| record.version.to_string());
-    let mut items = Vec::with_capacity(records.len());
-    for record in records {
-        let sha256 = match record.superseded_at {
-            Some(_) => record.sha256,
-            None => present_sha256(&state, &route).await?,
-        };
-        items.push(body(&record, sha256));
-    }
+    let items = records.iter().map(body).collect();
     Ok(Json(VersionPage { items, next_cursor }))
 }
 
-fn body(record: &MapVersionRecord, sha256: Option<[u8; 32]>) -> VersionBody {
+fn body(record: &MapVersionRecord) -> VersionBody {
     VersionBody {
         version: record.version,
         epoch: record.epoch,
         current: record.superseded_at.is_none(),
         created_at: record.created_at,
         superseded_at: record.superseded_at,
-        cause: record.cause.map(|cause| VersionCauseBody {
+        cause: record.cause.as_ref().map(|cause| VersionCauseBody {
             alert_id: cause.alert_id,
             action: match cause.action {
                 AlertAction::Undo => CauseName::Undo,
                 _ => CauseName::Accept,
             },
         }),
-        sha256: sha256.map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+        sha256: (record.sha256).map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
     }
 }

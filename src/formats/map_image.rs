@@ -68,6 +68,9 @@ pub fn to_pgm(grid: &OccupancyGrid) -> Vec<u8> {
 
 /// The YAML file that goes with [`to_pgm`]; `image` is the picture's file name or path, relative
 /// to the YAML file.
+///
+/// Loaders make an occupancy of a grey value v, (255 − v)/255: 0.19608 of the 205 that is unknown,
+/// which must be neither below `free_thresh` nor above `occupied_thresh`.
 pub fn to_yaml(grid: &OccupancyGrid, image: &str) -> String {
     let origin = grid.origin();
     format!(
@@ -77,7 +80,7 @@ pub fn to_yaml(grid: &OccupancyGrid, image: &str) -> String {
          origin: [{:.6}, {:.6}, 0.0]\n\
          negate: 0\n\
          occupied_thresh: 0.65\n\
-         free_thresh: 0.25\n",
+         free_thresh: 0.196\n",
         grid.resolution_m(),
         origin.x,
         origin.y,
@@ -161,7 +164,32 @@ mod tests {
     fn yaml_has_the_keys_of_map_server() {
         let expected = "image: hall.pgm\nmode: trinary\nresolution: 0.05\n\
                         origin: [-0.400000, -0.400000, 0.0]\nnegate: 0\n\
-                        occupied_thresh: 0.65\nfree_thresh: 0.25\n";
+                        occupied_thresh: 0.65\nfree_thresh: 0.196\n";
         assert_eq!(to_yaml(&one_beam(), "hall.pgm"), expected);
+    }
+
+    #[test]
+    fn loaders_read_each_cell_as_it_is() {
+        let grid = one_beam();
+        let yaml = to_yaml(&grid, "hall.pgm");
+        let threshold = |key: &str| -> f64 {
+            let line = yaml.lines().find(|line| line.starts_with(key)).unwrap();
+            line[key.len()..].trim().parse().unwrap()
+        };
+        let (occupied, free) = (threshold("occupied_thresh:"), threshold("free_thresh:"));
+        let loaded = |grey: u8| match (255.0 - f64::from(grey)) / 255.0 {
+            occupancy if occupancy > occupied => Occupancy::Occupied,
+            occupancy if occupancy < free => Occupancy::Free,
+            _ => Occupancy::Unknown,
+        };
+        let greys = pixels(&grid, &FOR_MAP_SERVER);
+        let mut of_each = [0; 3];
+        for (k, grey) in greys.iter().enumerate() {
+            let (column, row) = (k % grid.width(), grid.height() - 1 - k / grid.width());
+            let truly = grid.occupancy(column, row);
+            assert_eq!(loaded(*grey), truly, "{column}, {row}");
+            of_each[truly as usize] += 1;
+        }
+        assert!(of_each.iter().all(|count| *count > 0), "{of_each:?}");
     }
 }

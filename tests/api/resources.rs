@@ -1,7 +1,6 @@
 //! The resources as clients see them.
 
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use crate::body::batch;
 use crate::client::Request;
@@ -16,8 +15,6 @@ pub fn steady(mut value: Value) -> Value {
                     let varies = ["created_at", "updated_at", "received_at", "processed_at"];
                     if varies.contains(&name.as_str()) && field.is_string() {
                         *field = json!("[time]");
-                    } else if name == "sha256" {
-                        *field = json!("[sha256]");
                     } else if name == "instance" {
                         *field = json!("[request id]");
                     } else {
@@ -96,9 +93,7 @@ async fn pictures_are_drawn_once_and_named_by_their_etag() {
     let pgm = service.get("/v1/routes/hall/map.pgm").await;
     assert!(pgm.body.starts_with(b"P5\n"));
     let versions = service.get("/v1/routes/hall/versions").await.json();
-    let sha256: [u8; 32] = Sha256::digest(&pgm.body).into();
-    let sha256: String = sha256.iter().map(|byte| format!("{byte:02x}")).collect();
-    assert_eq!(versions["items"][0]["sha256"], sha256);
+    assert!(versions["items"][0]["sha256"].is_null(), "it still grows");
     let tag = png.header("etag").unwrap();
     let again = Request::new("GET", "/v1/routes/hall/map.png").header("if-none-match", tag);
     let again = service.send(again).await;
