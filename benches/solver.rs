@@ -12,10 +12,10 @@ use std::path::Path;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use flate2::read::GzDecoder;
-use mapshift::formats::g2o::read_g2o;
 use mapshift::geometry::{Information, Pose2, Vector3};
 use mapshift::graph::{Edge, EdgeKind, EdgeStatus, Node, PoseGraph};
 use mapshift::ids::{EdgeId, NodeId};
+use mapshift::ingest::g2o::read_g2o;
 use mapshift::solver::{SolveOptions, Solver, solve, start_along_odometry};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

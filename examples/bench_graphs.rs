@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail};
-use mapshift::formats::g2o::read_g2o;
 use mapshift::geometry::Pose2;
 use mapshift::graph::{Edge, EdgeKind, Node, PoseGraph};
+use mapshift::ingest::g2o::read_g2o;
 use mapshift::solver::{SolveOptions, Solver, solve, start_along_odometry};
 use serde_json::json;
 

@@ -24,10 +24,10 @@ use std::time::Duration;
 use anyhow::{Context, ensure};
 use jiff::{SignedDuration, Timestamp};
 use mapshift::change::AlertStatus;
-use mapshift::formats::{Curve, Plot, to_svg};
 use mapshift::geometry::{Pose2, distance_to_polygon};
 use mapshift::ids::{BatchId, RouteId, TripId, VehicleId};
 use mapshift::pipeline::{self, PipelineOptions};
+use mapshift::render::{Curve, Plot, to_svg};
 use mapshift::sim::{ChangeEvent, Changes, Hall, Scene, SimScan, Vehicle};
 use mapshift::store::{
     AlertFilter, AlertRecord, BatchContent, NewBatch, RouteUpdate, Store, StoreOptions,

@@ -13,10 +13,10 @@ use std::io::Write;
 use std::time::Instant;
 
 use anyhow::Context;
-use mapshift::formats::{Curve, Plot, to_svg};
 use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{Blocks, Edge, EdgeKind, EdgeStatus, Node, PoseGraph};
 use mapshift::ids::{EdgeId, NodeId};
+use mapshift::render::{Curve, Plot, to_svg};
 use mapshift::solver::{SolveOptions, Solver};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

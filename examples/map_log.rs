@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use mapshift::formats::{CarmenLog, OccupancyGrid, to_png};
 use mapshift::ids::TripId;
+use mapshift::ingest::CarmenLog;
 use mapshift::mapping::{Drive, DriveScan, RouteMap, Weighting};
+use mapshift::render::{OccupancyGrid, to_png};
 use mapshift::scan::LaserScan;
 
 const PICTURE_RESOLUTION_M: f64 = 0.05;

@@ -11,8 +11,8 @@ use flate2::read::MultiGzDecoder;
 use mapshift::experiments::{
     Displacement, in_sequence, measure_mended_recordings, measure_mending, mending_text,
 };
-use mapshift::formats::CarmenLog;
 use mapshift::ids::TripId;
+use mapshift::ingest::CarmenLog;
 
 #[allow(clippy::print_stdout)]
 fn main() -> anyhow::Result<()> {

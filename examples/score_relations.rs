@@ -9,8 +9,8 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
-use mapshift::formats::CarmenLog;
 use mapshift::geometry::Pose2;
+use mapshift::ingest::CarmenLog;
 
 const SCAN_DISTANCE_MAX_S: f64 = 0.1;
 

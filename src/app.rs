@@ -13,10 +13,10 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, ApiState};
 use crate::config::AppConfig;
-use crate::delivery;
 use crate::pipeline;
 use crate::store::{Store, StoreOptions};
 use crate::telemetry;
+use crate::webhooks;
 
 use connections::Connections;
 
@@ -56,9 +56,9 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let pipeline = pipeline::start(&store, config.pipeline, &stopping)?;
     let mut background = pipeline.tasks;
     let receivers = config.delivery.policy;
-    let delivery = delivery::start(&store, config.delivery, api::alert_text, &stopping)
+    let callers = webhooks::start(&store, config.delivery, api::alert_text, &stopping)
         .context("cannot call webhooks")?;
-    background.extend(delivery);
+    background.extend(callers);
     let upkeep_metrics = metrics.clone();
     let upkeep_store = store.clone();
     let upkeep = move || {

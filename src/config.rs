@@ -7,8 +7,8 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use crate::api::Limits;
-use crate::delivery::{DeliveryOptions, ReceiverPolicy};
 use crate::pipeline::PipelineOptions;
+use crate::webhooks::{DeliveryOptions, ReceiverPolicy};
 
 /// Settings of `serve`. Each can be a flag or a variable; the flag wins.
 #[derive(Debug, Clone, clap::Args)]

@@ -14,8 +14,9 @@
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`calibration`], [`observation`], [`graph`],
 //!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no
 //!    axum, no SQL, no files, no environment, no wall clock, no unseeded randomness.
-//! 3. Service: [`formats`], [`experiments`], [`store`], [`pipeline`], [`delivery`], [`api`].
-//! 4. Process: [`config`], [`telemetry`], [`app`], [`cli`].
+//! 3. Service: [`ingest`], [`render`], [`experiments`], [`store`], [`pipeline`],
+//!    [`webhooks`], [`api`].
+//! 4. Process: [`config`], [`telemetry`], [`app`], `client`, [`cli`].
 //!
 //! # Conventions
 //!
@@ -33,19 +34,21 @@ pub mod app;
 pub mod calibration;
 pub mod change;
 pub mod cli;
+mod client;
 pub mod config;
-pub mod delivery;
 pub mod experiments;
-pub mod formats;
 pub mod geometry;
 pub mod graph;
 pub mod ids;
+pub mod ingest;
 pub mod mapping;
 pub mod matching;
 pub mod observation;
 pub mod pipeline;
+pub mod render;
 pub mod scan;
 pub mod sim;
 pub mod solver;
 pub mod store;
 pub mod telemetry;
+pub mod webhooks;

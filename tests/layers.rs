@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 21] = [
+const LAYERS: [&str; 23] = [
     "ids",
     "geometry",
     "scan",
@@ -25,15 +25,17 @@ const LAYERS: [&str; 21] = [
     "change",
     "mapping",
     "sim",
-    "formats",
+    "ingest",
+    "render",
     "experiments",
     "store",
     "pipeline",
-    "delivery",
+    "webhooks",
     "api",
     "config",
     "telemetry",
     "app",
+    "client",
     "cli",
 ];
 
@@ -73,7 +75,7 @@ const AT_HOME: [(&str, &[&str]); 11] = [
     ("crate::sim", &["sim", "experiments", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
-    ("reqwest", &["delivery", "cli"]),
+    ("reqwest", &["webhooks", "client", "cli"]),
     ("sqlx", &["store"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),

@@ -5,10 +5,10 @@ use std::io::Read;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-use mapshift::formats::g2o::{read_g2o, write_g2o};
 use mapshift::geometry::{Information, Pose2};
 use mapshift::graph::{Edge, EdgeKind, EdgeStatus, Node, PoseGraph};
 use mapshift::ids::{EdgeId, NodeId};
+use mapshift::ingest::g2o::{read_g2o, write_g2o};
 use mapshift::solver::{
     SolveOptions, Solver, solve_from_chordal, solve_robust, start_along_odometry,
 };

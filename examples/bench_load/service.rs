@@ -7,8 +7,8 @@ use anyhow::Context;
 use mapshift::api::Limits;
 use mapshift::app;
 use mapshift::config::{AppConfig, temporary_data_dir};
-use mapshift::delivery::DeliveryOptions;
 use mapshift::pipeline::PipelineOptions;
+use mapshift::webhooks::DeliveryOptions;
 
 /// `sysconf(_SC_CLK_TCK)`, which Linux has at 100 on all common machines.
 const TICKS_PER_S: f64 = 100.0;

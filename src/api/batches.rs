@@ -15,8 +15,8 @@ use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
 use super::types::PoseBody;
 use super::upload::{decompress, receive};
-use crate::formats::batch_json;
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
+use crate::ingest::batch_json;
 use crate::scan::BandView;
 use crate::store::{
     BatchContent, BatchFilter, BatchKind, BatchRecord, BatchStatus, Journaled, NewBatch,

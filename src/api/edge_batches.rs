@@ -12,8 +12,8 @@ use super::batches::{BatchBody, take_upload};
 use super::extract::{ApiPath, NoQuery};
 use super::problem::Problem;
 use super::types::PoseBody;
-use crate::formats::edges_json;
 use crate::ids::{BatchId, RouteId, TripId};
+use crate::ingest::edges_json;
 use crate::store::{BatchContent, NewBatch};
 
 /// Nodes and edges that a vehicle has measured itself.

@@ -11,9 +11,9 @@ use super::edges::EdgeBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery};
 use super::nodes::NodeBody;
 use super::problem::Problem;
-use crate::formats::g2o::write_g2o;
 use crate::graph::{Edge, Node, PoseGraph};
 use crate::ids::{NodeId, RouteId};
+use crate::ingest::g2o::write_g2o;
 use crate::store::{EdgeRecord, NodeRecord, RouteRecord};
 
 /// A route's pose graph.

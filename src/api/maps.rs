@@ -13,8 +13,8 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
 use super::problem::Problem;
-use crate::formats::{Look, MapImageError, MapPicture};
 use crate::ids::RouteId;
+use crate::render::{Look, MapImageError, MapPicture};
 use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 

@@ -1,7 +1,7 @@
 //! The HTTP interface: one file per resource, one error type, the OpenAPI document, the page.
 //!
 //! Knows the store, the pipeline's [`Decisions`](crate::pipeline::Decisions), and where webhooks may
-//! lead ([`ReceiverPolicy`](crate::delivery::ReceiverPolicy)); knows nothing of matching, solving
+//! lead ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving
 //! and workers.
 
 mod alerts;

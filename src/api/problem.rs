@@ -9,8 +9,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::formats::batch_json::{BatchBodyError, BatchProblem};
-use crate::formats::json::{JsonError, JsonMistake};
+use crate::ingest::batch_json::{BatchBodyError, BatchProblem};
+use crate::ingest::json::{JsonError, JsonMistake};
 use crate::store::StoreError;
 
 macro_rules! problem_kinds {

@@ -11,10 +11,10 @@ use super::alerts::STREAMS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
-use crate::delivery::ReceiverPolicy;
 use crate::ids::RouteId;
 use crate::pipeline::Decisions;
 use crate::store::{RouteRecord, Store};
+use crate::webhooks::ReceiverPolicy;
 
 /// What all handlers share; cheap to clone.
 #[derive(Clone)]

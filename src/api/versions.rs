@@ -114,6 +114,7 @@ fn body(record: &MapVersionRecord) -> VersionBody {
                 _ => CauseName::Accept,
             },
         }),
-        sha256: (record.sha256).map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+        sha256: (record.sha256)
+            .map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
     }
 }

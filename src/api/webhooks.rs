@@ -18,9 +18,9 @@ use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
-use crate::delivery::UrlRefusal;
 use crate::ids::WebhookId;
 use crate::store::{Edited, WebhookRecord};
+use crate::webhooks::UrlRefusal;
 
 use body::{WebhookBody, etag};
 pub(super) use calls::add_calls;

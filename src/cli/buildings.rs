@@ -1,7 +1,5 @@
 //! `mapshift buildings`.
 
-use std::sync::Mutex;
-
 use super::progress::{Progress, say};
 use crate::experiments::{BUILDINGS, buildings_text, measure_buildings};
 
@@ -26,16 +24,10 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let seeds = args.first_seed..args.first_seed + args.seeds;
     let runs = BUILDINGS.len() as u64 * args.seeds;
-    let progress = Mutex::new(Progress::at_a_terminal(runs, "floors"));
-    let advance = || {
-        if let Ok(mut progress) = progress.lock() {
-            progress.advance(1);
-        }
-    };
+    let progress = Progress::at_a_terminal(runs, "floors");
+    let advance = || progress.advance(1);
     let cases = measure_buildings(&BUILDINGS, seeds, advance)?;
-    if let Ok(progress) = progress.into_inner() {
-        progress.finish();
-    }
+    progress.finish();
     match args.json {
         true => say(&serde_json::to_string_pretty(&cases)?),
         false => say(&buildings_text(&cases)),

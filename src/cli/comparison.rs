@@ -1,6 +1,6 @@
 //! What truly changed in a simulation, beside what the service found.
 
-use super::gateway::{AlertLocation, AlertReport};
+use crate::client::{AlertLocation, AlertReport};
 use crate::geometry::Vector2;
 use crate::sim::{ChangeEvent, Shape};
 

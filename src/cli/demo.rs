@@ -8,12 +8,12 @@ use anyhow::Context;
 use jiff::Timestamp;
 
 use super::fleet::Fleet;
-use super::gateway::Gateway;
 use super::plan::{PlanArgs, WorldKind};
 use super::progress::say;
 use super::serve::StopSignal;
 use super::simulate::describe;
 use crate::app::{self, RunningApp};
+use crate::client::Gateway;
 use crate::config::{LogFormat, ServiceArgs, temporary_data_dir};
 use crate::ids::RouteId;
 

@@ -1,7 +1,5 @@
 //! `mapshift faults`.
 
-use std::sync::Mutex;
-
 use super::progress::{Progress, say};
 use crate::experiments::{Fault, faults_text, measure_faults};
 
@@ -26,16 +24,10 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let seeds = args.first_seed..args.first_seed + args.seeds;
     let runs = 4 * Fault::ALL.len() as u64 * args.seeds;
-    let progress = Mutex::new(Progress::at_a_terminal(runs, "maps"));
-    let advance = || {
-        if let Ok(mut progress) = progress.lock() {
-            progress.advance(1);
-        }
-    };
+    let progress = Progress::at_a_terminal(runs, "maps");
+    let advance = || progress.advance(1);
     let cases = measure_faults(&Fault::ALL, seeds, advance)?;
-    if let Ok(progress) = progress.into_inner() {
-        progress.finish();
-    }
+    progress.finish();
     match args.json {
         true => say(&serde_json::to_string_pretty(&cases)?),
         false => say(&faults_text(&cases)),

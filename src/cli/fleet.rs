@@ -10,9 +10,9 @@ use jiff::Timestamp;
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::comparison::{announce, compare};
-use super::gateway::{BatchReport, Gateway};
 use super::plan::Plan;
 use super::progress::{Progress, say};
+use crate::client::{BatchReport, Gateway};
 use crate::ids::{BatchId, RouteId};
 use crate::sim::{ChangeEvent, SimScan};
 use drive::{Drive, LapBatch, LapClock};
@@ -82,7 +82,7 @@ impl Fleet {
         route: &RouteId,
         pace: Duration,
     ) -> anyhow::Result<()> {
-        let mut progress = Progress::new(self.batch_count() as u64, "batches");
+        let progress = Progress::new(self.batch_count() as u64, "batches");
         let gateway = gateway.notifying(progress.speaker());
         let mut watch = AlertWatch::default();
         for lap in 0..self.laps {

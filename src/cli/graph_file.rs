@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::Context;
 use flate2::read::MultiGzDecoder;
 
-use crate::formats::g2o::{G2oGraph, read_g2o};
+use crate::ingest::g2o::{G2oGraph, read_g2o};
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// So much of a file's beginning tells whether it is a graph, bytes.

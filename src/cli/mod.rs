@@ -1,19 +1,14 @@
 //! The command line: one file per command.
 
-mod batch_body;
 mod buildings;
 mod comparison;
 mod demo;
-mod edge_batch_body;
 mod faults;
 mod fleet;
-mod gateway;
 mod graph_file;
 mod openapi;
 mod optimise;
 mod plan;
-#[cfg(test)]
-mod pretend;
 mod progress;
 mod recording;
 mod reproduce;

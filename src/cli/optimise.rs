@@ -8,8 +8,8 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::graph_file::read_graph;
-use crate::formats::g2o::write_g2o;
 use crate::graph::{EdgeKind, EdgeStatus, PoseGraph};
+use crate::ingest::g2o::write_g2o;
 use crate::solver::{
     RobustSummary, SolveOptions, SolveSummary, solve_from_chordal, solve_robust,
     start_along_odometry,

@@ -1,6 +1,7 @@
 //! Progress for people: a bar on a terminal, plain lines elsewhere.
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -18,7 +19,7 @@ pub(super) struct Progress {
     plain: bool,
     what: &'static str,
     total: u64,
-    done: u64,
+    done: AtomicU64,
 }
 
 impl Progress {
@@ -40,7 +41,7 @@ impl Progress {
             plain,
             what,
             total,
-            done: 0,
+            done: AtomicU64::new(0),
         }
     }
 
@@ -63,14 +64,14 @@ impl Progress {
         move |text| bar.suspend(|| say(text))
     }
 
-    /// Some pieces are done.
-    pub(super) fn advance(&mut self, pieces: u64) {
+    /// Some pieces are done, on whatever thread.
+    pub(super) fn advance(&self, pieces: u64) {
         let step = |done: u64| done * PLAIN_STEPS / self.total.max(1);
-        let (before, after) = (step(self.done), step(self.done + pieces));
-        self.done += pieces;
+        let before = self.done.fetch_add(pieces, Ordering::Relaxed);
+        let done = before + pieces;
         self.bar.inc(pieces);
-        if self.plain && after > before {
-            say(&format!("  {}/{} {}", self.done, self.total, self.what));
+        if self.plain && step(done) > step(before) {
+            say(&format!("  {done}/{} {}", self.total, self.what));
         }
     }
 

@@ -7,8 +7,8 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use flate2::read::MultiGzDecoder;
 
-use crate::formats::{CarmenClock, CarmenLog};
 use crate::ids::{NAME_LENGTH_MAX, TripId};
+use crate::ingest::{CarmenClock, CarmenLog};
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Room that a batch id needs behind the trip's name.

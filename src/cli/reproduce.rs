@@ -1,31 +1,12 @@
 //! `mapshift reproduce`.
 
-mod baselines;
-mod case;
-mod counts;
-mod figures;
-mod fused_mode;
-mod laps;
-mod mapped;
-mod method;
-mod paper_mode;
-mod protocol;
-mod report;
-mod run_one;
-mod score;
-mod summary;
-
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
 
 use anyhow::Context;
-use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
 use super::progress::{Progress, say};
-use case::{Case, Seeds};
-use run_one::Outcome;
-use summary::Summary;
+use crate::experiments::{Protocol, Seeds};
 
 /// Arguments of `mapshift reproduce`.
 #[derive(Debug, clap::Args)]
@@ -38,10 +19,19 @@ pub struct Args {
     every: NonZeroUsize,
     /// Which seeds: numbers are chosen on the one set and reported on the other.
     #[arg(long, value_enum, default_value = "scoring")]
-    seeds: Seeds,
+    seeds: SeedSet,
     /// Where tables, figures and the numbers behind them are written.
     #[arg(long, value_name = "DIR", default_value = "reproduced")]
     output: PathBuf,
+}
+
+/// One of two sets of seeds.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum SeedSet {
+    /// For choosing numbers.
+    Tuning,
+    /// For reporting them.
+    Scoring,
 }
 
 /// Runs the command.
@@ -52,60 +42,29 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let directory = args.output.display();
     std::fs::create_dir_all(&args.output)
         .with_context(|| format!("the directory {directory} could not be made"))?;
-    let cases = protocol::cases(args.short, args.seeds);
-    let cases: Vec<Case> = cases.into_iter().step_by(args.every.get()).collect();
-    let laps: usize = cases.iter().map(Case::laps).sum();
-    say(&format!("{} cases with {laps} laps", cases.len()));
-    let outcomes = run_all(cases)?;
-    let summary = Summary::of(outcomes, args.seeds, args.short);
-    let tables = text_of(&summary);
-    say(&tables);
-    write(&args.output, "tables.md", tables.as_bytes())?;
-    let numbers = serde_json::to_vec_pretty(&summary)?;
-    write(&args.output, "numbers.json", &numbers)?;
-    for figure in figures::draw(args.short, args.seeds)? {
+    let protocol = Protocol {
+        short: args.short,
+        every: args.every,
+        seeds: match args.seeds {
+            SeedSet::Tuning => Seeds::Tuning,
+            SeedSet::Scoring => Seeds::Scoring,
+        },
+    };
+    let (cases, laps) = protocol.size();
+    say(&format!("{cases} cases with {laps} laps"));
+    let progress = Progress::new(cases as u64, "cases");
+    let advance = || progress.advance(1);
+    let reproduced = protocol.run(advance)?;
+    progress.finish();
+    say(&reproduced.tables);
+    write(&args.output, "tables.md", reproduced.tables.as_bytes())?;
+    write(&args.output, "numbers.json", &reproduced.numbers)?;
+    for figure in &reproduced.figures {
         say(&format!("{}: {}", figure.name, figure.caption));
         write(&args.output, figure.name, figure.svg.as_bytes())?;
     }
     say(&format!("tables, figures and numbers are in {directory}"));
     Ok(())
-}
-
-/// Runs the cases side by side; the outcomes are in the order of the cases.
-fn run_all(cases: Vec<Case>) -> anyhow::Result<Vec<Outcome>> {
-    let count = cases.len();
-    let mut progress = Progress::new(count as u64, "cases");
-    let (sender, receiver) = mpsc::channel();
-    rayon::spawn(move || {
-        let numbered = cases.into_par_iter().enumerate();
-        numbered.for_each_with(sender, |sender, (k, case)| {
-            let outcome = run_one::run(&case).with_context(|| case.name());
-            // Nobody listens any more after another case has failed.
-            let _ = sender.send((k, outcome));
-        });
-    });
-    let mut outcomes = Vec::with_capacity(count);
-    for (k, outcome) in receiver {
-        outcomes.push((k, outcome?));
-        progress.advance(1);
-    }
-    progress.finish();
-    outcomes.sort_by_key(|(k, _)| *k);
-    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
-}
-
-fn text_of(summary: &Summary) -> String {
-    let tables: Vec<String> = report::tables(summary).iter().map(|t| t.text()).collect();
-    format!(
-        "{} cases, {} laps; closures: {} in the maps as of the service's `seed`, {} in the \
-         paper's own, {} in the robust maps; shares with Wilson's 95 % interval and counts.\n\n{}",
-        summary.cases,
-        summary.laps,
-        summary.closures.seed,
-        summary.closures.faithful,
-        summary.closures.robust,
-        tables.join("\n")
-    )
 }
 
 fn write(directory: &Path, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
@@ -123,7 +82,7 @@ mod tests {
         run(Args {
             short: true,
             every: NonZeroUsize::MIN,
-            seeds: Seeds::Tuning,
+            seeds: SeedSet::Tuning,
             output: directory.path().join("made"),
         })
         .unwrap();
@@ -147,12 +106,5 @@ mod tests {
             let figure = read(&format!("figure-{number}.svg"));
             assert!(figure.starts_with("<svg") && !figure.contains("NaN"));
         }
-    }
-
-    #[test]
-    fn a_case_comes_out_the_same_each_time() {
-        let case = protocol::cases(true, Seeds::Tuning).remove(2);
-        let outcome = || serde_json::to_string(&run_one::run(&case).unwrap()).unwrap();
-        assert_eq!(outcome(), outcome());
     }
 }

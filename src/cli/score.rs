@@ -1,7 +1,6 @@
 //! `mapshift score`.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
 
 use anyhow::Context;
 
@@ -71,16 +70,10 @@ fn recordings_of(args: &Args) -> anyhow::Result<Vec<Recording>> {
 
 fn run_worlds(args: &Args, recordings: &[Recording]) -> anyhow::Result<()> {
     let runs = world_runs(args.seeds);
-    let progress = Mutex::new(Progress::at_a_terminal(runs, "worlds"));
-    let advance = || {
-        if let Ok(mut progress) = progress.lock() {
-            progress.advance(1);
-        }
-    };
+    let progress = Progress::at_a_terminal(runs, "worlds");
+    let advance = || progress.advance(1);
     let mut study = score_worlds(args.first_seed, args.seeds, advance)?;
-    if let Ok(progress) = progress.into_inner() {
-        progress.finish();
-    }
+    progress.finish();
     if !recordings.is_empty() {
         study.correlations.push(measure_correlation(recordings)?);
     }
@@ -103,7 +96,7 @@ fn run_recordings(args: &Args, recordings: &[Recording]) -> anyhow::Result<()> {
         labels: labels.transpose()?,
         pictures: args.pictures.is_some(),
     };
-    let mut progress = Progress::at_a_terminal(options.runs(), "runs");
+    let progress = Progress::at_a_terminal(options.runs(), "runs");
     let study = score_recordings(recordings, &options, || progress.advance(1))?;
     progress.finish();
     if let Some(directory) = &args.pictures {

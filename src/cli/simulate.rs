@@ -6,9 +6,9 @@ use anyhow::Context;
 use jiff::Timestamp;
 
 use super::fleet::Fleet;
-use super::gateway::Gateway;
 use super::plan::{FAULT_DEG, Plan, PlanArgs};
 use super::progress::say;
+use crate::client::Gateway;
 use crate::geometry::Pose2;
 use crate::ids::RouteId;
 use crate::sim::Vehicle;

@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let recordings = in_sequence(logs)?;
     let runs = DISTURBANCES.len() as u64 * args.seeds;
     let seeds = args.first_seed..args.first_seed + args.seeds;
-    let mut progress = Progress::at_a_terminal(runs, "maps");
+    let progress = Progress::at_a_terminal(runs, "maps");
     let moved = measure_stability(&recordings, &DISTURBANCES, seeds, |_| progress.advance(1))?;
     progress.finish();
     match args.json {

@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 
-use super::batch_body::{ScanToSend, Trip};
-use super::gateway::{Gateway, GatewayError, Outcome};
 use super::graph_file::{is_graph, read_graph};
 use super::progress::{Progress, say};
 use super::recording;
-use crate::formats::CarmenLog;
+use crate::client::{Gateway, GatewayError, Outcome};
+use crate::client::{ScanToSend, Trip};
 use crate::geometry::Pose2;
 use crate::graph::PoseGraph;
 use crate::ids::{BatchId, RouteId, TripId, VehicleId};
+use crate::ingest::CarmenLog;
 
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 
@@ -204,7 +204,7 @@ async fn upload_log(
         lidar: log.lidar.clone(),
         initial_pose: args.initial_pose,
     };
-    let mut progress = Progress::new(log.scans.len() as u64, "scans");
+    let progress = Progress::new(log.scans.len() as u64, "scans");
     let gateway = gateway.notifying(progress.speaker());
     for (sequence, scans) in log.scans.chunks(args.batch_scans.into()).enumerate() {
         let to_send = scans.iter().map(|scan| ScanToSend {
@@ -306,7 +306,7 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::pretend::{Faults, Pretend};
+    use crate::client::pretend::{Faults, Pretend};
 
     #[test]
     fn poses_are_three_numbers() {

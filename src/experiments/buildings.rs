@@ -14,9 +14,9 @@ use super::recording::Recording;
 use super::route::{MapRun, MeasuredClosure};
 use super::stability::{distances_m, with_noise};
 use super::table::Table;
-use crate::formats::CarmenScan;
 use crate::geometry::{Pose2, Vector2, angle_difference_rad};
 use crate::ids::{StampNs, TripId};
+use crate::ingest::CarmenScan;
 use crate::sim::{FloorPlan, OdometryError, Rooms, SimLidar, SimScan, Vehicle};
 
 /// Width of the corridors, metres.

@@ -1,4 +1,5 @@
-//! What the detectors find in recordings with known objects drawn into them.
+//! What the detectors find in recordings with known objects drawn into them, and the paper's own
+//! experiments.
 //!
 //! No public recording of a 2D lidar has all of its changes labelled. So known objects are drawn
 //! into real scans: the noise, the motion and the clutter are real, and the truth is known.
@@ -8,7 +9,7 @@
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
 //! another measure: there the truth is whole, and the noise is ours; [`score_bands`] has furniture in
 //! them, and a 3D lidar. [`measure_stability`], [`measure_buildings`], [`measure_faults`] and
-//! [`measure_pose_consistency`] ask of the map alone.
+//! [`measure_pose_consistency`] ask of the map alone. [`Protocol::run`] is the paper's.
 
 mod alert;
 mod bands;
@@ -28,6 +29,7 @@ mod places;
 mod pose_consistency;
 mod recording;
 mod report;
+mod reproduce;
 mod route;
 mod scoring;
 mod stability;
@@ -56,6 +58,7 @@ pub use pictures::Picture;
 pub use pose_consistency::{PoseConsistency, measure_pose_consistency, pose_consistency_text};
 pub use recording::{Recording, in_sequence};
 pub use report::text_of;
+pub use reproduce::{Figure, Protocol, Reproduced, Seeds};
 pub use scoring::Score;
 pub use stability::{Disturbance, Moved, measure_stability, stability_text};
 pub use study::{Options, Place, Row, Study, score_recordings};

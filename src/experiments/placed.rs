@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::recording::Recording;
-use crate::formats::CarmenScan;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::StampNs;
+use crate::ingest::CarmenScan;
 use crate::scan::Lidar;
 
 /// A scan, its lidar, and where the map has it.

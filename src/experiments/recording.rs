@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use anyhow::ensure;
 
-use crate::formats::{CarmenLog, CarmenScan};
 use crate::ids::{StampNs, TripId};
+use crate::ingest::{CarmenLog, CarmenScan};
 use crate::scan::Lidar;
 
 /// A log whose times overlap or precede those of the log before begins so long after it.

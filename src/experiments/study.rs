@@ -279,8 +279,8 @@ mod tests {
     use super::super::baselines::testing::room;
     use super::super::recording::in_sequence;
     use super::*;
-    use crate::formats::CarmenLog;
     use crate::ids::TripId;
+    use crate::ingest::CarmenLog;
 
     fn options(objects: usize) -> Options {
         Options {

@@ -18,8 +18,8 @@ use super::world_conditions::WorldKind;
 use super::world_conditions::{CONDITIONS, CORRELATED, Condition, LAPS, LAPS_BEFORE, PLAIN};
 use super::world_scoring::{WorldChange, WorldScore, world_changes};
 use crate::change::ChangeKind;
-use crate::formats::CarmenScan;
 use crate::ids::{StampNs, TripId};
+use crate::ingest::CarmenScan;
 use crate::sim::{Changes, Hall, Rooms, Scene, SimScan, Vehicle};
 
 /// A scan observes an object with so many of its beams.

@@ -7,11 +7,11 @@ use sha2::{Digest, Sha256};
 use super::result::changes_of;
 use super::workspace::Workspace;
 use crate::change::{AcceptedChange, AlertStatus, Finding};
-use crate::formats::{Look, MapPicture};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::mapping::RouteMap;
+use crate::render::{Look, MapPicture};
 use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
 
 /// What an undo restores.

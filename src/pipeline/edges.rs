@@ -8,8 +8,8 @@ use anyhow::Context;
 use super::process::{conclude, count_added, outcome_of};
 use super::result::{Added, AddedEdge, AddedNode, Origin};
 use super::workspace::Workspace;
-use crate::formats::edges_json::{self, NodeName, UploadedEdges};
 use crate::ids::NodeId;
+use crate::ingest::edges_json::{self, NodeName, UploadedEdges};
 use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, RouteMap};
 use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult, Store, StoreError};
 

@@ -11,8 +11,8 @@ use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
 use crate::calibration::{Corrections, TripCorrections};
 use crate::change::Detector;
-use crate::formats::batch_json;
 use crate::ids::{NodeId, VehicleId};
+use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
 };

@@ -5,8 +5,8 @@ use jiff::Timestamp;
 pub use crate::change::{
     AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
 };
-pub use crate::formats::MapPicture;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
+pub use crate::render::MapPicture;
 
 use super::records::{EdgeChange, NodeChange};
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mapshift::api::Limits;
-use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use mapshift::webhooks::{DeliveryOptions, ReceiverPolicy};
 use serde_json::{Value, json};
 use sqlx::{Connection, SqliteConnection};
 use tempfile::TempDir;

@@ -8,7 +8,6 @@ use jiff::Timestamp;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
-use mapshift::delivery::DeliveryOptions;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
@@ -19,6 +18,7 @@ use mapshift::store::{
     IntermediateRecord, JobResult, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
     RouteUpdate, Stage, Store, StoreOptions,
 };
+use mapshift::webhooks::DeliveryOptions;
 use tempfile::TempDir;
 
 use crate::client::{Answer, Request};

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::delivery::DeliveryOptions;
+use mapshift::webhooks::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::client::Request;

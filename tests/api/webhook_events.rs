@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use mapshift::delivery::DeliveryOptions;
+use mapshift::webhooks::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::changed_hall::APPEARED;

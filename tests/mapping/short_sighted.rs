@@ -7,8 +7,8 @@ use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
-use mapshift::formats::CarmenLog;
 use mapshift::ids::TripId;
+use mapshift::ingest::CarmenLog;
 use mapshift::mapping::{Drive, DriveScan, RouteMap, Weighting};
 use mapshift::scan::LaserScan;
 

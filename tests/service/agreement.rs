@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use jiff::Timestamp;
-use mapshift::formats::g2o::read_g2o;
 use mapshift::geometry::wrap_angle;
+use mapshift::ingest::g2o::read_g2o;
 use serde_json::Value;
 
 use crate::client::Client;

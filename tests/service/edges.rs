@@ -1,7 +1,7 @@
 //! Uploads of edges alone: what a vehicle that matches scans itself gets for them.
 
-use mapshift::formats::g2o::read_g2o;
 use mapshift::geometry::Pose2;
+use mapshift::ingest::g2o::read_g2o;
 use mapshift::solver::{SolveOptions, solve};
 use serde_json::{Value, json};
 use tempfile::TempDir;

@@ -5,8 +5,8 @@ use std::path::Path;
 use mapshift::api::Limits;
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
-use mapshift::delivery::DeliveryOptions;
 use mapshift::pipeline::PipelineOptions;
+use mapshift::webhooks::DeliveryOptions;
 use tempfile::TempDir;
 
 use crate::client::Client;

@@ -10,8 +10,8 @@ use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::types::timestamp;
-use crate::formats::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
 use crate::ids::AlertId;
+use crate::render::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
 
 /// A picture is opened on its own, too: nothing in it may run or load.
 const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";

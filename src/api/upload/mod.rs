@@ -14,7 +14,7 @@ pub(super) use head::{Encoding, UploadHead};
 
 use super::ApiState;
 use super::problem::Problem;
-use crate::formats::json::{Object, from_json};
+use crate::ingest::json::{Object, from_json};
 
 /// The bytes of an upload as they were sent, with the places it holds until it is stored.
 pub(super) struct Upload {

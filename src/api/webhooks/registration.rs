@@ -16,9 +16,9 @@ use crate::api::ApiState;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::upload::small_json;
-use crate::delivery::{generate_secret, secret_text};
 use crate::ids::{RouteId, WebhookId};
 use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
+use crate::webhooks::{generate_secret, secret_text};
 
 /// A webhook to register.
 #[derive(Debug, Deserialize, ToSchema)]

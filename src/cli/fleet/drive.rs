@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 
-use crate::cli::batch_body::{EncodedBatch, ScanToSend, Trip};
+use crate::client::{EncodedBatch, ScanToSend, Trip};
 use crate::geometry::Pose2;
 use crate::ids::{StampNs, TripId, VehicleId};
 use crate::scan::Lidar;

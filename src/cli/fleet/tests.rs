@@ -2,7 +2,7 @@ use serde_json::json;
 
 use super::*;
 use crate::cli::plan::{PlanArgs, WorldKind};
-use crate::cli::pretend::{Faults, Pretend};
+use crate::client::pretend::{Faults, Pretend};
 
 fn plan(laps: u8) -> Plan {
     let arguments = PlanArgs {

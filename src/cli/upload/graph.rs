@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::{Args, Tally, advice, trip_of};
-use crate::cli::edge_batch_body::GraphParts;
-use crate::cli::gateway::{Gateway, GatewayError, Outcome};
 use crate::cli::progress::{Progress, say};
+use crate::client::GraphParts;
+use crate::client::{Gateway, GatewayError, Outcome};
 use crate::graph::{EdgeKind, PoseGraph};
 
 /// Sends a pose graph in batches of edges.
@@ -30,7 +30,7 @@ pub(super) async fn upload(
     ));
     let parts = GraphParts::of(graph, args.batch_nodes.into())?;
     let trip = trip_of(args, path)?;
-    let mut progress = Progress::new(graph.nodes().len() as u64, "nodes");
+    let progress = Progress::new(graph.nodes().len() as u64, "nodes");
     let gateway = gateway.notifying(progress.speaker());
     for part in parts.encode(&args.vehicle, &trip) {
         let (batch, nodes) = part?;

@@ -7,9 +7,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::experiments::recording::Recording;
-use crate::formats::CarmenScan;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{StampNs, TripId};
+use crate::ingest::CarmenScan;
 use crate::scan::Lidar;
 use crate::sim::{Shape, normal};
 

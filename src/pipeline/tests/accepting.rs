@@ -1,7 +1,7 @@
 use super::bench::{BOX_AT, Bench, MapState, box_finding, route, sha256};
 use crate::change::{AlertAction, AlertStatus};
-use crate::formats::Occupancy;
 use crate::graph::EdgeStatus;
+use crate::render::Occupancy;
 use crate::store::{AlertRecord, MapPicture};
 
 fn without_residuals(state: &MapState) -> Vec<(i64, EdgeStatus)> {

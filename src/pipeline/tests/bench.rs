@@ -15,12 +15,12 @@ use super::super::worker::{compute, known_corrections};
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding, Tier};
-use crate::formats::g2o::write_g2o;
-use crate::formats::{Look, MapPicture};
 use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use crate::ingest::g2o::write_g2o;
 use crate::mapping::{IntermediateScan, Mending};
+use crate::render::{Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
     AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,

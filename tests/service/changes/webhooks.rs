@@ -1,6 +1,6 @@
 //! From a changed world to the receiver of a webhook.
 
-use mapshift::delivery::{DeliveryOptions, ReceiverPolicy};
+use mapshift::webhooks::{DeliveryOptions, ReceiverPolicy};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

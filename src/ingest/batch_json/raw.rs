@@ -7,8 +7,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::{BEAMS_TOTAL_MAX, LIDARS_MAX, SCANS_MAX};
-use crate::formats::json::Object;
 use crate::ids::{LidarId, TripId, VehicleId};
+use crate::ingest::json::Object;
 use crate::scan::BEAMS_MAX;
 
 #[derive(Deserialize)]
@@ -50,7 +50,7 @@ pub(super) struct Band {
 
 #[derive(Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(in crate::formats) struct Pose {
+pub(in crate::ingest) struct Pose {
     pub x: f64,
     pub y: f64,
     pub theta: f64,

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 /// What the service says about a route.
 #[derive(Debug, Clone, Deserialize)]
-pub(in crate::cli) struct RouteReport {
+pub struct RouteReport {
     pub stage: String,
     pub map_version: i64,
     pub counts: RouteCounts,
@@ -14,7 +14,7 @@ pub(in crate::cli) struct RouteReport {
 
 /// What a route holds.
 #[derive(Debug, Clone, Deserialize)]
-pub(in crate::cli) struct RouteCounts {
+pub struct RouteCounts {
     pub nodes: i64,
     pub edges: i64,
     pub loop_closures: i64,
@@ -22,7 +22,7 @@ pub(in crate::cli) struct RouteCounts {
 
 /// What the service says about a batch.
 #[derive(Debug, Clone, Deserialize)]
-pub(in crate::cli) struct BatchReport {
+pub struct BatchReport {
     pub status: String,
     pub reason: Option<String>,
     pub nodes_added: i64,
@@ -31,14 +31,14 @@ pub(in crate::cli) struct BatchReport {
 
 impl BatchReport {
     /// Whether the service still means to work on it without being asked.
-    pub(in crate::cli) fn is_under_way(&self) -> bool {
+    pub fn is_under_way(&self) -> bool {
         matches!(self.status.as_str(), "queued" | "processing" | "held")
     }
 }
 
 /// What the service says about a change of the world that it found.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-pub(in crate::cli) struct AlertReport {
+pub struct AlertReport {
     pub id: String,
     pub kind: String,
     pub status: String,
@@ -49,7 +49,7 @@ pub(in crate::cli) struct AlertReport {
 
 /// Where an alert is, map frame, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-pub(in crate::cli) struct AlertLocation {
+pub struct AlertLocation {
     pub x: f64,
     pub y: f64,
 }
@@ -63,7 +63,7 @@ pub(super) struct AlertPage {
 
 /// A refusal in the service's own words.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::cli) struct Refusal {
+pub struct Refusal {
     pub status: u16,
     problem: Problem,
 }

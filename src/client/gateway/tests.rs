@@ -3,7 +3,7 @@ use std::sync::Mutex;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpListener;
 
-use crate::cli::pretend::read_request;
+use crate::client::pretend::read_request;
 
 /// Answers one connection after the other from a script; an empty answer is a reset. Gives
 /// the address and the requests as they came.

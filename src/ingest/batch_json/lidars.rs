@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::raw;
 use super::validate::{Checked, lidar, refuse};
 use super::{BatchProblem, LIDARS_MAX};
-use crate::formats::json::Object;
 use crate::ids::{LidarId, StampNs};
+use crate::ingest::json::Object;
 use crate::mapping::LidarOfVehicle;
 use crate::scan::Lidar;
 

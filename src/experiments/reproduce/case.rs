@@ -6,9 +6,9 @@ use crate::mapping::ClosureRule;
 
 /// Which seeds worlds and drives are made from. Whatever is chosen by looking at results is
 /// chosen on the one set and scored on the other.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Seeds {
+pub enum Seeds {
     /// For choosing numbers.
     Tuning,
     /// For what is reported.

@@ -5,10 +5,10 @@ use super::laps::Laps;
 use super::mapped::{MadeClosure, Mapped};
 use super::{paper_mode, protocol};
 use crate::change::series::{ResidualSeries, SeriesEntry};
-use crate::formats::{Crossing, Curve, Guide, Plot, to_svg};
 use crate::geometry::Pose2;
 use crate::mapping::Weighting;
 use crate::matching::{IcpParams, ReferenceCloud, align};
+use crate::render::{Crossing, Curve, Guide, Plot, to_svg};
 use crate::scan::surface_points;
 
 const BLUE: &str = "#1f77b4";
@@ -21,8 +21,9 @@ const RIGHT_M: f64 = 0.02;
 /// A closure that shows the change in more of its beams than this is drawn as changed.
 const CHANGED_SHARE: f64 = 0.03;
 
-/// A figure to be written.
-pub(super) struct Figure {
+/// A figure of the paper.
+#[derive(Debug, Clone)]
+pub struct Figure {
     /// `figure-3.svg`.
     pub name: &'static str,
     /// The drawing.

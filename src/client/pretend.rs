@@ -10,7 +10,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Faults {
+pub struct Faults {
     /// Every so many requests are turned away with 503; 0 for none.
     pub busy_every: usize,
     /// Batches of this vehicle never find their place.
@@ -19,7 +19,7 @@ pub(super) struct Faults {
 
 /// What it was told.
 #[derive(Debug, Default)]
-pub(super) struct State {
+pub struct State {
     pub routes_made: usize,
     /// By id.
     pub batches: BTreeMap<String, Value>,
@@ -29,13 +29,13 @@ pub(super) struct State {
     requests: usize,
 }
 
-pub(super) struct Pretend {
+pub struct Pretend {
     pub url: String,
     pub state: Arc<Mutex<State>>,
 }
 
 impl Pretend {
-    pub(super) async fn start(faults: Faults) -> Self {
+    pub async fn start(faults: Faults) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let state = Arc::new(Mutex::new(State::default()));
@@ -146,7 +146,7 @@ fn batch_json(lost: bool) -> Value {
 }
 
 /// Reads one request with its body; `None` once the client is gone.
-pub(super) async fn read_request(stream: &mut TcpStream) -> Option<Vec<u8>> {
+pub async fn read_request(stream: &mut TcpStream) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut chunk = [0; 4096];
     loop {

@@ -20,7 +20,7 @@ const INITIAL_SIGMA_THETA_RAD: f64 = 0.15;
 
 /// Who drove, and with what.
 #[derive(Debug, Clone)]
-pub(super) struct Trip {
+pub struct Trip {
     pub vehicle_id: VehicleId,
     pub trip_id: TripId,
     pub lidar: Lidar,
@@ -29,7 +29,7 @@ pub(super) struct Trip {
 }
 
 /// A scan to send.
-pub(super) struct ScanToSend<'a> {
+pub struct ScanToSend<'a> {
     pub stamp: StampNs,
     pub odom_from_base: Pose2,
     pub ranges_m: &'a [Option<f64>],
@@ -37,7 +37,7 @@ pub(super) struct ScanToSend<'a> {
 
 /// A batch ready to be sent, as often as it takes.
 #[derive(Debug, Clone)]
-pub(super) struct EncodedBatch {
+pub struct EncodedBatch {
     pub kind: BatchKind,
     pub id: BatchId,
     /// The same bytes for the same content.
@@ -47,7 +47,7 @@ pub(super) struct EncodedBatch {
 impl Trip {
     /// The trip's batch `sequence`. Its id follows from the trip and the sequence, so that a
     /// repeated upload is recognised.
-    pub(super) fn encode<'a>(
+    pub fn encode<'a>(
         &self,
         sequence: usize,
         scans: impl IntoIterator<Item = ScanToSend<'a>>,
@@ -76,7 +76,7 @@ impl Trip {
 
 impl EncodedBatch {
     /// The trip's batch `sequence`, of what it holds as JSON.
-    pub(super) fn of(
+    pub fn of(
         kind: BatchKind,
         trip_id: &TripId,
         sequence: usize,
@@ -132,7 +132,7 @@ struct BandJson {
 
 /// A pose as the interface has it.
 #[derive(Serialize)]
-pub(super) struct PoseJson {
+pub struct PoseJson {
     x: f64,
     y: f64,
     theta: f64,
@@ -155,7 +155,7 @@ struct ScanJson<'a> {
 }
 
 /// A pose as the interface has it.
-pub(super) fn pose_json(pose: &Pose2) -> PoseJson {
+pub fn pose_json(pose: &Pose2) -> PoseJson {
     PoseJson {
         x: pose.x,
         y: pose.y,

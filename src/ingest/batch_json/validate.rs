@@ -11,9 +11,9 @@ use super::raw;
 use super::{
     BEAMS_TOTAL_MAX, BatchBodyError, BatchProblem, COORDINATE_MAX_M, SCANS_MAX, UploadedBatch,
 };
-use crate::formats::json::Object;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
+use crate::ingest::json::Object;
 use crate::mapping::{DriveScan, InitialPose};
 use crate::scan::{
     BandError, BandView, HeightBand, LaserScan, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M, ScanError,
@@ -23,7 +23,7 @@ const SIGMA_XY_DEFAULT_M: f64 = 0.5;
 const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
 /// A heading that was never wrapped still means something up to here, radians.
-pub(in crate::formats) const HEADING_MAX_RAD: f64 = 1e4;
+pub(in crate::ingest) const HEADING_MAX_RAD: f64 = 1e4;
 /// A range beyond this is a sentinel of some driver, not a measurement, metres.
 const RANGE_ABSURD_M: f64 = 1e6;
 /// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
@@ -32,9 +32,9 @@ const STAMP_MIN_S: i64 = 946_684_800;
 const STAMP_MAX_S: i64 = 4_102_444_800;
 
 /// What was checked, or the first mistake.
-pub(in crate::formats) type Checked<T> = Result<T, BatchBodyError>;
+pub(in crate::ingest) type Checked<T> = Result<T, BatchBodyError>;
 
-pub(in crate::formats) fn refuse<T>(
+pub(in crate::ingest) fn refuse<T>(
     problem: BatchProblem,
     pointer: impl Into<String>,
     detail: String,
@@ -259,7 +259,7 @@ fn check_ranges(k: usize, ranges_m: &[f64]) -> Checked<()> {
 ///
 /// # Errors
 /// [`BatchProblem::OutOfRange`] at the pointer, if it is not between 2000 and 2100.
-pub(in crate::formats) fn stamp(stamp: Timestamp, pointer: String) -> Checked<StampNs> {
+pub(in crate::ingest) fn stamp(stamp: Timestamp, pointer: String) -> Checked<StampNs> {
     let nanoseconds = i64::try_from(stamp.as_nanosecond()).ok();
     match nanoseconds {
         Some(ns) if (STAMP_MIN_S..STAMP_MAX_S).contains(&stamp.as_second()) => Ok(StampNs(ns)),

@@ -16,7 +16,7 @@ use crate::ids::{BatchId, RouteId};
 use crate::store::BatchKind;
 
 use answers::AlertPage;
-pub(super) use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
+pub use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
 use retry::{is_temporary, retry_after, wait_before_repeat};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -26,7 +26,7 @@ const WAIT_TOTAL_MAX: Duration = Duration::from_secs(900);
 
 /// What became of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub enum Outcome {
     /// Stored durably by this request.
     Stored,
     /// The same bytes were there already.
@@ -35,7 +35,7 @@ pub(super) enum Outcome {
 
 /// Why a request failed for good.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum GatewayError {
+pub enum GatewayError {
     /// The client could not be made.
     #[error("the HTTP client could not be made")]
     Client(#[source] reqwest::Error),
@@ -83,7 +83,7 @@ struct Request<'a> {
 ///
 /// 408, 429, 5xx, resets and time-outs: the same bytes again after `Retry-After`, else after
 /// 1 s × 2ⁿ up to 5 min, with jitter. Any other 4xx: never again.
-pub(super) struct Gateway {
+pub struct Gateway {
     client: reqwest::Client,
     url: String,
     reached: Arc<AtomicBool>,
@@ -92,7 +92,7 @@ pub(super) struct Gateway {
 
 impl Gateway {
     /// A client of the service at `url`; `notify` is told of every wait.
-    pub(super) fn new(
+    pub fn new(
         url: &str,
         notify: impl Fn(&str) + Send + Sync + 'static,
     ) -> Result<Self, GatewayError> {
@@ -114,7 +114,7 @@ impl Gateway {
     }
 
     /// The same client with somebody else to tell of waits.
-    pub(super) fn notifying(&self, notify: impl Fn(&str) + Send + Sync + 'static) -> Self {
+    pub fn notifying(&self, notify: impl Fn(&str) + Send + Sync + 'static) -> Self {
         Self {
             client: self.client.clone(),
             url: self.url.clone(),
@@ -124,12 +124,12 @@ impl Gateway {
     }
 
     /// Where a route's resources are.
-    pub(super) fn route_url(&self, route: &RouteId) -> String {
+    pub fn route_url(&self, route: &RouteId) -> String {
         format!("{}/v1/routes/{route}", self.url)
     }
 
     /// Makes the route unless it is there; says whether it was made.
-    pub(super) async fn ensure_route(
+    pub async fn ensure_route(
         &self,
         route: &RouteId,
         display_name: Option<&str>,
@@ -155,7 +155,7 @@ impl Gateway {
     }
 
     /// Sends a batch until the service has it.
-    pub(super) async fn put_batch(
+    pub async fn put_batch(
         &self,
         route: &RouteId,
         batch: &EncodedBatch,
@@ -181,13 +181,13 @@ impl Gateway {
     }
 
     /// How a route stands.
-    pub(super) async fn route(&self, route: &RouteId) -> Result<RouteReport, GatewayError> {
+    pub async fn route(&self, route: &RouteId) -> Result<RouteReport, GatewayError> {
         self.get(format!("/v1/routes/{route}"), format!("route {route}"))
             .await
     }
 
     /// What became of a batch.
-    pub(super) async fn batch(
+    pub async fn batch(
         &self,
         route: &RouteId,
         batch: &BatchId,
@@ -197,10 +197,7 @@ impl Gateway {
     }
 
     /// A route's alerts; `None` if the service has no such thing.
-    pub(super) async fn alerts(
-        &self,
-        route: &RouteId,
-    ) -> Result<Option<Vec<AlertReport>>, GatewayError> {
+    pub async fn alerts(&self, route: &RouteId) -> Result<Option<Vec<AlertReport>>, GatewayError> {
         let path = format!("/v1/alerts?route_id={route}&limit=1000");
         let mut alerts = Vec::new();
         let mut cursor = String::new();

@@ -28,7 +28,7 @@ pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> 
 }
 
 /// Those of them that stamps alone raise.
-pub(in crate::formats) fn clock_flags(stamps: &[Timestamp], received_at: Timestamp) -> Vec<String> {
+pub(in crate::ingest) fn clock_flags(stamps: &[Timestamp], received_at: Timestamp) -> Vec<String> {
     let age_ns = |stamp: &Timestamp| received_at.as_nanosecond() - stamp.as_nanosecond();
     let flags = [
         (

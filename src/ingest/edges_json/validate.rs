@@ -8,13 +8,13 @@ use super::raw;
 use super::{
     EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode,
 };
-use crate::formats::batch_json::{
-    BatchProblem, COORDINATE_MAX_M, Checked, HEADING_MAX_RAD, Pose, clock_flags, refuse, stamp,
-};
-use crate::formats::json::Object;
 use crate::geometry::{Information, Pose2};
 use crate::graph::EdgeKind;
 use crate::ids::{InvalidName, NodeId, StampNs, validate_name};
+use crate::ingest::batch_json::{
+    BatchProblem, COORDINATE_MAX_M, Checked, HEADING_MAX_RAD, Pose, clock_flags, refuse, stamp,
+};
+use crate::ingest::json::Object;
 
 /// A standard deviation of a micrometre, or of a microradian, is beyond belief: entries of an
 /// information matrix are no larger than this.

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::batch_body::{EncodedBatch, PoseJson, pose_json};
-use crate::formats::edges_json::EDGES_MAX;
 use crate::graph::{Edge, EdgeKind, Node, PoseGraph};
 use crate::ids::{NodeId, TripId, VehicleId};
+use crate::ingest::edges_json::EDGES_MAX;
 use crate::store::BatchKind;
 
 /// A graph cut into batches.
-pub(super) struct GraphParts {
+pub struct GraphParts {
     /// Of each batch its nodes, by id, and the edges that none before it could bring.
     parts: Vec<(Vec<Node>, Vec<Edge>)>,
 }
@@ -22,7 +22,7 @@ impl GraphParts {
     ///
     /// # Errors
     /// If a part has more edges than a batch may have.
-    pub(super) fn of(graph: &PoseGraph, part_nodes: usize) -> anyhow::Result<Self> {
+    pub fn of(graph: &PoseGraph, part_nodes: usize) -> anyhow::Result<Self> {
         let mut nodes = graph.nodes().to_vec();
         nodes.sort_by_key(|node| node.id);
         let ids = nodes.iter().enumerate();
@@ -52,7 +52,7 @@ impl GraphParts {
     }
 
     /// The batches in order, each with how many nodes it brings.
-    pub(super) fn encode(
+    pub fn encode(
         &self,
         vehicle_id: &VehicleId,
         trip_id: &TripId,
@@ -117,8 +117,8 @@ fn edge_json(edge: &Edge) -> EdgeJson {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::edges_json::{NodeName, decode};
-    use crate::formats::g2o::read_g2o;
+    use crate::ingest::edges_json::{NodeName, decode};
+    use crate::ingest::g2o::read_g2o;
     use std::io::Read;
 
     const GRAPH: &str = "\

@@ -8,9 +8,9 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
 
 use super::{EDGES_MAX, NODES_MAX};
-use crate::formats::batch_json::Pose;
-use crate::formats::json::Object;
 use crate::ids::{TripId, VehicleId};
+use crate::ingest::batch_json::Pose;
+use crate::ingest::json::Object;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

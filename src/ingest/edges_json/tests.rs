@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::*;
-use crate::formats::batch_json::BatchProblem;
+use crate::ingest::batch_json::BatchProblem;
 
 fn received_at() -> Timestamp {
     "2026-11-20T07:00:00Z".parse().unwrap()
