@@ -15,8 +15,8 @@ const NO_RETURNS_MAX: usize = 16;
 pub const JUDGED_WITHIN_M: f64 = 0.5;
 
 impl Screen {
-    /// Those that see some of a site, in no order: at most [`ASKED_MAX`] of each pass, evenly
-    /// chosen; and at most [`NO_RETURNS_MAX`] of which only beams without a return went there.
+    /// Those that see some of a site, in no order: at most `ASKED_MAX` of each pass, evenly
+    /// chosen; and at most `NO_RETURNS_MAX` of which only beams without a return went there.
     pub fn asked_about(&self, site: &CandidateSite) -> Vec<ObservationKey> {
         let Some((low, high)) = box_round(&site.cells, REACH_M) else {
             return Vec::new();
