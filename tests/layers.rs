@@ -75,7 +75,7 @@ const AT_HOME: [(&str, &[&str]); 11] = [
     ("crate::sim", &["sim", "experiments", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
-    ("reqwest", &["webhooks", "client", "cli"]),
+    ("reqwest", &["webhooks", "client"]),
     ("sqlx", &["store"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),
