@@ -492,7 +492,8 @@ pub(super) async fn list_batches(
         .batches(&route_id, &filter, after.as_ref(), limit + 1);
     let mut batches = batches.await?;
     let next_cursor = cut_page(&mut batches, limit, |batch| batch.id.to_string());
-    let alerts = state.store.alerts_by_batch(&route_id).await?;
+    let listed: Vec<BatchId> = batches.iter().map(|batch| batch.id.clone()).collect();
+    let alerts = state.store.alerts_by_batch(&route_id, &listed).await?;
     let body = |batch: BatchRecord| {
         let alerts = alerts.get(&batch.id).map_or(&[][..], Vec::as_slice);
         BatchBody::new(batch, alerts)

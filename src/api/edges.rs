@@ -12,7 +12,7 @@ use super::problem::Problem;
 use super::types::PoseBody;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, RouteId};
-use crate::store::{ClosureRecord, EdgeRecord};
+use crate::store::{ClosureRecord, EdgeFilter, EdgeRecord};
 
 /// A measured motion between two nodes.
 #[derive(Debug, Serialize, ToSchema)]
@@ -127,6 +127,25 @@ impl From<EdgeKind> for EdgeKindName {
     }
 }
 
+impl From<EdgeKindName> for EdgeKind {
+    fn from(kind: EdgeKindName) -> Self {
+        match kind {
+            EdgeKindName::Odometry => Self::Odometry,
+            EdgeKindName::LoopClosure => Self::LoopClosure,
+        }
+    }
+}
+
+impl From<EdgeStatusName> for EdgeStatus {
+    fn from(status: EdgeStatusName) -> Self {
+        match status {
+            EdgeStatusName::Active => Self::Active,
+            EdgeStatusName::Retired => Self::Retired,
+            EdgeStatusName::Quarantined => Self::Quarantined,
+        }
+    }
+}
+
 impl From<EdgeStatus> for EdgeStatusName {
     fn from(status: EdgeStatus) -> Self {
         match status {
@@ -188,15 +207,13 @@ pub(super) async fn list_edges(
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     state.known_route(&route_id).await?;
-    let edges = state.store.edges(&route_id).await?.into_iter();
-    let wanted = |edge: &EdgeRecord| {
-        after.is_none_or(|after| edge.id.0 > after)
-            && query.kind.is_none_or(|kind| kind == edge.kind.into())
-            && query
-                .status
-                .is_none_or(|status| status == edge.status.into())
+    let filter = EdgeFilter {
+        kind: query.kind.map(EdgeKind::from),
+        status: query.status.map(EdgeStatus::from),
     };
-    let mut edges: Vec<EdgeRecord> = edges.filter(wanted).take(limit as usize + 1).collect();
+    let after = after.map(EdgeId);
+    let edges = state.store.edge_page(&route_id, filter, after, limit + 1);
+    let mut edges = edges.await?;
     let next_cursor = cut_page(&mut edges, limit, |edge| edge.id.to_string());
     Ok(Json(EdgePage {
         items: edges.into_iter().map(EdgeBody::from).collect(),

@@ -1,20 +1,20 @@
 //! A route's pose graph as a whole.
 
 use axum::extract::State;
-use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::edges::EdgeBody;
+use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery, NoQuery};
 use super::nodes::NodeBody;
 use super::problem::Problem;
-use crate::graph::{Edge, Node, PoseGraph};
-use crate::ids::{NodeId, RouteId};
-use crate::ingest::g2o::write_g2o;
-use crate::store::{EdgeRecord, NodeRecord, RouteRecord};
+use crate::graph::EdgeStatus;
+use crate::ids::RouteId;
+use crate::ingest::g2o::{write_edge, write_vertex};
+use crate::store::{GraphPart, Within};
 
 /// A route's pose graph.
 #[derive(Debug, Serialize, ToSchema)]
@@ -75,10 +75,11 @@ impl BoundingBox {
     pub(super) fn bounds(&self) -> [f64; 4] {
         [self.x[0], self.y[0], self.x[1], self.y[1]]
     }
+}
 
-    fn holds(&self, node: &NodeRecord) -> bool {
-        (self.x[0]..=self.x[1]).contains(&node.pose.x)
-            && (self.y[0]..=self.y[1]).contains(&node.pose.y)
+impl From<BoundingBox> for Within {
+    fn from(BoundingBox { x, y }: BoundingBox) -> Self {
+        Self { x, y }
     }
 }
 
@@ -99,24 +100,13 @@ pub(super) async fn get_graph(
     ApiQuery(query): ApiQuery<GraphQuery>,
 ) -> Result<Response, Problem> {
     let within: Option<BoundingBox> = query.bbox.as_deref().map(str::parse).transpose()?;
-    let (route, nodes, edges) = load(&state, &route_id).await?;
-    let document = state.rendering.run(move || {
-        let nodes: Vec<NodeRecord> = match within {
-            Some(within) => nodes.into_iter().filter(|n| within.holds(n)).collect(),
-            None => nodes,
-        };
-        let known = |id: NodeId| nodes.binary_search_by_key(&id, |node| node.id).is_ok();
-        let edges = edges.into_iter().filter(|e| known(e.from) && known(e.to));
-        let edges: Vec<EdgeBody> = edges.map(EdgeBody::from).collect();
-        serde_json::to_vec(&GraphBody {
-            map_version: route.map_version,
-            nodes: nodes.into_iter().map(NodeBody::from).collect(),
-            edges,
-        })
-    });
-    let document = document.await?.map_err(Problem::internal)?;
-    let media_type = [(header::CONTENT_TYPE, "application/json")];
-    Ok((media_type, document).into_response())
+    let route = state.known_route(&route_id).await?;
+    let turn = export::turn(&state).await?;
+    let within = within.map(Within::from);
+    let mut pieces = state.store.export_graph(&route_id, within).await?;
+    let first = pieces.next().await?;
+    let document = GraphJson::new(route.map_version).map_err(Problem::internal)?;
+    Ok(export::send(turn, first, pieces, document))
 }
 
 /// Read a route's pose graph as g2o text.
@@ -132,50 +122,99 @@ pub(super) async fn get_graph_g2o(
     ApiPath(route_id): ApiPath<RouteId>,
     _: NoQuery,
 ) -> Result<Response, Problem> {
-    let (_, nodes, edges) = load(&state, &route_id).await?;
-    let text = state.rendering.run(move || {
-        let graph = pose_graph(&nodes, &edges)?;
-        Ok(write_g2o(&graph))
-    });
-    let text = text
-        .await?
-        .map_err(|error: crate::graph::GraphError| Problem::internal(error))?;
-    Ok(text.into_response())
+    state.known_route(&route_id).await?;
+    let turn = export::turn(&state).await?;
+    let mut pieces = state.store.export_graph(&route_id, None).await?;
+    let first = pieces.next().await?;
+    Ok(export::send(turn, first, pieces, GraphG2o))
 }
 
-type Loaded = (RouteRecord, Vec<NodeRecord>, Vec<EdgeRecord>);
-
-async fn load(state: &ApiState, route_id: &RouteId) -> Result<Loaded, Problem> {
-    let route = state.known_route(route_id).await?;
-    // Edges first: what is added in between is a node without its edge, never the reverse.
-    let edges = state.store.edges(route_id).await?;
-    let nodes = state.store.nodes(route_id).await?;
-    Ok((route, nodes, edges))
+/// [`GraphBody`], its nodes and edges as they come.
+struct GraphJson {
+    /// What comes before the nodes, between them and the edges, and after these.
+    frame: [String; 3],
+    nodes: Members,
+    edges: Option<Members>,
 }
 
-fn pose_graph(
-    nodes: &[NodeRecord],
-    edges: &[EdgeRecord],
-) -> Result<PoseGraph, crate::graph::GraphError> {
-    let mut graph = PoseGraph::new();
-    for node in nodes {
-        graph.add_node(Node {
-            id: node.id,
-            pose: node.pose,
+impl GraphJson {
+    fn new(map_version: i64) -> Result<Self, serde_json::Error> {
+        let empty = serde_json::to_string(&GraphBody {
+            map_version,
+            nodes: Vec::new(),
+            edges: Vec::new(),
         })?;
+        let mut parts = empty.split("[]");
+        let mut part = || parts.next().unwrap_or_default();
+        Ok(Self {
+            frame: [
+                format!("{}[", part()),
+                format!("]{}[", part()),
+                format!("]{}", part()),
+            ],
+            nodes: Members::default(),
+            edges: None,
+        })
     }
-    for edge in edges {
-        graph.add_edge(Edge {
-            id: edge.id,
-            from: edge.from,
-            to: edge.to,
-            measurement: edge.measurement,
-            information: edge.information,
-            kind: edge.kind,
-            status: edge.status,
-        })?;
+
+    fn edges(&mut self, text: &mut String) -> &mut Members {
+        self.edges.get_or_insert_with(|| {
+            text.push_str(&self.frame[1]);
+            Members::default()
+        })
     }
-    Ok(graph)
+}
+
+impl Document<GraphPart> for GraphJson {
+    const MEDIA_TYPE: &'static str = "application/json";
+
+    fn begin(&mut self, text: &mut String) {
+        text.push_str(&self.frame[0]);
+    }
+
+    fn append(&mut self, part: GraphPart, text: &mut String) -> Result<(), serde_json::Error> {
+        match part {
+            GraphPart::Nodes(nodes) => {
+                let mut nodes = nodes.into_iter().map(NodeBody::from);
+                nodes.try_for_each(|node| self.nodes.append(&node, text))
+            }
+            GraphPart::Edges(edges) => {
+                let members = self.edges(text);
+                let mut edges = edges.into_iter().map(EdgeBody::from);
+                edges.try_for_each(|edge| members.append(&edge, text))
+            }
+        }
+    }
+
+    fn end(&mut self, text: &mut String) {
+        self.edges(text);
+        text.push_str(&self.frame[2]);
+    }
+}
+
+/// The lines of a g2o file.
+struct GraphG2o;
+
+impl Document<GraphPart> for GraphG2o {
+    const MEDIA_TYPE: &'static str = "text/plain; charset=utf-8";
+
+    fn append(&mut self, part: GraphPart, text: &mut String) -> Result<(), serde_json::Error> {
+        match part {
+            GraphPart::Nodes(nodes) => {
+                for node in nodes {
+                    write_vertex(text, node.id, &node.pose);
+                }
+            }
+            GraphPart::Edges(edges) => {
+                let active = edges.iter().filter(|e| e.status == EdgeStatus::Active);
+                for edge in active {
+                    let ends = [edge.from, edge.to];
+                    write_edge(text, ends, &edge.measurement, &edge.information);
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

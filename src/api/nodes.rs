@@ -167,11 +167,9 @@ pub(super) async fn list_nodes(
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     state.known_route(&route_id).await?;
-    let nodes = state.store.nodes(&route_id).await?.into_iter();
-    let mut nodes: Vec<NodeRecord> = nodes
-        .filter(|node| after.is_none_or(|after| node.id.0 > after))
-        .take(limit as usize + 1)
-        .collect();
+    let after = after.map(NodeId);
+    let nodes = state.store.node_page(&route_id, after, limit + 1);
+    let mut nodes = nodes.await?;
     let next_cursor = cut_page(&mut nodes, limit, |node| node.id.to_string());
     Ok(Json(NodePage {
         items: nodes.into_iter().map(NodeBody::from).collect(),

@@ -1,7 +1,5 @@
 //! The residual series of a route or of one of its sub-graphs.
 
-use std::collections::BTreeMap;
-
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
@@ -10,11 +8,13 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
-use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
-use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
-use crate::graph::EdgeKind;
-use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
-use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
+use crate::change::RESIDUAL_FALSE_ALARM_RATE;
+use crate::change::series::{SeriesEntry, Verdict};
+use crate::ids::RouteId;
+use crate::pipeline::{Measurement, ResidualReading, Residuals};
+
+/// Most entries that can be asked for.
+const POINTS_MAX: u32 = 100_000;
 
 /// A residual series.
 #[derive(Debug, Serialize, ToSchema)]
@@ -36,7 +36,9 @@ pub(super) struct ResidualSeriesBody {
     threshold: Option<f64>,
     /// The smoothing looks ahead by this many closures: the last entries may still change.
     delay: u64,
-    /// One a loop closure, in the order of insertion.
+    /// One a loop closure, in the order of insertion. Of a route that is driven for long the
+    /// closures in the middle are left out: those that are neither between active nodes nor among
+    /// the first 1,000 that have left them.
     entries: Vec<ResidualEntryBody>,
 }
 
@@ -44,7 +46,7 @@ pub(super) struct ResidualSeriesBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ResidualEntry)]
 struct ResidualEntryBody {
-    /// 1, 2, …
+    /// 1, 2, … over all closures, those left out included.
     n: u64,
     /// The closure.
     edge_id: i64,
@@ -99,6 +101,24 @@ enum MeasurementName {
     AllPoints,
 }
 
+impl From<MeasurementName> for Measurement {
+    fn from(name: MeasurementName) -> Self {
+        match name {
+            MeasurementName::Robust => Self::Robust,
+            MeasurementName::AllPoints => Self::AllPoints,
+        }
+    }
+}
+
+impl From<Measurement> for MeasurementName {
+    fn from(measurement: Measurement) -> Self {
+        match measurement {
+            Measurement::Robust => Self::Robust,
+            Measurement::AllPoints => Self::AllPoints,
+        }
+    }
+}
+
 /// Which series to send.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -110,6 +130,10 @@ pub(super) struct ResidualQuery {
     /// Which residuals; `robust` if left out.
     #[param(nullable = false, inline)]
     measurement: Option<MeasurementName>,
+    /// At most so many entries: of as many equal parts of the series the one with the largest
+    /// `delta_f`. All if left out.
+    #[param(minimum = 1, maximum = 100000, nullable = false)]
+    max_points: Option<u32>,
 }
 
 /// Read a residual series.
@@ -129,171 +153,68 @@ pub(super) async fn get_residuals(
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<ResidualQuery>,
 ) -> Result<Json<ResidualSeriesBody>, Problem> {
+    let max_points = query.max_points.map(checked_points).transpose()?;
     let route = state.known_route(&route_id).await?;
-    let edges = state.store.edges(&route_id).await?;
-    let nodes = state.store.nodes(&route_id).await?;
     let accepted = state.store.accepted_changes(&route_id).await?;
-    let (subgraph_id, measurement) = (query.subgraph_id, query.measurement.unwrap_or_default());
     let detector = route.settings.detector;
+    let residuals = Residuals::load(&state.store, &route_id, detector, accepted).await?;
+    let subgraph_id = query.subgraph_id;
+    let measurement = query.measurement.unwrap_or_default();
     let work = move || {
-        let within = |edge: &&EdgeRecord| subgraph_id.is_none_or(|id| edge.subgraph_id == Some(id));
-        let edges = || edges.iter().filter(within);
-        let settled = robust_series(edges(), detector, &accepted).converged_at;
-        let series = series(edges(), measurement, detector, &accepted);
-        let tests = Tests::of(edges(), settled, &vehicles_of(&nodes), &accepted);
-        (subgraph_id.is_none() || !series.entries.is_empty())
-            .then(|| body(subgraph_id, measurement, &series, &tests))
+        let mut reading = residuals.read(subgraph_id, measurement.into());
+        let is_there = subgraph_id.is_none() || !reading.series.entries.is_empty();
+        if let Some(max_points) = max_points {
+            thin(&mut reading.series.entries, max_points);
+        }
+        is_there.then(|| ResidualSeriesBody::from(&reading))
     };
     let body = state.rendering.run(work).await?;
     body.map(Json)
         .ok_or_else(|| Problem::not_found("sub-graph with loop closures"))
 }
 
-/// Who drove each node's trip.
-pub(super) fn vehicles_of(nodes: &[NodeRecord]) -> BTreeMap<NodeId, &VehicleId> {
-    nodes.iter().map(|n| (n.id, &n.vehicle_id)).collect()
+fn checked_points(points: u32) -> Result<usize, Problem> {
+    if (1..=POINTS_MAX).contains(&points) {
+        return Ok(points as usize);
+    }
+    let refusal = format!("max_points is a number from 1 to {POINTS_MAX}");
+    Err(Problem::parameter("max_points", refusal))
 }
 
-/// The calibrated test of closures' all-points residuals.
-#[derive(Debug)]
-struct Tests {
-    p_values: BTreeMap<EdgeId, f64>,
+/// Keeps of so many equal parts of a series the entry with the largest ΔF each.
+fn thin(entries: &mut Vec<SeriesEntry>, points: usize) {
+    let count = entries.len();
+    if count <= points {
+        return;
+    }
+    let part = |k: usize| &entries[k * count / points..(k + 1) * count / points];
+    let largest = |part: &[SeriesEntry]| {
+        part.iter()
+            .copied()
+            .max_by(|a, b| a.delta_f.total_cmp(&b.delta_f))
+    };
+    *entries = (0..points).filter_map(|k| largest(part(k))).collect();
 }
 
-impl Tests {
-    /// Of a series that has settled after so many closures: those are the baseline, and of the
-    /// later ones those that are not told. Before, all closures are.
-    fn of<'a>(
-        edges: impl Iterator<Item = &'a EdgeRecord>,
-        settled: Option<usize>,
-        vehicles: &BTreeMap<NodeId, &VehicleId>,
-        accepted: &[AcceptedChange],
-    ) -> Self {
-        let closures = baseline(edges, accepted).filter_map(|edge| {
-            let residual = VehicleResidual {
-                vehicle: *vehicles.get(&edge.to)?,
-                residual: match edge.closure {
-                    Some(closure) => closure.all_points_residual,
-                    None => edge.delta_f?,
-                },
-            };
-            Some((edge.id, residual))
-        });
-        let (ids, residuals): (Vec<EdgeId>, Vec<_>) = closures.unzip();
-        let baseline = settled.unwrap_or(residuals.len());
-        let p_values = p_values_in_order(&residuals, baseline, RESIDUAL_FALSE_ALARM_RATE);
-        let known = ids.into_iter().zip(p_values);
+impl From<&ResidualReading> for ResidualSeriesBody {
+    fn from(reading: &ResidualReading) -> Self {
+        let series = &reading.series;
+        let entry = |entry| ResidualEntryBody::of(entry, reading);
         Self {
-            p_values: known.filter_map(|(id, p)| Some((id, p?))).collect(),
+            subgraph_id: reading.subgraph_id,
+            measurement: reading.measurement.into(),
+            converged_at: series.converged_at.map(|n| n as u64),
+            sigma2: series.sigma2,
+            threshold: series.threshold,
+            delay: series.delay as u64,
+            entries: series.entries.iter().map(entry).collect(),
         }
     }
 }
 
-/// The series that says how settled a sub-graph is, as `robust` residuals tell it.
-pub(super) fn robust_series<'a>(
-    edges: impl Iterator<Item = &'a EdgeRecord>,
-    detector: Detector,
-    accepted: &[AcceptedChange],
-) -> ResidualSeries {
-    series(edges, MeasurementName::Robust, detector, accepted)
-}
-
-/// A stretch of a sub-graph's series.
-#[derive(Debug)]
-pub(super) struct SeriesAround {
-    /// The sub-graph; `None` for the whole route.
-    pub subgraph_id: Option<i64>,
-    /// What was read from the whole series, with the entries of the stretch alone.
-    pub series: ResidualSeries,
-    tests: Tests,
-}
-
-/// The series that a closure lies in, `reach` entries to each side of it; `None` if the edge is
-/// no closure. A closure outside every sub-graph is shown in the series of the whole route.
-pub(super) fn series_around(
-    edges: &[EdgeRecord],
-    vehicles: &BTreeMap<NodeId, &VehicleId>,
-    edge: EdgeId,
-    detector: Detector,
-    accepted: &[AcceptedChange],
-    reach: usize,
-) -> Option<SeriesAround> {
-    let found = edges.binary_search_by_key(&edge, |edge| edge.id).ok()?;
-    let subgraph_id = edges.get(found)?.subgraph_id;
-    let within = |other: &&EdgeRecord| subgraph_id.is_none() || other.subgraph_id == subgraph_id;
-    let edges = || edges.iter().filter(within);
-    let mut series = robust_series(edges(), detector, accepted);
-    let settled = series.converged_at;
-    let entries = &mut series.entries;
-    let place = entries.iter().position(|entry| entry.edge_id == edge)?;
-    entries.truncate(place + reach + 1);
-    entries.drain(..place.saturating_sub(reach));
-    Some(SeriesAround {
-        subgraph_id,
-        series,
-        tests: Tests::of(edges(), settled, vehicles, accepted),
-    })
-}
-
-fn series<'a>(
-    edges: impl Iterator<Item = &'a EdgeRecord>,
-    measurement: MeasurementName,
-    detector: Detector,
-    accepted: &[AcceptedChange],
-) -> ResidualSeries {
-    let samples: Vec<ClosureSample> = baseline(edges, accepted)
-        .filter_map(|edge| {
-            Some(ClosureSample {
-                edge_id: edge.id,
-                delta_f: match measurement {
-                    MeasurementName::Robust => edge.delta_f?,
-                    MeasurementName::AllPoints => edge.closure?.all_points_residual,
-                },
-            })
-        })
-        .collect();
-    residual_series(&samples, &detector.series_params())
-}
-
-/// The closures that accepted changes leave in the series.
-fn baseline<'a>(
-    edges: impl Iterator<Item = &'a EdgeRecord>,
-    accepted: &[AcceptedChange],
-) -> impl Iterator<Item = &'a EdgeRecord> {
-    edges.filter(|edge| {
-        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge.id, edge.from, edge.to);
-        edge.kind == EdgeKind::LoopClosure && !accepted.iter().any(has_left)
-    })
-}
-
-impl From<&SeriesAround> for ResidualSeriesBody {
-    fn from(around: &SeriesAround) -> Self {
-        let robust = MeasurementName::Robust;
-        body(around.subgraph_id, robust, &around.series, &around.tests)
-    }
-}
-
-fn body(
-    subgraph_id: Option<i64>,
-    measurement: MeasurementName,
-    series: &ResidualSeries,
-    tests: &Tests,
-) -> ResidualSeriesBody {
-    let entry = |entry| ResidualEntryBody::of(entry, tests);
-    ResidualSeriesBody {
-        subgraph_id,
-        measurement,
-        converged_at: series.converged_at.map(|n| n as u64),
-        sigma2: series.sigma2,
-        threshold: series.threshold,
-        delay: series.delay as u64,
-        entries: series.entries.iter().map(entry).collect(),
-    }
-}
-
 impl ResidualEntryBody {
-    fn of(entry: &SeriesEntry, tests: &Tests) -> Self {
-        let calibrated_p_value = tests.p_values.get(&entry.edge_id).copied();
+    fn of(entry: &SeriesEntry, reading: &ResidualReading) -> Self {
+        let calibrated_p_value = reading.p_values.get(&entry.edge_id).copied();
         Self {
             calibrated_p_value,
             alarm: calibrated_p_value.is_some_and(|p| p < RESIDUAL_FALSE_ALARM_RATE),
@@ -312,5 +233,32 @@ impl ResidualEntryBody {
                 Verdict::Contradiction => VerdictName::Contradiction,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::change::series::{ClosureSample, SeriesParams, residual_series};
+    use crate::ids::EdgeId;
+
+    #[test]
+    fn a_thinned_series_keeps_its_order_and_its_peaks() {
+        let samples: Vec<ClosureSample> = (0..1_000)
+            .map(|k| ClosureSample {
+                edge_id: EdgeId(k),
+                delta_f: if k == 617 { 9.0 } else { (k % 7) as f64 },
+            })
+            .collect();
+        let all = residual_series(&samples, &SeriesParams::default()).entries;
+        for points in [1, 2, 7, 300, 999, 1_000, 5_000] {
+            let mut entries = all.clone();
+            thin(&mut entries, points);
+            assert_eq!(entries.len(), points.min(1_000));
+            assert!(entries.is_sorted_by_key(|entry| entry.n), "{points}");
+            assert!(entries.iter().any(|entry| entry.delta_f == 9.0), "{points}");
+        }
+        assert!(checked_points(0).is_err());
+        assert!(checked_points(POINTS_MAX + 1).is_err());
     }
 }

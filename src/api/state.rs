@@ -8,6 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::Limits;
 use super::alerts::STREAMS_MAX;
+use super::export::EXPORTS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
@@ -44,6 +45,8 @@ pub struct Shared {
     pub(super) decoding: Offload,
     /// Where pictures and large documents are made.
     pub(super) rendering: Offload,
+    /// Long documents that may be under way.
+    pub(super) exports: Arc<Semaphore>,
     /// Streams of alerts that may be open.
     pub(super) streams: Arc<Semaphore>,
     /// Pictures of maps.
@@ -66,6 +69,7 @@ impl ApiState {
             body_budget: Arc::new(Semaphore::new(limits.body_bytes_total >> 10)),
             decoding: Offload::new(limits.decoders),
             rendering: Offload::new(2),
+            exports: Arc::new(Semaphore::new(EXPORTS_MAX)),
             streams: Arc::new(Semaphore::new(STREAMS_MAX)),
             maps: MapCache::default(),
             store,

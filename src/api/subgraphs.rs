@@ -1,7 +1,5 @@
 //! The detachable sub-graphs of a route: blocks that hold loop closures.
 
-use std::collections::BTreeMap;
-
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
@@ -11,11 +9,10 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
-use super::residuals::robust_series;
 use crate::change::series::ResidualSeries;
-use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::RouteId;
-use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
+use crate::pipeline::{Measurement, Residuals};
+use crate::store::SubgraphSums;
 
 /// A block of the pose graph with its own statistics.
 #[derive(Debug, Serialize, ToSchema)]
@@ -29,7 +26,8 @@ struct SubgraphBody {
     edges: u64,
     /// n: active loop closures in it.
     loop_closures: u64,
-    /// F: eᵀΩe summed over its active edges at the current poses.
+    /// F: eᵀΩe summed over its active edges at the current poses; of those whose nodes have left
+    /// the active graph, as it was when they left.
     total: f64,
     /// f = F/n; null without loop closures.
     #[schema(required)]
@@ -74,61 +72,39 @@ pub(super) async fn list_subgraphs(
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     let route = state.known_route(&route_id).await?;
-    let edges = state.store.edges(&route_id).await?;
-    let nodes = state.store.nodes(&route_id).await?;
+    let sums = state.store.subgraph_sums(&route_id).await?;
     let accepted = state.store.accepted_changes(&route_id).await?;
     let detector = route.settings.detector;
-    let all = state
-        .rendering
-        .run(move || subgraphs(&nodes, &edges, detector, &accepted));
-    let mut items = all.await?;
-    items.retain(|item| after.is_none_or(|after| item.id > after));
+    let residuals = Residuals::load(&state.store, &route_id, detector, accepted).await?;
+    let wanted = sums
+        .into_iter()
+        .filter(move |(id, _)| after.is_none_or(|after| *id > after));
+    let page = state.rendering.run(move || {
+        let page = wanted.take(limit as usize + 1);
+        let bodies = page.map(|(id, sums)| {
+            let reading = residuals.read(Some(id), Measurement::Robust);
+            SubgraphBody::new(id, &sums, &reading.series)
+        });
+        bodies.collect::<Vec<_>>()
+    });
+    let mut items = page.await?;
     let next_cursor = cut_page(&mut items, limit, |item| item.id.to_string());
     Ok(Json(SubgraphPage { items, next_cursor }))
 }
 
-fn subgraphs(
-    nodes: &[NodeRecord],
-    edges: &[EdgeRecord],
-    detector: Detector,
-    accepted: &[AcceptedChange],
-) -> Vec<SubgraphBody> {
-    let mut members: BTreeMap<i64, (u64, Vec<&EdgeRecord>)> = BTreeMap::new();
-    for node in nodes {
-        if let Some(id) = node.subgraph_id {
-            members.entry(id).or_default().0 += 1;
+impl SubgraphBody {
+    fn new(id: i64, sums: &SubgraphSums, series: &ResidualSeries) -> Self {
+        let loop_closures = sums.loop_closures.max(0).unsigned_abs();
+        Self {
+            id,
+            nodes: sums.nodes.max(0).unsigned_abs(),
+            edges: sums.edges.max(0).unsigned_abs(),
+            loop_closures,
+            total: sums.total,
+            mean: (loop_closures > 0).then(|| sums.total / loop_closures as f64),
+            sigma2: series.sigma2,
+            threshold: series.threshold,
+            converged_at: series.converged_at.map(|n| n as u64),
         }
-    }
-    for edge in edges {
-        if let Some(id) = edge.subgraph_id {
-            members.entry(id).or_default().1.push(edge);
-        }
-    }
-    let bodies = members.into_iter().map(|(id, (nodes, edges))| {
-        let series = robust_series(edges.iter().copied(), detector, accepted);
-        body(id, nodes, &edges, &series)
-    });
-    bodies.collect()
-}
-
-fn body(id: i64, nodes: u64, edges: &[&EdgeRecord], series: &ResidualSeries) -> SubgraphBody {
-    let active = || {
-        edges
-            .iter()
-            .filter(|edge| edge.status == EdgeStatus::Active)
-    };
-    let closures = active().filter(|edge| edge.kind == EdgeKind::LoopClosure);
-    let loop_closures = closures.count() as u64;
-    let total: f64 = active().map(|edge| edge.residual).sum();
-    SubgraphBody {
-        id,
-        nodes,
-        edges: active().count() as u64,
-        loop_closures,
-        total,
-        mean: (loop_closures > 0).then(|| total / loop_closures as f64),
-        sigma2: series.sigma2,
-        threshold: series.threshold,
-        converged_at: series.converged_at.map(|n| n as u64),
     }
 }

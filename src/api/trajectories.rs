@@ -2,20 +2,22 @@
 
 use std::fmt::Write;
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use tokio::sync::OwnedSemaphorePermit;
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
 use super::types::{PoseBody, timestamp};
 use super::vehicles::field_of;
 use crate::calibration::AppliedCorrection;
 use crate::ids::{RouteId, TripId};
-use crate::store::{NodeRecord, TrajectoryPose};
+use crate::store::{Pieces, TrajectoryPose};
 
 /// A trip's way through the map.
 #[derive(Debug, Serialize, ToSchema)]
@@ -97,22 +99,18 @@ pub(super) async fn get_trajectory(
     State(state): State<ApiState>,
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
-) -> Result<Json<TrajectoryBody>, Problem> {
-    let poses = poses(&state, &route_id, &trip_id, &query).await?;
-    let poses = poses.into_iter().map(|pose| TrajectoryPoseBody {
-        node_id: pose.node_id.0,
-        keyframe: pose.is_keyframe,
-        stamp: timestamp(pose.stamp),
-        pose: pose.pose.into(),
-    });
+) -> Result<Response, Problem> {
+    let (turn, first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
     let corrections = state.store.trip_corrections(&route_id, &trip_id).await?;
     let corrections = corrections.unwrap_or_default();
     let corrections = corrections.applied().iter().map(correction_body);
-    Ok(Json(TrajectoryBody {
+    let document = TrajectoryJson::new(&TrajectoryBody {
         trip_id: trip_id.to_string(),
         corrections: corrections.collect(),
-        poses: poses.collect(),
-    }))
+        poses: Vec::new(),
+    });
+    let document = document.map_err(Problem::internal)?;
+    Ok(export::send(turn, Some(first), pieces, document))
 }
 
 fn correction_body(applied: &AppliedCorrection) -> TripCorrectionBody {
@@ -141,57 +139,102 @@ pub(super) async fn get_trajectory_tum(
     State(state): State<ApiState>,
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
-) -> Result<String, Problem> {
-    let poses = poses(&state, &route_id, &trip_id, &query).await?;
-    Ok(tum(&poses))
+) -> Result<Response, Problem> {
+    let (turn, first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
+    Ok(export::send(turn, Some(first), pieces, TrajectoryTum))
 }
 
-/// The poses that are asked for, in the order of time.
+type Poses = Vec<TrajectoryPose>;
+
+/// The poses that are asked for, in the order of time: a turn to send them, the first, the rest.
 async fn poses(
     state: &ApiState,
     route_id: &RouteId,
     trip_id: &TripId,
     query: &TrajectoryQuery,
-) -> Result<Vec<TrajectoryPose>, Problem> {
+) -> Result<(OwnedSemaphorePermit, Poses, Pieces<Poses>), Problem> {
     state.known_route(route_id).await?;
-    let poses = match query.poses.unwrap_or_default() {
-        PosesName::All => state.store.trajectory(route_id, trip_id).await?,
-        PosesName::Keyframes => {
-            let nodes = state.store.trip_nodes(route_id, trip_id).await?;
-            nodes.iter().map(of_keyframe).collect()
+    let turn = export::turn(state).await?;
+    let all = query.poses.unwrap_or_default() == PosesName::All;
+    let poses = state.store.export_trajectory(route_id, trip_id, all);
+    let mut poses = poses.await?;
+    let first = poses.next().await?;
+    let first = first.ok_or_else(|| Problem::not_found("trip with keyframes in the map"))?;
+    Ok((turn, first, poses))
+}
+
+/// [`TrajectoryBody`], its poses as they come.
+struct TrajectoryJson {
+    /// What comes before the poses, and after them.
+    frame: [String; 2],
+    poses: Members,
+}
+
+impl TrajectoryJson {
+    fn new(without_poses: &TrajectoryBody) -> Result<Self, serde_json::Error> {
+        let empty = serde_json::to_string(without_poses)?;
+        let (before, after) = empty.rsplit_once("[]").unwrap_or_default();
+        Ok(Self {
+            frame: [format!("{before}["), format!("]{after}")],
+            poses: Members::default(),
+        })
+    }
+}
+
+impl Document<Poses> for TrajectoryJson {
+    const MEDIA_TYPE: &'static str = "application/json";
+
+    fn begin(&mut self, text: &mut String) {
+        text.push_str(&self.frame[0]);
+    }
+
+    fn append(&mut self, poses: Poses, text: &mut String) -> Result<(), serde_json::Error> {
+        let mut poses = poses.into_iter().map(TrajectoryPoseBody::from);
+        poses.try_for_each(|pose| self.poses.append(&pose, text))
+    }
+
+    fn end(&mut self, text: &mut String) {
+        text.push_str(&self.frame[1]);
+    }
+}
+
+impl From<TrajectoryPose> for TrajectoryPoseBody {
+    fn from(pose: TrajectoryPose) -> Self {
+        Self {
+            node_id: pose.node_id.0,
+            keyframe: pose.is_keyframe,
+            stamp: timestamp(pose.stamp),
+            pose: pose.pose.into(),
         }
-    };
-    if poses.is_empty() {
-        return Err(Problem::not_found("trip with keyframes in the map"));
-    }
-    Ok(poses)
-}
-
-fn of_keyframe(node: &NodeRecord) -> TrajectoryPose {
-    TrajectoryPose {
-        node_id: node.id,
-        is_keyframe: true,
-        stamp: node.stamp,
-        pose: node.pose,
     }
 }
 
-fn tum(poses: &[TrajectoryPose]) -> String {
-    let mut text = String::new();
-    for TrajectoryPose { stamp, pose, .. } in poses {
-        let (seconds, nanoseconds) = (
-            stamp.0.div_euclid(1_000_000_000),
-            stamp.0.rem_euclid(1_000_000_000),
-        );
-        let (qz, qw) = (0.5 * pose.theta).sin_cos();
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "{seconds}.{nanoseconds:09} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}",
-            pose.x, pose.y
-        );
+/// The lines of a TUM file.
+struct TrajectoryTum;
+
+impl Document<Poses> for TrajectoryTum {
+    const MEDIA_TYPE: &'static str = "text/plain; charset=utf-8";
+
+    fn append(&mut self, poses: Poses, text: &mut String) -> Result<(), serde_json::Error> {
+        for pose in &poses {
+            write_tum(pose, text);
+        }
+        Ok(())
     }
-    text
+}
+
+fn write_tum(TrajectoryPose { stamp, pose, .. }: &TrajectoryPose, text: &mut String) {
+    let (seconds, nanoseconds) = (
+        stamp.0.div_euclid(1_000_000_000),
+        stamp.0.rem_euclid(1_000_000_000),
+    );
+    let (qz, qw) = (0.5 * pose.theta).sin_cos();
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "{seconds}.{nanoseconds:09} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}",
+        pose.x, pose.y
+    );
 }
 
 #[cfg(test)]
@@ -208,7 +251,8 @@ mod tests {
             stamp: StampNs(1_795_154_400_050_000_000),
             pose: Pose2::new(1.5, -2.0, -1.0),
         };
-        let text = tum(&[pose]);
+        let mut text = String::new();
+        write_tum(&pose, &mut text);
         assert_eq!(
             text,
             "1795154400.050000000 1.500000 -2.000000 0 0 0 -0.479425539 0.877582562\n"

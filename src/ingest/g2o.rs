@@ -225,24 +225,36 @@ fn pose(fields: [&str; 3]) -> Result<Pose2, G2oProblem> {
 pub fn write_g2o(graph: &PoseGraph) -> String {
     let mut text = String::new();
     for node in graph.nodes() {
-        let (id, p) = (node.id, node.pose);
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "VERTEX_SE2 {id} {} {} {}", p.x, p.y, p.theta);
+        write_vertex(&mut text, node.id, &node.pose);
     }
     let active = graph.edges().iter();
     for edge in active.filter(|edge| edge.status == EdgeStatus::Active) {
-        let m = edge.measurement;
-        let _ = write!(
-            text,
-            "EDGE_SE2 {} {} {} {} {}",
-            edge.from, edge.to, m.x, m.y, m.theta
-        );
-        for number in edge.information.upper() {
-            let _ = write!(text, " {number}");
-        }
-        text.push('\n');
+        let ends = [edge.from, edge.to];
+        write_edge(&mut text, ends, &edge.measurement, &edge.information);
     }
     text
+}
+
+/// Appends the line of a node at a pose.
+pub fn write_vertex(text: &mut String, id: NodeId, pose: &Pose2) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "VERTEX_SE2 {id} {} {} {}", pose.x, pose.y, pose.theta);
+}
+
+/// Appends the line of an edge from the first of its ends to the second.
+pub fn write_edge(
+    text: &mut String,
+    [from, to]: [NodeId; 2],
+    measurement: &Pose2,
+    information: &Information,
+) {
+    let m = measurement;
+    // Writing to a string cannot fail.
+    let _ = write!(text, "EDGE_SE2 {from} {to} {} {} {}", m.x, m.y, m.theta);
+    for number in information.upper() {
+        let _ = write!(text, " {number}");
+    }
+    text.push('\n');
 }
 
 #[cfg(test)]

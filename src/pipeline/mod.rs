@@ -15,6 +15,7 @@ mod findings;
 mod options;
 mod process;
 mod residual_findings;
+mod residuals;
 mod result;
 mod retention;
 mod saved;
@@ -27,6 +28,7 @@ mod workspace;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use options::PipelineOptions;
+pub use residuals::{Measurement, ResidualReading, Residuals};
 
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;

@@ -10,7 +10,7 @@ use super::alert_records::{
     AlertEvent, AlertFilter, AlertRecord, AlertResidual, AlertStatus, HistoryEntry,
 };
 use super::columns::{
-    Text, alert_id, corrupt, json, micros, name, optional_json, polygon, text, time,
+    Text, alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time,
 };
 use super::error::StoreError;
 use crate::change::{Counterpart, Finding};
@@ -111,13 +111,19 @@ pub(super) async fn batch_alerts(
 pub(super) async fn alerts_by_batch(
     readers: &SqlitePool,
     route: &RouteId,
+    batches: &[BatchId],
 ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+    // CROSS JOIN: the batches first, however many alerts the route has.
     let rows = sqlx::query(
-        "SELECT batches.id AS batch_id, alerts.id FROM routes JOIN alerts USING (route_key) \
-         JOIN alert_batches USING (alert_key) JOIN batches USING (batch_key) \
-         WHERE routes.id = ? ORDER BY alerts.id",
+        "SELECT batches.id AS batch_id, alerts.id FROM routes \
+         CROSS JOIN batches ON batches.route_key = routes.route_key \
+             AND batches.id IN (SELECT value FROM json_each($2)) \
+         CROSS JOIN alert_batches ON alert_batches.batch_key = batches.batch_key \
+         JOIN alerts USING (alert_key) \
+         WHERE routes.id = $1 ORDER BY alerts.id",
     )
     .bind(route.as_str())
+    .bind(json_text(batches)?)
     .fetch_all(readers)
     .await?;
     let mut by_batch: BTreeMap<BatchId, Vec<AlertId>> = BTreeMap::new();

@@ -9,6 +9,7 @@ use sqlx::sqlite::{
 };
 use sqlx::{ConnectOptions, SqliteConnection};
 
+use super::archive;
 use super::error::StoreError;
 
 const FILE_NAME: &str = "mapshift.db";
@@ -88,6 +89,7 @@ impl Database {
     ) -> Result<Migrated, StoreError> {
         let had_rates_per_lap = has_migration(writer, RATES_PER_LAP).await?;
         MIGRATIONS.run(&mut *writer).await?;
+        archive::fill_if_missing(writer).await?;
         if had_rates_per_lap {
             return Ok(Migrated { rates_set: 0 });
         }
@@ -97,13 +99,14 @@ impl Database {
         Ok(Migrated { rates_set })
     }
 
+    /// A connection that reads, for one long read. The database is there already.
+    pub(super) async fn open_reader(&self) -> Result<SqliteConnection, StoreError> {
+        Ok(self.reader_options().connect().await?)
+    }
+
     /// The pool of connections that read. The database is there already.
     pub(super) async fn open_readers(&self) -> Result<SqlitePool, StoreError> {
-        let options = self
-            .options()
-            .read_only(true)
-            .busy_timeout(READER_BUSY_TIMEOUT)
-            .pragma("query_only", "ON");
+        let options = self.reader_options();
         let pool = SqlitePoolOptions::new()
             .max_connections(READERS)
             .min_connections(1)
@@ -113,6 +116,13 @@ impl Database {
             .connect_with(options)
             .await?;
         Ok(pool)
+    }
+
+    fn reader_options(&self) -> SqliteConnectOptions {
+        self.options()
+            .read_only(true)
+            .busy_timeout(READER_BUSY_TIMEOUT)
+            .pragma("query_only", "ON")
     }
 
     fn options(&self) -> SqliteConnectOptions {

@@ -6,13 +6,14 @@ use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 use super::acceptances;
 use super::alerts;
 use super::body::checksum;
-use super::columns::{information, name, optional_name, pose, pose_sigma, text};
+use super::columns::{Text, information, json_text, name, optional_name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
-use super::records::{ClosureRecord, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
+use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
 use super::{settled, vehicles};
 use crate::geometry::Pose2;
+use crate::graph::EdgeStatus;
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
 macro_rules! node_columns {
@@ -24,7 +25,7 @@ macro_rules! node_columns {
 }
 
 macro_rules! select_nodes {
-    ($columns:literal, $joins:expr, $rest:literal) => {
+    ($columns:literal, $joins:expr, $rest:expr) => {
         concat!(
             "SELECT ",
             node_columns!(),
@@ -32,11 +33,13 @@ macro_rules! select_nodes {
             " FROM routes JOIN nodes USING (route_key) \
              JOIN batches ON batches.batch_key = nodes.batch_key ",
             $joins,
-            " WHERE routes.id = ? ",
+            " WHERE routes.id = $1 ",
             $rest
         )
     };
 }
+
+pub(super) use {node_columns, select_nodes};
 
 macro_rules! select_nodes_with_scans {
     ($join:literal, $rest:literal) => {
@@ -53,7 +56,10 @@ macro_rules! select_nodes_with_scans {
 }
 
 macro_rules! select_edges {
-    ($from:literal, $rest:literal) => {
+    ($from:literal, $rest:expr) => {
+        select_edges!($from, $rest, "routes.id = $1")
+    };
+    ($from:literal, $rest:expr, $which:literal) => {
         concat!(
             "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
@@ -71,7 +77,9 @@ macro_rules! select_edges {
                  AND closures.edge_id = edges.edge_id \
              LEFT JOIN nodes AS a ON a.route_key = edges.route_key AND a.node_id = from_node \
              LEFT JOIN nodes AS b ON b.route_key = edges.route_key AND b.node_id = to_node \
-             WHERE routes.id = ? ",
+             WHERE ",
+            $which,
+            " ",
             $rest
         )
     };
@@ -103,7 +111,7 @@ async fn load_snapshot(
     let mut snapshot = reader.begin().await?;
     let row = sqlx::query(
         "SELECT revision, stage, detector, false_alarm_rate, hold_s, next_node_id, next_edge_id, \
-         map_version FROM routes WHERE id = ?",
+         map_version FROM routes WHERE id = $1",
     )
     .bind(route.as_str())
     .fetch_optional(&mut *snapshot)
@@ -166,11 +174,29 @@ pub(super) async fn node_page(
     let rows = sqlx::query(select_nodes!(
         "",
         "",
-        "AND nodes.node_id > ? ORDER BY nodes.node_id LIMIT ?"
+        "AND nodes.node_id > $2 ORDER BY nodes.node_id LIMIT $3"
     ))
     .bind(route.as_str())
     .bind(after.map_or(-1, |id| id.0))
     .bind(limit)
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(node_of).collect()
+}
+
+/// Those of some nodes that are there, by id.
+pub(super) async fn nodes_named(
+    readers: &SqlitePool,
+    route: &RouteId,
+    ids: &[NodeId],
+) -> Result<Vec<NodeRecord>, StoreError> {
+    let rows = sqlx::query(select_nodes!(
+        "",
+        "",
+        "AND nodes.node_id IN (SELECT value FROM json_each($2)) ORDER BY nodes.node_id"
+    ))
+    .bind(route.as_str())
+    .bind(json_text(ids)?)
     .fetch_all(readers)
     .await?;
     rows.iter().map(node_of).collect()
@@ -182,7 +208,7 @@ pub(super) async fn node(
     route: &RouteId,
     id: NodeId,
 ) -> Result<Option<NodeRecord>, StoreError> {
-    let row = sqlx::query(select_nodes!("", "", "AND nodes.node_id = ?"))
+    let row = sqlx::query(select_nodes!("", "", "AND nodes.node_id = $2"))
         .bind(route.as_str())
         .bind(id.0)
         .fetch_optional(readers)
@@ -202,7 +228,7 @@ pub(super) async fn trip_nodes(
         node_columns!(),
         "FROM routes JOIN batches USING (route_key) \
          CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
-         WHERE routes.id = ? AND batches.trip_id = ? ORDER BY stamp_ns, nodes.node_id"
+         WHERE routes.id = $1 AND batches.trip_id = $2 ORDER BY stamp_ns, nodes.node_id"
     ))
     .bind(route.as_str())
     .bind(trip.as_str())
@@ -243,7 +269,7 @@ pub(super) async fn node_scan(
 ) -> Result<Option<Vec<u8>>, StoreError> {
     let row = sqlx::query(
         "SELECT scan, scan_sha256 FROM routes JOIN node_scans USING (route_key) \
-         WHERE routes.id = ? AND node_id = ?",
+         WHERE routes.id = $1 AND node_id = $2",
     )
     .bind(route.as_str())
     .bind(id.0)
@@ -268,15 +294,51 @@ pub(super) async fn edges(
 pub(super) async fn edge_page(
     readers: &SqlitePool,
     route: &RouteId,
+    filter: EdgeFilter,
     after: Option<EdgeId>,
     limit: u32,
 ) -> Result<Vec<EdgeRecord>, StoreError> {
+    // Few edges are not active, and an index has them alone.
+    let statement = match filter.status {
+        Some(EdgeStatus::Retired | EdgeStatus::Quarantined) => {
+            select_edges!(
+                "CROSS JOIN edges INDEXED BY edges_by_status USING (route_key)",
+                "AND edges.edge_id > $2 AND ($3 IS NULL OR edges.kind = $3) \
+                 AND edges.status = $4 AND edges.status <> 'active' \
+                 ORDER BY edges.edge_id LIMIT $5"
+            )
+        }
+        Some(EdgeStatus::Active) | None => {
+            select_edges!(
+                "CROSS JOIN edges USING (route_key)",
+                "AND edges.edge_id > $2 AND ($3 IS NULL OR edges.kind = $3) \
+                 AND ($4 IS NULL OR edges.status = $4) ORDER BY edges.edge_id LIMIT $5"
+            )
+        }
+    };
+    let rows = sqlx::query(statement)
+        .bind(route.as_str())
+        .bind(after.map_or(-1, |id| id.0))
+        .bind(filter.kind.map(Text::text))
+        .bind(filter.status.map(Text::text))
+        .bind(limit)
+        .fetch_all(readers)
+        .await?;
+    rows.iter().map(edge_of).collect()
+}
+
+/// Those of some edges that are there, by id.
+pub(super) async fn edges_named(
+    readers: &SqlitePool,
+    route: &RouteId,
+    ids: &[EdgeId],
+) -> Result<Vec<EdgeRecord>, StoreError> {
     let rows = sqlx::query(select_edges!(
-        "AND edges.edge_id > ? ORDER BY edges.edge_id LIMIT ?"
+        "CROSS JOIN edges USING (route_key)",
+        "AND edges.edge_id IN (SELECT value FROM json_each($2)) ORDER BY edges.edge_id"
     ))
     .bind(route.as_str())
-    .bind(after.map_or(-1, |id| id.0))
-    .bind(limit)
+    .bind(json_text(ids)?)
     .fetch_all(readers)
     .await?;
     rows.iter().map(edge_of).collect()
@@ -288,7 +350,7 @@ pub(super) async fn edge(
     route: &RouteId,
     id: EdgeId,
 ) -> Result<Option<EdgeRecord>, StoreError> {
-    let row = sqlx::query(select_edges!("AND edges.edge_id = ?"))
+    let row = sqlx::query(select_edges!("AND edges.edge_id = $2"))
         .bind(route.as_str())
         .bind(id.0)
         .fetch_optional(readers)
@@ -296,7 +358,7 @@ pub(super) async fn edge(
     row.as_ref().map(edge_of).transpose()
 }
 
-fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
+pub(super) fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
     Ok(NodeRecord {
         id: NodeId(row.try_get("node_id")?),
         batch_id: name(row, "batch_id")?,

@@ -4,13 +4,14 @@
 use sqlx::query_builder::Separated;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
+use super::archive;
 use super::body::checksum;
 use super::columns::Text;
 use super::error::StoreError;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
 use super::results::Members;
 use crate::geometry::{Information, Pose2, PoseSigma};
-use crate::ids::{BatchId, EdgeId, LidarId};
+use crate::ids::{BatchId, EdgeId, LidarId, NodeId};
 
 /// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
 pub(super) const ROWS_MAX: usize = 256;
@@ -148,6 +149,9 @@ pub(super) async fn update_nodes(
     route_key: i64,
     changes: &[NodeChange],
 ) -> Result<(), StoreError> {
+    let leaving = changes.iter().filter(|change| !change.active);
+    let leaving: Vec<NodeId> = leaving.map(|change| change.id).collect();
+    archive::add_leaving(transaction, route_key, &leaving).await?;
     for rows in changes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "WITH change(id, x, y, theta, sigma_x, sigma_y, sigma_theta, drift_m, reference, \

@@ -9,6 +9,7 @@ mod acceptances;
 mod alert_records;
 mod alert_rows;
 mod alerts;
+mod archive;
 mod body;
 mod claims;
 mod client_nodes;
@@ -16,6 +17,7 @@ mod columns;
 mod connection;
 mod decisions;
 mod error;
+mod export;
 mod failures;
 mod gaps;
 mod graph;
@@ -31,6 +33,7 @@ mod request;
 mod results;
 mod retention;
 mod routes;
+mod series_closures;
 mod settled;
 mod trips;
 mod vehicles;
@@ -41,8 +44,11 @@ mod webhooks;
 mod writer;
 
 pub use alert_records::*;
+pub use archive::SubgraphSums;
 pub use error::{Corruption, StoreError};
+pub use export::{GraphPart, Pieces, Within};
 pub use records::*;
+pub use series_closures::{SeriesClosure, SeriesClosures};
 pub use vehicles::{LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
 
@@ -483,6 +489,18 @@ impl Store {
         named(graph::node_page(&self.shared.readers, route, after, limit).await)
     }
 
+    /// Those of some nodes that are there, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn nodes_named(
+        &self,
+        route: &RouteId,
+        ids: &[NodeId],
+    ) -> Result<Vec<NodeRecord>, StoreError> {
+        named(graph::nodes_named(&self.shared.readers, route, ids).await)
+    }
+
     /// One node.
     ///
     /// # Errors
@@ -556,10 +574,23 @@ impl Store {
     pub async fn edge_page(
         &self,
         route: &RouteId,
+        filter: EdgeFilter,
         after: Option<EdgeId>,
         limit: u32,
     ) -> Result<Vec<EdgeRecord>, StoreError> {
-        named(graph::edge_page(&self.shared.readers, route, after, limit).await)
+        named(graph::edge_page(&self.shared.readers, route, filter, after, limit).await)
+    }
+
+    /// Those of some edges that are there, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edges_named(
+        &self,
+        route: &RouteId,
+        ids: &[EdgeId],
+    ) -> Result<Vec<EdgeRecord>, StoreError> {
+        named(graph::edges_named(&self.shared.readers, route, ids).await)
     }
 
     /// One edge.
@@ -607,15 +638,16 @@ impl Store {
         named(alerts::batch_alerts(&self.shared.readers, route, batch).await)
     }
 
-    /// The alerts of each of a route's batches, by id; batches without any are left out.
+    /// The alerts of each of some batches, by id; batches without any are left out.
     ///
     /// # Errors
     /// [`StoreError`].
     pub async fn alerts_by_batch(
         &self,
         route: &RouteId,
+        batches: &[BatchId],
     ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
-        named(alerts::alerts_by_batch(&self.shared.readers, route).await)
+        named(alerts::alerts_by_batch(&self.shared.readers, route, batches).await)
     }
 
     /// What happened to alerts after the event `after` (0 for the first), in order, at most

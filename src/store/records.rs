@@ -414,6 +414,15 @@ pub struct ClosureRecord {
     pub all_points_residual: f64,
 }
 
+/// Which edges to list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EdgeFilter {
+    /// Only of this kind.
+    pub kind: Option<EdgeKind>,
+    /// Only in this state.
+    pub status: Option<EdgeStatus>,
+}
+
 /// An edge as it is stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeRecord {

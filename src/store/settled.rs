@@ -3,6 +3,7 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
+use super::archive;
 use super::columns::{json_text, name};
 use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
@@ -47,8 +48,8 @@ pub(super) async fn first_closures(
              AND newer.node_id = edges.to_node \
          JOIN batches ON batches.batch_key = \
              iif(edges.to_node > edges.from_node, newer.batch_key, older.batch_key) \
-         WHERE routes.id = ? AND delta_f IS NOT NULL AND NOT (older.active AND newer.active) \
-         ORDER BY edges.edge_id LIMIT ?",
+         WHERE routes.id = $1 AND delta_f IS NOT NULL AND NOT (older.active AND newer.active) \
+         ORDER BY edges.edge_id LIMIT $2",
     )
     .bind(route.as_str())
     .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
@@ -142,21 +143,24 @@ impl Request for Recall {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        let recalled = sqlx::query(
+        let reactivated: Vec<(i64, i64)> = sqlx::query_as(
             "UPDATE nodes SET active = 1 \
-             WHERE route_key = (SELECT route_key FROM routes WHERE id = ?) AND active = 0 \
-             AND node_id IN (SELECT value FROM json_each(?))",
+             WHERE route_key = (SELECT route_key FROM routes WHERE id = $1) AND active = 0 \
+             AND node_id IN (SELECT value FROM json_each($2)) RETURNING route_key, node_id",
         )
         .bind(self.route.as_str())
         .bind(json_text(&self.nodes)?)
-        .execute(&mut *transaction)
+        .fetch_all(&mut *transaction)
         .await?;
-        if recalled.rows_affected() > 0 {
-            sqlx::query("UPDATE routes SET revision = revision + 1 WHERE id = ?")
-                .bind(self.route.as_str())
-                .execute(transaction)
-                .await?;
-        }
+        let Some(&(route_key, _)) = reactivated.first() else {
+            return Ok(());
+        };
+        let nodes: Vec<NodeId> = reactivated.iter().map(|(_, node)| NodeId(*node)).collect();
+        archive::take_reactivated(transaction, route_key, &nodes).await?;
+        sqlx::query("UPDATE routes SET revision = revision + 1 WHERE route_key = $1")
+            .bind(route_key)
+            .execute(transaction)
+            .await?;
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 // Helpers of tests may unwrap and panic as the tests themselves do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod archive;
 mod between;
 mod consistency;
 mod edges;

@@ -15,7 +15,7 @@ fn ids(ids: impl IntoIterator<Item = i64>) -> Vec<NodeId> {
 
 /// A chain of ten nodes of trip `old` and one of five of trip `new`, with closures 100 + k from
 /// node k to node 10 + k; nodes 3 to 9 have left.
-async fn settled() -> Fixture {
+pub async fn settled() -> Fixture {
     let fixture = Fixture::new().await;
     fixture.journal(upload("b0", "old", 0)).await;
     let job = fixture.claim(0).await.unwrap();

@@ -1,16 +1,16 @@
 //! The evidence behind an alert: the two scans that disagree most at its place, and the residuals
 //! around the closure that tells it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::api::ApiState;
 use crate::api::problem::Problem;
-use crate::api::residuals::{SeriesAround, series_around, vehicles_of};
 use crate::change::{BeamVerdict, JudgedBeam, judge_beams, layer_of};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId};
 use crate::observation::Observation;
+use crate::pipeline::{ResidualReading, Residuals};
 use crate::scan::{LaserScan, decode_scan};
 use crate::store::{AlertRecord, EdgeRecord, NodeRecord, RouteRecord};
 
@@ -35,8 +35,9 @@ pub(super) struct Evidence {
     /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
     /// one first.
     pub tied: Option<[Pose2; 2]>,
-    /// The residuals around the closure that tells it.
-    pub series: Option<SeriesAround>,
+    /// The residuals around the closure that tells it; `None` also if that left the active graph
+    /// long ago, and is not among the entries of its series any more.
+    pub series: Option<ResidualReading>,
 }
 
 /// A scan with what the other one says of it.
@@ -68,9 +69,8 @@ pub(super) async fn gather(
     alert: AlertRecord,
     route: &RouteRecord,
 ) -> Result<Evidence, Problem> {
-    let edges = state.store.edges(&alert.route_id).await?;
-    let all_nodes = state.store.nodes(&alert.route_id).await?;
-    let nodes = named_nodes(&all_nodes, &alert, &edges);
+    let edges = closures(state, &alert).await?;
+    let nodes = named_nodes(state, &alert, &edges).await?;
     let pairs = pairs(&alert, &edges, &nodes);
     let tied = tied(&pairs, &nodes);
     let scans = scans_of(state, &alert, &pairs, nodes).await?;
@@ -79,17 +79,15 @@ pub(super) async fn gather(
     // alert's own too, takes closures out of it.
     accepted.retain(|change| change.map_version <= alert.map_version);
     let detector = route.settings.detector;
+    let residuals = Residuals::load(&state.store, &alert.route_id, detector, accepted).await?;
     let work = move || {
-        let vehicles = vehicles_of(&all_nodes);
         let chosen = choose(&pairs, &scans, &alert.evidence.region);
         let (pair, looks) = chosen.unzip();
         let (tied_by, tied) = tied.filter(|_| looks.is_none()).unzip();
         let edge_id = pair.and_then(|pair| pair.edge).or(tied_by);
         let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
-        let series =
-            |edge| series_around(&edges, &vehicles, edge, detector, &accepted, SERIES_REACH);
         Evidence {
-            series: told_by.and_then(series),
+            series: told_by.and_then(|edge| residuals.around(edge, SERIES_REACH)),
             edge_id,
             told_by,
             looks,
@@ -100,35 +98,35 @@ pub(super) async fn gather(
     state.rendering.run(work).await
 }
 
-/// The nodes that the alert names, itself or as ends of its edges.
-fn named_nodes(
-    all: &[NodeRecord],
+/// The nodes that the alert names, itself or as ends of its closures.
+async fn named_nodes(
+    state: &ApiState,
     alert: &AlertRecord,
-    edges: &[EdgeRecord],
-) -> BTreeMap<NodeId, NodeRecord> {
-    let ends = closures(alert, edges).flat_map(|edge| [edge.from, edge.to]);
-    let mut ids: Vec<NodeId> = alert.evidence.nodes.iter().copied().chain(ends).collect();
-    ids.sort();
-    ids.dedup();
-    let named = all
-        .iter()
-        .filter(|node| ids.binary_search(&node.id).is_ok());
-    named.map(|node| (node.id, node.clone())).collect()
+    closures: &[EdgeRecord],
+) -> Result<BTreeMap<NodeId, NodeRecord>, Problem> {
+    let ends = closures.iter().flat_map(|edge| [edge.from, edge.to]);
+    let ids: BTreeSet<NodeId> = alert.evidence.nodes.iter().copied().chain(ends).collect();
+    let ids: Vec<NodeId> = ids.into_iter().collect();
+    let nodes = state.store.nodes_named(&alert.route_id, &ids).await?;
+    Ok(nodes.into_iter().map(|node| (node.id, node)).collect())
 }
 
 /// The closures that the alert names, the one of its residual first.
-fn closures<'a>(
-    alert: &'a AlertRecord,
-    edges: &'a [EdgeRecord],
-) -> impl Iterator<Item = &'a EdgeRecord> {
+async fn closures(state: &ApiState, alert: &AlertRecord) -> Result<Vec<EdgeRecord>, Problem> {
     let strongest = alert.residual.map(|residual| residual.edge_id);
-    let named = alert.evidence.edges.iter().copied();
-    let ids = strongest
+    let mut ids = alert.evidence.edges.clone();
+    ids.extend(strongest);
+    let edges = state.store.edges_named(&alert.route_id, &ids).await?;
+    let mut closures: Vec<EdgeRecord> = edges
         .into_iter()
-        .chain(named.filter(move |id| Some(*id) != strongest));
-    let find = |id: EdgeId| edges.binary_search_by_key(&id, |edge| edge.id).ok();
-    let found = ids.filter_map(find).map(|k| &edges[k]);
-    found.filter(|edge| edge.kind == EdgeKind::LoopClosure)
+        .filter(|edge| edge.kind == EdgeKind::LoopClosure)
+        .collect();
+    let place = |edge: &EdgeRecord| {
+        let named = alert.evidence.edges.iter().position(|id| *id == edge.id);
+        (Some(edge.id) != strongest, named)
+    };
+    closures.sort_by_key(place);
+    Ok(closures)
 }
 
 /// Pairs worth comparing: the alert's closures, or else each new look with the nearest old one.
@@ -137,7 +135,7 @@ fn pairs(
     edges: &[EdgeRecord],
     nodes: &BTreeMap<NodeId, NodeRecord>,
 ) -> Vec<Pair> {
-    let tied = closures(alert, edges).filter_map(|edge| {
+    let tied = edges.iter().filter_map(|edge| {
         let (from, to) = (nodes.get(&edge.from)?, nodes.get(&edge.to)?);
         let (old, new) = if from.stamp <= to.stamp {
             (from, to)

@@ -1,0 +1,131 @@
+//! Documents that are as long as a route is old: sent as they are read.
+
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use futures::stream;
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::ApiState;
+use super::problem::{Problem, ProblemKind};
+use crate::store::{Pieces, StoreError};
+
+/// Exports that may be under way.
+pub(super) const EXPORTS_MAX: usize = 4;
+/// How long a request waits for its turn.
+const WAIT_MAX: Duration = Duration::from_secs(5);
+
+/// How pieces become a document.
+pub(super) trait Document<T>: Send + 'static {
+    /// What the document is.
+    const MEDIA_TYPE: &'static str;
+    /// Appends what comes before the first piece.
+    fn begin(&mut self, _text: &mut String) {}
+    /// Appends a piece.
+    ///
+    /// # Errors
+    /// If it cannot be written; the document ends in the middle then.
+    fn append(&mut self, piece: T, text: &mut String) -> Result<(), serde_json::Error>;
+    /// Appends what comes after the last piece.
+    fn end(&mut self, _text: &mut String) {}
+}
+
+/// A document on its way.
+struct Sending<T, D> {
+    /// What comes next; `None` after the last.
+    piece: Option<T>,
+    pieces: Pieces<T>,
+    document: D,
+    /// Where the document begins.
+    text: String,
+    _turn: OwnedSemaphorePermit,
+}
+
+/// Waits for a turn to send a long document.
+///
+/// # Errors
+/// A [`Problem`] if too many are under way.
+pub(super) async fn turn(state: &ApiState) -> Result<OwnedSemaphorePermit, Problem> {
+    let turn = state.exports.clone().acquire_owned();
+    match tokio::time::timeout(WAIT_MAX, turn).await {
+        Ok(turn) => turn.map_err(Problem::internal),
+        Err(_) => Err(Problem::new(
+            ProblemKind::Overloaded,
+            "too many exports are under way; ask again later",
+        )),
+    }
+}
+
+/// Sends a document piece by piece, beginning with `first`. If the store fails on the way the
+/// connection is cut, so that the document does not look complete.
+pub(super) fn send<T, D>(
+    turn: OwnedSemaphorePermit,
+    first: Option<T>,
+    pieces: Pieces<T>,
+    mut document: D,
+) -> Response
+where
+    T: Send + 'static,
+    D: Document<T>,
+{
+    let mut text = String::new();
+    document.begin(&mut text);
+    let sending = Sending {
+        piece: first,
+        pieces,
+        document,
+        text,
+        _turn: turn,
+    };
+    let body = stream::try_unfold(Some(sending), next_part);
+    let media_type = [(header::CONTENT_TYPE, D::MEDIA_TYPE)];
+    (media_type, Body::from_stream(body)).into_response()
+}
+
+type Sent<T, D> = Option<(Bytes, Option<Sending<T, D>>)>;
+
+async fn next_part<T, D: Document<T>>(
+    sending: Option<Sending<T, D>>,
+) -> Result<Sent<T, D>, StoreError> {
+    let Some(mut sending) = sending else {
+        return Ok(None);
+    };
+    let mut text = std::mem::take(&mut sending.text);
+    let Some(piece) = sending.piece.take() else {
+        sending.document.end(&mut text);
+        return Ok(Some((text.into(), None)));
+    };
+    if let Err(error) = sending.document.append(piece, &mut text) {
+        tracing::error!(%error, "a document cannot be written");
+        return Err(StoreError::Unavailable);
+    }
+    sending.piece = sending.pieces.next().await?;
+    Ok(Some((text.into(), Some(sending))))
+}
+
+/// Appends the members of a JSON array.
+#[derive(Debug, Default)]
+pub(super) struct Members {
+    any: bool,
+}
+
+impl Members {
+    /// Appends one, after a comma if it is not the first.
+    ///
+    /// # Errors
+    /// If it has no JSON.
+    pub(super) fn append(
+        &mut self,
+        member: &impl serde::Serialize,
+        text: &mut String,
+    ) -> Result<(), serde_json::Error> {
+        if self.any {
+            text.push(',');
+        }
+        self.any = true;
+        text.push_str(&serde_json::to_string(member)?);
+        Ok(())
+    }
+}

@@ -1,0 +1,135 @@
+//! The closures that residual series are read from: as many as the active graph has, and the first
+//! that have left it.
+
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Connection, Row, SqliteConnection};
+
+use super::archive::{self, SubgraphSums};
+use super::columns::name;
+use super::error::StoreError;
+use super::records::SETTLED_CLOSURES_MAX;
+use super::{Store, named};
+use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
+
+/// A closure with what residual series are made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeriesClosure {
+    /// The edge.
+    pub id: EdgeId,
+    /// Its older node.
+    pub from: NodeId,
+    /// Its newer node.
+    pub to: NodeId,
+    /// The block of the graph it lies in, or lay in last.
+    pub subgraph_id: Option<i64>,
+    /// What it added to the optimum F when it was inserted (paper: ΔF).
+    pub delta_f: f64,
+    /// eᵀΩe of the all-points estimate when it was inserted; `None` if it came as an edge, and no
+    /// two scans were matched for it.
+    pub all_points_residual: Option<f64>,
+    /// Who drove the node with the larger id.
+    pub vehicle_id: VehicleId,
+    /// Whether one of its nodes has left the active graph.
+    pub archived: bool,
+}
+
+/// The closures of a route that residual series are read from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeriesClosures {
+    /// Those between active nodes, and of the others the first [`SETTLED_CLOSURES_MAX`]: by id.
+    pub closures: Vec<SeriesClosure>,
+    /// Sums over everything that has left, by sub-graph: more than is among `closures` where more
+    /// than so many have left.
+    pub archive: BTreeMap<Option<i64>, SubgraphSums>,
+}
+
+macro_rules! select_closures {
+    ($from:literal, $rest:literal) => {
+        concat!(
+            "SELECT edges.edge_id, from_node, to_node, edges.subgraph_id, delta_f, vehicle_id, \
+                 all_points_residual \
+             FROM routes ",
+            $from,
+            " LEFT JOIN closures ON closures.route_key = edges.route_key \
+                 AND closures.edge_id = edges.edge_id \
+             JOIN batches ON batches.batch_key = \
+                 iif(edges.to_node > edges.from_node, newer.batch_key, older.batch_key) \
+             WHERE routes.id = $1 AND delta_f IS NOT NULL ",
+            $rest
+        )
+    };
+}
+
+const ARCHIVED: &str = select_closures!(
+    "CROSS JOIN edges USING (route_key) \
+     JOIN nodes AS older ON older.route_key = edges.route_key \
+         AND older.node_id = edges.from_node \
+     JOIN nodes AS newer ON newer.route_key = edges.route_key \
+         AND newer.node_id = edges.to_node",
+    "AND NOT (older.active AND newer.active) ORDER BY edges.edge_id LIMIT $2"
+);
+
+// By their newer nodes: a reference is the older node of every lap's closures, most of which
+// have left.
+const ACTIVE: &str = select_closures!(
+    "CROSS JOIN nodes AS newer ON newer.route_key = routes.route_key AND newer.active = 1 \
+     CROSS JOIN edges ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
+     JOIN nodes AS older ON older.route_key = edges.route_key \
+         AND older.node_id = edges.from_node AND older.active = 1",
+    "ORDER BY edges.edge_id"
+);
+
+impl Store {
+    /// The closures that a route's residual series are read from, at one instant.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn series_closures(&self, route: &RouteId) -> Result<SeriesClosures, StoreError> {
+        let mut reader = self.shared.readers.acquire().await?;
+        let closures = read(&mut reader, route).await;
+        if closures.is_err() {
+            // As with every read of several statements: after an error the driver may think that
+            // the connection is still in a transaction.
+            reader.close_on_drop();
+        }
+        named(closures)
+    }
+}
+
+async fn read(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<SeriesClosures, StoreError> {
+    let mut snapshot = reader.begin().await?;
+    let archived = sqlx::query(ARCHIVED)
+        .bind(route.as_str())
+        .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
+        .fetch_all(&mut *snapshot)
+        .await?;
+    let active = sqlx::query(ACTIVE)
+        .bind(route.as_str())
+        .fetch_all(&mut *snapshot)
+        .await?;
+    let archive = archive::of_route(&mut snapshot, route).await?;
+    snapshot.commit().await?;
+    let archived = archived.iter().map(|row| closure_of(row, true));
+    let active = active.iter().map(|row| closure_of(row, false));
+    let mut closures: Vec<SeriesClosure> = archived.chain(active).collect::<Result<_, _>>()?;
+    closures.sort_unstable_by_key(|closure| closure.id);
+    Ok(SeriesClosures { closures, archive })
+}
+
+fn closure_of(row: &SqliteRow, archived: bool) -> Result<SeriesClosure, StoreError> {
+    Ok(SeriesClosure {
+        id: EdgeId(row.try_get("edge_id")?),
+        from: NodeId(row.try_get("from_node")?),
+        to: NodeId(row.try_get("to_node")?),
+        subgraph_id: row.try_get("subgraph_id")?,
+        delta_f: row.try_get("delta_f")?,
+        all_points_residual: row.try_get("all_points_residual")?,
+        vehicle_id: name(row, "vehicle_id")?,
+        archived,
+    })
+}
