@@ -69,7 +69,7 @@ const NOT_IN_CORE: [&str; 18] = [
 const NOT_IN_API: [&str; 3] = ["crate::mapping", "crate::matching", "crate::solver"];
 
 /// What has one home, or a few.
-const AT_HOME: [(&str, &[&str]); 11] = [
+const AT_HOME: [(&str, &[&str]); 12] = [
     ("axum", &["api", "app"]),
     ("clap", &["config", "cli"]),
     ("crate::sim", &["sim", "experiments", "cli"]),
@@ -77,6 +77,7 @@ const AT_HOME: [(&str, &[&str]); 11] = [
     ("hyper", &["app"]),
     ("reqwest", &["webhooks", "client"]),
     ("sqlx", &["store"]),
+    ("statrs", &["change"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),
     ("utoipa_axum", &["api"]),
