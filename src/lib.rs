@@ -15,7 +15,7 @@
 //!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no
 //!    axum, no SQL, no files, no environment, no wall clock, no unseeded randomness.
 //! 3. Service: [`ingest`], [`render`], [`experiments`], [`store`], [`pipeline`],
-//!    [`webhooks`], [`api`].
+//!    [`http_client`], [`webhooks`], [`api`].
 //! 4. Process: [`config`], [`telemetry`], [`app`], `client`, [`cli`].
 //!
 //! # Conventions
@@ -39,6 +39,7 @@ pub mod config;
 pub mod experiments;
 pub mod geometry;
 pub mod graph;
+pub mod http_client;
 pub mod ids;
 pub mod ingest;
 pub mod mapping;

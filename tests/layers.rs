@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rust_paths::{RustPath, Source};
 
 /// A module uses only itself and modules before it.
-const LAYERS: [&str; 23] = [
+const LAYERS: [&str; 24] = [
     "ids",
     "geometry",
     "scan",
@@ -30,6 +30,7 @@ const LAYERS: [&str; 23] = [
     "experiments",
     "store",
     "pipeline",
+    "http_client",
     "webhooks",
     "api",
     "config",
@@ -69,14 +70,16 @@ const NOT_IN_CORE: [&str; 18] = [
 const NOT_IN_API: [&str; 3] = ["crate::mapping", "crate::matching", "crate::solver"];
 
 /// What has one home, or a few.
-const AT_HOME: [(&str, &[&str]); 11] = [
+const AT_HOME: [(&str, &[&str]); 13] = [
     ("axum", &["api", "app"]),
     ("clap", &["config", "cli"]),
     ("crate::sim", &["sim", "experiments", "cli"]),
     ("faer", &["solver"]),
     ("hyper", &["app"]),
-    ("reqwest", &["webhooks", "client"]),
+    ("reqwest", &["http_client", "webhooks", "client"]),
+    ("rustls", &["http_client"]),
     ("sqlx", &["store"]),
+    ("statrs", &["change"]),
     ("std::env", &["config"]),
     ("utoipa", &["api"]),
     ("utoipa_axum", &["api"]),

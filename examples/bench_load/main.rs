@@ -53,7 +53,7 @@ async fn drive(fleet: &Fleet) -> anyhow::Result<()> {
     let batches: usize = uploads.iter().map(|vehicle| vehicle.batches.len()).sum();
     let scans: usize = uploads.iter().map(|vehicle| vehicle.scans).sum();
     let service = Service::start()?;
-    let http = reqwest::Client::builder().no_proxy().build()?;
+    let http = mapshift::http_client::builder().no_proxy().build()?;
     for route in 0..fleet.routes {
         let url = format!("{}/v1/routes/route-{route}", service.url);
         let answer = http.put(url).json(&json!({})).send().await?;

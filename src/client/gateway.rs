@@ -12,6 +12,7 @@ use reqwest::{Method, StatusCode};
 use serde::de::DeserializeOwned;
 
 use super::batch_body::EncodedBatch;
+use crate::http_client;
 use crate::ids::{BatchId, RouteId};
 use crate::store::BatchKind;
 
@@ -97,11 +98,9 @@ impl Gateway {
         notify: impl Fn(&str) + Send + Sync + 'static,
     ) -> Result<Self, GatewayError> {
         let url = url.trim_end_matches('/').to_owned();
-        let mut builder = reqwest::Client::builder()
-            .user_agent(concat!("mapshift/", env!("CARGO_PKG_VERSION")))
+        let mut builder = http_client::builder()
             .connect_timeout(CONNECT_TIMEOUT)
-            .timeout(REQUEST_TIMEOUT)
-            .redirect(reqwest::redirect::Policy::none());
+            .timeout(REQUEST_TIMEOUT);
         if is_loopback(&url) {
             builder = builder.no_proxy();
         }

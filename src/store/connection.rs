@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use sqlx::migrate::Migrator;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
@@ -11,6 +10,7 @@ use sqlx::{ConnectOptions, SqliteConnection};
 
 use super::archive;
 use super::error::StoreError;
+use super::migrations::MIGRATIONS;
 
 const FILE_NAME: &str = "mapshift.db";
 /// Before it, two connections that write and checkpoint at one instant can corrupt the file.
@@ -22,8 +22,6 @@ const WAL_AUTOCHECKPOINT_PAGES: &str = "4000";
 /// The log is truncated above this length.
 pub(super) const WAL_BYTES_MAX: u64 = 64 << 20;
 const WAL_BYTES_MAX_TEXT: &str = "67108864";
-
-static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
 /// The migration that gave every route's `false_alarm_rate` another meaning and the default.
 const RATES_PER_LAP: i64 = 9;
@@ -225,14 +223,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let database = Database::in_directory(directory.path());
         let mut writer = database.open_writer().await.unwrap();
-        let mut before = sqlx::migrate!("./migrations");
-        let older = before.migrations.iter();
-        let older: Vec<_> = older
-            .filter(|m| m.version < RATES_PER_LAP)
-            .cloned()
-            .collect();
-        before.migrations = older.into();
-        before.run(&mut writer).await.unwrap();
+        let before = RATES_PER_LAP - 1;
+        MIGRATIONS.run_to(before, &mut writer).await.unwrap();
         for (id, rate) in [("a", 1e-4), ("b", 0.5)] {
             sqlx::query(
                 "INSERT INTO routes (id, detector, false_alarm_rate, hold_s, stage, map_version, \

@@ -28,6 +28,7 @@ mod jobs;
 mod journal;
 mod lock;
 mod map_versions;
+mod migrations;
 mod records;
 mod request;
 mod results;

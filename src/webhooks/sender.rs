@@ -6,15 +6,13 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use reqwest::header::{CONTENT_TYPE, RETRY_AFTER};
-use reqwest::redirect;
 
 use super::address::ReceiverPolicy;
 use super::resolver::{GuardedResolver, NameRefusal};
 use super::schedule::asked_wait;
 use super::signature::signature;
+use crate::http_client;
 use crate::store::{AttemptEnd, DeliveryFailure, NextDelivery};
-
-const USER_AGENT: &str = concat!("mapshift/", env!("CARGO_PKG_VERSION"));
 
 /// How an attempt ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,15 +86,14 @@ impl Sender {
 }
 
 fn client(policy: ReceiverPolicy, timeout: Duration) -> reqwest::ClientBuilder {
-    reqwest::Client::builder()
+    // A proxy that the environment names would lead past the checks; a redirect, which this client
+    // does not follow, would do so too.
+    http_client::builder()
         .dns_resolver(Arc::new(GuardedResolver(policy)))
-        // A redirect, or a proxy that the environment names, would lead past the checks.
-        .redirect(redirect::Policy::none())
         .no_proxy()
         .https_only(policy == ReceiverPolicy::Public)
         .timeout(timeout)
         .pool_max_idle_per_host(1)
-        .user_agent(USER_AGENT)
 }
 
 fn failure_of(error: &reqwest::Error) -> DeliveryFailure {

@@ -29,7 +29,7 @@ pub enum Put {
 
 impl Client {
     pub fn new(url: &str) -> Self {
-        let http = reqwest::Client::builder().no_proxy().build().unwrap();
+        let http = mapshift::http_client::builder().no_proxy().build().unwrap();
         Self {
             http,
             url: url.to_owned(),

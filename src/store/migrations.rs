@@ -1,0 +1,83 @@
+//! The migrations of the schema, as the binary carries them.
+
+use std::sync::LazyLock;
+
+use sqlx::SqlSafeStr;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+
+/// A file of `migrations/`: its number, the words of its name, its text.
+macro_rules! file {
+    ($version:literal, $description:literal, $name:literal) => {
+        (
+            $version,
+            $description,
+            include_str!(concat!("../../migrations/", $name)),
+        )
+    };
+}
+
+/// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
+/// compiled a second time, for the compiler itself.
+const FILES: [(i64, &str, &str); 16] = [
+    file!(1, "journal", "0001_journal.sql"),
+    file!(2, "graph", "0002_graph.sql"),
+    file!(3, "alerts", "0003_alerts.sql"),
+    file!(4, "settled", "0004_settled.sql"),
+    file!(5, "webhooks", "0005_webhooks.sql"),
+    file!(6, "edge batches", "0006_edge_batches.sql"),
+    file!(
+        7,
+        "edges without residual",
+        "0007_edges_without_residual.sql"
+    ),
+    file!(8, "alert tiers", "0008_alert_tiers.sql"),
+    file!(9, "false alerts per lap", "0009_false_alerts_per_lap.sql"),
+    file!(10, "intermediate scans", "0010_intermediate_scans.sql"),
+    file!(11, "alert shift", "0011_alert_shift.sql"),
+    file!(12, "trip calibrations", "0012_trip_calibrations.sql"),
+    file!(13, "node sigma", "0013_node_sigma.sql"),
+    file!(14, "lidars", "0014_lidars.sql"),
+    file!(15, "alert bands", "0015_alert_bands.sql"),
+    file!(16, "corrections", "0016_corrections.sql"),
+];
+
+/// Runs what a database has not seen yet.
+pub(super) static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+    let migration = |&(version, description, sql): &(i64, &'static str, &'static str)| {
+        let sql = sql.into_sql_str();
+        Migration::new(
+            version,
+            description.into(),
+            MigrationType::Simple,
+            sql,
+            false,
+        )
+    };
+    Migrator::with_migrations(FILES.iter().map(migration).collect())
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[tokio::test]
+    async fn every_file_is_listed_as_sqlx_reads_it() {
+        let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations");
+        let read = Migrator::new(directory).await.unwrap();
+        let fields = |m: &Migration| {
+            let Migration {
+                version,
+                description,
+                migration_type,
+                sql,
+                checksum,
+                no_tx,
+            } = m.clone();
+            let sql = sql.as_str().to_owned();
+            (version, description, migration_type, sql, checksum, no_tx)
+        };
+        let listed: Vec<_> = MIGRATIONS.iter().map(fields).collect();
+        assert_eq!(listed, read.iter().map(fields).collect::<Vec<_>>());
+    }
+}
