@@ -52,7 +52,7 @@ impl Figures {
     fn add_text(&mut self, text: &LitStr) {
         let text = text.value();
         let begins = |word: &&str| text.trim_start().starts_with(*word);
-        self.sql_statements += usize::from(SQL.iter().any(|word| begins(&word)));
+        self.sql_statements += usize::from(SQL.iter().any(begins));
     }
 
     fn add_texts(&mut self, stream: TokenStream) {

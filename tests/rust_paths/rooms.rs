@@ -2,7 +2,7 @@
 //!
 //! A file is a module, and uses the file that *defines* what it names, however often that is
 //! re-exported on the way. A parent that declares and re-exports its children does not use them.
-//! What a method call leads to is not seen.
+//! What a method call leads to is not seen, nor what a macro defines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
