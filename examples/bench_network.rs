@@ -218,7 +218,7 @@ fn measure(mut world: World) -> anyhow::Result<Row> {
     let mut pass_ms = f64::INFINITY;
     for _ in 0..ROUNDS {
         let started = Instant::now();
-        anew = Blocks::of(&world.graph);
+        anew = world.graph.find_blocks();
         pass_ms = pass_ms.min(ms_since(started));
     }
     let (blocks, largest_block) = (

@@ -1,4 +1,6 @@
 //! The whole service: store, workers and listener, started and stopped together.
+//!
+//! Knows nothing of what they do. Begin with [`start`].
 
 mod connections;
 

@@ -1,4 +1,6 @@
 //! The service's settings: flags, or the variables `MAPSHIFT_*`.
+//!
+//! Knows what can be set, and nothing of what becomes of it. Begin with [`ServiceArgs::app_config`].
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

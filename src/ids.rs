@@ -1,4 +1,6 @@
-//! Typed identifiers and time stamps.
+//! Names that clients choose, numbers that the service chooses, and time stamps.
+//!
+//! Knows nothing of what they name. Begin with [`validate_name`].
 
 use std::fmt;
 

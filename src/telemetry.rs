@@ -1,4 +1,6 @@
 //! Logs and metrics of the process.
+//!
+//! Knows nothing of what is logged or counted. Begin with [`init_log`].
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;

@@ -60,6 +60,22 @@ impl Corrections {
         )
     }
 
+    /// The same for a whole track: from its first pose on, each motion is that of the wheels,
+    /// corrected.
+    pub fn track(&self, by_wheels: &OdometryTrack) -> OdometryTrack {
+        let mut last: Option<(Pose2, Pose2)> = None;
+        OdometryTrack::through(by_wheels.poses().iter().map(|(stamp, by_wheels)| {
+            let pose = match last {
+                None => *by_wheels,
+                Some((before, corrected)) => {
+                    corrected.compose(&self.motion(&before.between(by_wheels)))
+                }
+            };
+            last = Some((*by_wheels, pose));
+            (*stamp, pose)
+        }))
+    }
+
     /// Where odometry had the base when a scan of this stamp was taken. `None` without any pose.
     pub fn odometry_at(&self, track: &OdometryTrack, stamp_ns: i64) -> Option<Pose2> {
         track.at(stamp_ns.saturating_sub(self.clock_offset_ns()))

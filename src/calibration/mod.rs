@@ -1,11 +1,9 @@
-//! The systematic errors of a vehicle, from what its drives showed: where its lidar truly sits, how
-//! its wheels and its clock err, how far its beams are apart.
+//! The systematic errors of a vehicle, from what its trips show: where its lidar truly sits, how its
+//! wheels and its clock err, how far its beams are apart. Every estimate is one of the difference to
+//! what was *stated*, whatever is applied elsewhere.
 //!
-//! [`TripCalibration::of_scans`] is the whole way of one trip; its steps are [`Spacing`],
-//! [`matched_motions`] and [`fit_motions`]. [`VehicleCalibration`] keeps what the trips of a vehicle
-//! say, and decides what of it is applied; [`Corrections`] apply it. Every estimate is one of the
-//! difference to what was *stated*: trips are measured with the stated mount, odometry and clock,
-//! whatever is applied elsewhere.
+//! Knows nothing of maps or storage. Begin with [`TripCalibration::of_scans`], the whole way of one
+//! trip; [`VehicleCalibration`] decides what is applied, [`Corrections`] apply it.
 
 mod blocks;
 mod clock_offset;

@@ -1,6 +1,5 @@
 //! Odometry as a function of time.
 
-use super::Corrections;
 use crate::geometry::Pose2;
 use crate::ids::StampNs;
 
@@ -19,24 +18,9 @@ impl OdometryTrack {
         }
     }
 
-    /// The same track of a vehicle whose motions are to be corrected: from its first pose on, each
-    /// motion is that of the wheels, corrected.
-    #[must_use]
-    pub fn corrected(&self, wheels: &Corrections) -> Self {
-        let mut last: Option<(Pose2, Pose2)> = None;
-        let poses = self.poses.iter().map(|(stamp, by_wheels)| {
-            let pose = match last {
-                None => *by_wheels,
-                Some((before, corrected)) => {
-                    corrected.compose(&wheels.motion(&before.between(by_wheels)))
-                }
-            };
-            last = Some((*by_wheels, pose));
-            (*stamp, pose)
-        });
-        Self {
-            poses: poses.collect(),
-        }
+    /// Its poses with their times, ascending by stamp.
+    pub(super) fn poses(&self) -> &[(StampNs, Pose2)] {
+        &self.poses
     }
 
     /// The pose at a time, on the arc between the two around it; the first or the last one outside.

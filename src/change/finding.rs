@@ -1,7 +1,7 @@
 //! What all looks at a place say together.
 
 use super::region::region_round;
-use super::vehicle::SuspectEvidence;
+use super::suspect_evidence::{SilencedChange, SuspectEvidence};
 use super::{ChangeKind, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
@@ -67,6 +67,11 @@ impl Finding {
     pub(super) fn shares_a_band(&self, other: &Self) -> bool {
         let is_shared = |band| other.bands.contains(band);
         self.bands.iter().any(is_shared) || (self.bands.is_empty() && other.bands.is_empty())
+    }
+
+    /// The change, for the list of those that a vehicle's fault explains.
+    pub fn as_silenced(&self) -> SilencedChange {
+        SilencedChange::new(self.kind, &self.location, self.since)
     }
 
     /// Everything that changed with it: its region, or a convex one round both sides.

@@ -177,7 +177,7 @@ fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
             && polygon_gap(outline(&alert.evidence), outline(finding)) <= 0.0;
     }
     let is_silenced = finding.suspect.as_ref();
-    if is_silenced.is_some_and(|suspect| suspect.has_silenced(&alert.evidence)) {
+    if is_silenced.is_some_and(|suspect| suspect.has_silenced(&alert.evidence.as_silenced())) {
         return true;
     }
     let is_other_side = finding.counterpart.as_ref().is_some_and(|other| {

@@ -1,4 +1,7 @@
-//! What observations and residuals say about changes of the world.
+//! What observations and residuals say about changes of the world, and how findings become alerts.
+//!
+//! Sees numbers, scans with poses, and findings; knows nothing of graphs or of matching. Begin with
+//! [`state_changes`], which judges one site; [`fold`] makes alerts of what was found.
 
 mod accepted;
 mod alert;
@@ -28,6 +31,7 @@ mod screen;
 pub mod series;
 mod shift_fit;
 mod site;
+mod suspect_evidence;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod threshold;
@@ -57,5 +61,6 @@ pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Screen, Screened};
 pub use shift_fit::{SHIFT_MAX_M, ShiftFit};
 pub use site::{Observed, Site, state_changes, support_min};
+pub use suspect_evidence::{SilencedChange, SuspectEvidence};
 pub use tier::Tier;
-pub use vehicle::{SilencedChange, Suspect, SuspectEvidence};
+pub use vehicle::Suspect;

@@ -7,6 +7,7 @@
 //! nothing may be missed, and what is named too often costs time.
 
 mod asked;
+mod cell_key;
 mod counted_cell;
 mod fit;
 mod grid;
@@ -17,19 +18,16 @@ mod sites;
 use std::collections::BTreeSet;
 
 pub use self::asked::JUDGED_WITHIN_M;
+use self::cell_key::{CELL_M, CellKey, key_of};
 use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey};
 pub use self::fit::{Agreement, Fit};
-use self::grid::{CELL_M, CellGrid, CellKey, TILE_RADIUS_M, key_of};
-pub use self::recorded::Screened;
+use self::grid::{CellGrid, TILE_RADIUS_M};
+pub use self::recorded::{ObservationKey, Screened};
 use self::recorded::{Recorded, RecordedObservations};
 pub use self::reliability::Reliability;
 pub use self::sites::{CandidateSite, SURROUNDINGS_M};
 use crate::geometry::Vector2;
-use crate::ids::NodeId;
 use crate::observation::{Observation, Outcome, REACH_M, Visibility};
-
-/// Which observation: a keyframe's own (0), or its first, second … intermediate scan.
-pub type ObservationKey = (NodeId, u32);
 
 /// The grid.
 #[derive(Default)]

@@ -1,5 +1,5 @@
 //! One site: a few square metres where something may have changed, judged by every observation
-//! of it.
+//! of it: [`state_changes`].
 //!
 //! What is found is a function of the set of observations and their poses, not of the order in
 //! which they arrived. The rule and its constants come from recordings; `docs/DETECTION.md` has
@@ -10,31 +10,18 @@ mod cells;
 mod cluster;
 mod pooled;
 mod shift;
+mod state_changes;
 mod surroundings;
 mod timeline;
 mod void;
 
-use std::collections::BTreeSet;
-
-use self::answers::Answers;
-use self::cells::SiteCells;
-use self::cluster::{Cluster, clusters};
-use self::pooled::Pooled;
 pub use self::pooled::support_min;
-use self::surroundings::Surroundings;
-use super::history::{NO_RETURN_WORTH, State};
+pub use self::state_changes::state_changes;
 use super::pass::Standpoint;
-use super::region::{centroid, region_round};
-use super::screen::{JUDGED_WITHIN_M, SURROUNDINGS_M};
-use super::{AcceptedChange, Agreement, ChangeKind, Finding, Fit, Tier};
+use super::{AcceptedChange, Agreement, Fit};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
-
-/// How far the outline stays away from the cells' centres, metres: half a cell.
-const REGION_MARGIN_M: f64 = 0.03;
-/// What is known of a pose, metres: no location is better.
-const POSE_SIGMA_M: f64 = 0.02;
 
 /// An observation of a map.
 #[derive(Debug, Clone)]
@@ -88,144 +75,6 @@ pub struct Site<'a> {
     pub trips: &'a [TripId],
     /// How much better a change must explain the passes than none, in nats: [`support_min`].
     pub support_min: f64,
-}
-
-/// The changes of a site, in the order of their places. `fit_of` says how an observation fits what
-/// other passes found, and where it fits better; it is asked only where something may be found.
-pub fn state_changes(
-    site: &mut Site<'_>,
-    mut fit_of: impl FnMut(&Observed) -> Fit,
-) -> Vec<Finding> {
-    // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
-    //    observation says hit, miss or unknown.
-    if !may_have_changed(site) {
-        return Vec::new();
-    }
-    // 2. Observations that do not fit what other passes found have a wrong pose: they speak from
-    //    where they do fit, or say nothing.
-    for observed in &mut site.observations {
-        let fit = fit_of(observed);
-        observed.refit(&fit);
-    }
-    let (cells, mut answers) = answers_about_candidates(site);
-    let mut witnesses = answers.witnesses();
-    let void = void::void_observations(&site.observations);
-    answers.drop_void(&void);
-    witnesses.retain(|&k| !void[k]);
-    if !may_be_clear(site, &cells, &mut answers) {
-        return Vec::new();
-    }
-    let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
-    let answers_around = Answers::of(site, &around, witnesses.iter().copied());
-    answers.weigh_no_returns(site, &answers_around);
-    let site = &*site;
-    // 3. The history of each cell over its passes; 4. cells that changed alike at one time.
-    let clusters = pooled::settled(&answers, clusters(&cells, &answers));
-    let findings = clusters.iter().filter_map(|(cluster, pooled)| {
-        // 5. What all observations of a cluster say together.
-        if !pooled.is_clear(cluster, site.support_min) {
-            return None;
-        }
-        // 6. The surroundings must be the same to those who saw the old state and to those who
-        //    saw the new; 7. and no shift may explain the difference.
-        let surroundings = Surroundings::of(
-            site,
-            &around,
-            &answers_around,
-            &centres(&cells, cluster),
-            pooled,
-        );
-        if !pooled.is_sure()
-            && (!surroundings.agree()
-                || shift::explains(site, &cells, cluster, pooled, &surroundings))
-        {
-            return None;
-        }
-        Some(finding_of(site, &cells, cluster, pooled))
-    });
-    findings.collect()
-}
-
-fn answers_about_candidates(site: &Site<'_>) -> (SiteCells, Answers) {
-    let all = || 0..site.observations.len();
-    let cells = SiteCells::of(site, all(), JUDGED_WITHIN_M, 1);
-    let answers = Answers::of(site, &cells, all());
-    (cells, answers)
-}
-
-/// Whether anything may be found although some poses may be wrong.
-fn may_have_changed(site: &Site<'_>) -> bool {
-    let (cells, answers) = answers_about_candidates(site);
-    clusters(&cells, &answers).iter().any(|cluster| {
-        Pooled::of(&answers, cluster).is_some_and(|pooled| pooled.is_promising(cluster))
-    })
-}
-
-/// Whether it is worth asking about the surroundings: whether something is clear if no-returns are
-/// worth nothing, or as much as they can be; which of the two the surroundings say.
-fn may_be_clear(site: &Site<'_>, cells: &SiteCells, answers: &mut Answers) -> bool {
-    let is_clear =
-        |(cluster, pooled): &(Cluster, Pooled)| pooled.is_clear(cluster, site.support_min);
-    [0.0, NO_RETURN_WORTH].into_iter().any(|worth| {
-        answers.value_no_returns(worth);
-        let clusters = clusters(cells, answers);
-        pooled::settled(answers, clusters).iter().any(is_clear)
-    })
-}
-
-fn centres(cells: &SiteCells, cluster: &Cluster) -> Vec<Vector2<f64>> {
-    cluster.cells.iter().map(|&c| cells[c].centre).collect()
-}
-
-fn finding_of(site: &Site<'_>, cells: &SiteCells, cluster: &Cluster, pooled: &Pooled) -> Finding {
-    let centres = centres(cells, cluster);
-    let region = region_round(&centres, REGION_MARGIN_M);
-    let new_state = pooled.baseline.other();
-    let showing = || {
-        pooled
-            .views
-            .iter()
-            .filter(|view| view.in_change && view.shows(new_state))
-    };
-    let observed = |k: usize| &site.observations[k];
-    let stamps = || showing().map(|view| observed(view.observation).stamp);
-    let nodes: BTreeSet<NodeId> = pooled
-        .views
-        .iter()
-        .map(|view| observed(view.observation).node)
-        .collect();
-    let trips: BTreeSet<usize> = showing().map(|v| observed(v.observation).trip).collect();
-    let after = pooled.views.iter().filter(|view| view.after_change);
-    let back = after.filter(|view| view.shows(pooled.baseline));
-    let until = back.map(|view| observed(view.observation).stamp).min();
-    let tier = if pooled.passes_in_change >= 2 {
-        Tier::Confirmed
-    } else {
-        Tier::Tentative
-    };
-    Finding {
-        kind: match pooled.baseline {
-            State::Free => ChangeKind::Appeared,
-            State::Occupied => ChangeKind::Disappeared,
-        },
-        location: centroid(&region),
-        sigma_m: POSE_SIGMA_M.hypot(cells::CELL_M / (12.0 * centres.len() as f64).sqrt()),
-        region,
-        tier,
-        counterpart: None,
-        shift: None,
-        suspect: None,
-        bands: Vec::new(),
-        edges: Vec::new(),
-        nodes: nodes.into_iter().collect(),
-        trips: trips.iter().map(|&trip| site.trips[trip].clone()).collect(),
-        views: showing().count(),
-        laps: pooled.passes_in_change,
-        confidence: 1.0 / (1.0 + (-pooled.support).exp()),
-        since: stamps().min().unwrap_or(StampNs(i64::MAX)),
-        last_seen: stamps().max().unwrap_or(StampNs(0)),
-        until: until.filter(|_| !pooled.stands),
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,7 @@
 //! The command line: one file per command.
+//!
+//! Knows nothing of the inside of a running service: `upload`, `simulate` and `demo` talk to it
+//! through `client`, over HTTP like anyone else. Begin with [`run`].
 
 mod buildings;
 mod comparison;

@@ -1,10 +1,12 @@
 //! `mapshift upload`.
 
+mod args;
 mod graph;
+mod tally;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 
@@ -13,47 +15,13 @@ use super::progress::{Progress, say};
 use super::recording;
 use crate::client::{Gateway, GatewayError, Outcome};
 use crate::client::{ScanToSend, Trip};
-use crate::geometry::Pose2;
 use crate::graph::PoseGraph;
-use crate::ids::{BatchId, RouteId, TripId, VehicleId};
 use crate::ingest::CarmenLog;
+pub use args::Args;
+pub(super) use args::parse_beam_spacing;
+use tally::{Tally, advice};
 
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
-
-/// Arguments of `mapshift upload`.
-#[derive(Debug, clap::Args)]
-pub struct Args {
-    /// Recordings (CARMEN logs) or pose graphs (planar g2o: edges alone); also gzipped.
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
-    /// The route that was driven; made if it is not there.
-    #[arg(long)]
-    route: RouteId,
-    /// The vehicle that drove.
-    #[arg(long)]
-    vehicle: VehicleId,
-    /// The name of the drive; else the file's name.
-    #[arg(long)]
-    trip: Option<TripId>,
-    /// The service.
-    #[arg(long, default_value = "http://127.0.0.1:8080")]
-    url: String,
-    /// Scans in a batch.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=1_000))]
-    batch_scans: u16,
-    /// Nodes of a pose graph in a batch.
-    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u16).range(1..=5_000))]
-    batch_nodes: u16,
-    /// The beams are so many times as far apart as the file states (some logs state it wrongly).
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_beam_spacing)]
-    beam_spacing: f64,
-    /// Where the vehicle started in the route's map, roughly: metres, metres, radians.
-    #[arg(long, value_name = "X,Y,THETA", value_parser = parse_pose, allow_hyphen_values = true)]
-    initial_pose: Option<Pose2>,
-    /// Wait until everything is in the map, and say what became of it.
-    #[arg(long)]
-    wait: bool,
-}
 
 /// Runs the command.
 ///
@@ -73,49 +41,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         .block_on(upload_all(&args))
 }
 
-fn parse_pose(text: &str) -> Result<Pose2, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok([x, y, theta]) if [x, y, theta].iter().all(|v| v.is_finite()) => {
-            Ok(Pose2::new(*x, *y, *theta))
-        }
-        _ => Err("give three numbers, like 3.5,3.4,0.02 (metres, metres, radians)".into()),
-    }
-}
-
-pub(super) fn parse_beam_spacing(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(factor) if (0.5..=2.0).contains(&factor) => Ok(factor),
-        _ => Err("give a factor from 0.5 to 2, like 0.925".into()),
-    }
-}
-
-/// What an upload came to.
-#[derive(Debug)]
-struct Tally {
-    started: Instant,
-    scans_stored: usize,
-    nodes_stored: usize,
-    batches: Vec<BatchId>,
-    stored: usize,
-    replayed: usize,
-    failures: Vec<String>,
-}
-
 async fn upload_all(args: &Args) -> anyhow::Result<()> {
     let gateway = Gateway::new(&args.url, say)?;
     if gateway.ensure_route(&args.route, None).await? {
         say(&format!("route {} was made", args.route));
     }
-    let mut tally = Tally {
-        started: Instant::now(),
-        scans_stored: 0,
-        nodes_stored: 0,
-        batches: Vec::new(),
-        stored: 0,
-        replayed: 0,
-        failures: Vec::new(),
-    };
+    let mut tally = Tally::begin();
     for path in &args.files {
         let (args, tally) = (&args, &mut tally);
         match read(path) {
@@ -167,26 +98,6 @@ fn read(path: &Path) -> anyhow::Result<Content> {
     })
 }
 
-impl Tally {
-    /// What was stored, for people.
-    fn content(&self) -> String {
-        let nodes = format!("{} nodes", self.nodes_stored);
-        let scans = format!("{} scans", self.scans_stored);
-        match (self.scans_stored, self.nodes_stored) {
-            (_, 0) => scans,
-            (0, _) => nodes,
-            _ => format!("{scans}, {nodes}"),
-        }
-    }
-}
-
-fn trip_of(args: &Args, path: &Path) -> anyhow::Result<TripId> {
-    match &args.trip {
-        Some(trip) => Ok(trip.clone()),
-        None => recording::trip_of(path),
-    }
-}
-
 async fn upload_log(
     gateway: &Gateway,
     args: &Args,
@@ -197,7 +108,7 @@ async fn upload_log(
     for line in recording::describe(path, log) {
         say(&line);
     }
-    let trip_id = trip_of(args, path)?;
+    let trip_id = args.trip_of(path)?;
     let trip = Trip {
         vehicle_id: args.vehicle.clone(),
         trip_id,
@@ -235,16 +146,6 @@ async fn upload_log(
     }
     progress.finish();
     Ok(())
-}
-
-fn advice(error: &GatewayError) -> &'static str {
-    match error {
-        GatewayError::Refused { problem, .. } if problem.status == 409 => {
-            " (another drive has this name, or it was sent with other options: --trip chooses \
-             another name)"
-        }
-        _ => "",
-    }
 }
 
 async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> anyhow::Result<()> {
@@ -307,14 +208,8 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
 mod tests {
     use super::*;
     use crate::client::pretend::{Faults, Pretend};
-
-    #[test]
-    fn poses_are_three_numbers() {
-        assert_eq!(parse_pose("1, -2,0.5"), Ok(Pose2::new(1.0, -2.0, 0.5)));
-        for bad in ["", "1,2", "1,2,3,4", "1,2,nan", "a,b,c"] {
-            assert!(parse_pose(bad).is_err(), "{bad}");
-        }
-    }
+    use crate::geometry::Pose2;
+    use crate::ids::{RouteId, TripId, VehicleId};
 
     const SCANS: usize = 25;
 

@@ -1,4 +1,6 @@
 //! Rigid motions of the plane, angles, and how uncertain they are.
+//!
+//! Knows nothing of scans or graphs. Begin with [`Pose2::compose`].
 
 mod angle;
 mod information;

@@ -3,28 +3,28 @@
 //! A minimum of F separates exactly over the blocks: a bridge has no error there, and two blocks
 //! that share a cut node do not influence each other's relative poses.
 
+mod convergence;
 mod growth;
 mod search;
-mod standing;
 #[cfg(test)]
 mod tests;
 
-pub use standing::Standing;
+pub use convergence::ConvergenceState;
 
-use super::pose_graph::PoseGraph;
-use crate::ids::{EdgeId, NodeId};
+use crate::ids::EdgeId;
 
 /// A place in [`Blocks`]; it is good until the graph's edges change.
 pub type BlockIndex = usize;
 
 /// The biconnected blocks of a graph's active edges (Hopcroft and Tarjan 1973). Two parallel
 /// edges make a block; a bridge is a block of its own. Nodes and edges are named by their places
-/// in [`PoseGraph::nodes`] and [`PoseGraph::edges`].
+/// in [`PoseGraph::nodes`](super::PoseGraph::nodes) and
+/// [`PoseGraph::edges`](super::PoseGraph::edges).
 ///
-/// [`PoseGraph::blocks`] keeps them while the graph grows: a new edge joins the blocks on the way
-/// between its ends into one. Over a graph's life that costs n log n, however it grows, but for
-/// the edges that join two components: each costs as much as the way through the later one's
-/// blocks to its first node.
+/// [`PoseGraph::blocks`](super::PoseGraph::blocks) keeps them while the graph grows: a new edge
+/// joins the blocks on the way between its ends into one. Over a graph's life that costs n log n,
+/// however it grows, but for the edges that join two components: each costs as much as the way
+/// through the later one's blocks to its first node.
 #[derive(Debug, Clone, Default)]
 pub struct Blocks {
     /// A block without edges is a free place.
@@ -50,7 +50,7 @@ pub struct Block {
     /// Its edges, in no particular order.
     pub edges: Vec<usize>,
     /// How near its poses are to its optimum.
-    pub standing: Standing,
+    pub standing: ConvergenceState,
     smallest_edge: EdgeId,
 }
 
@@ -68,11 +68,6 @@ impl Block {
 }
 
 impl Blocks {
-    /// The blocks of a graph, found anew by one pass over it; none is known to be at its optimum.
-    pub fn of(graph: &PoseGraph) -> Self {
-        search::blocks_of(graph)
-    }
-
     /// All blocks, in no particular order.
     pub fn iter(&self) -> impl Iterator<Item = &Block> {
         self.blocks.iter().filter(|block| !block.edges.is_empty())
@@ -110,13 +105,6 @@ impl Blocks {
         self.blocks[self.of_edge(edge_position)?].subgraph_id()
     }
 
-    /// The smallest name among the sub-graphs that a node belongs to; `None` if no loop closes
-    /// over it.
-    pub fn subgraph_of_node(&self, graph: &PoseGraph, node: NodeId) -> Option<EdgeId> {
-        let position = graph.node_position(node)?;
-        self.at_node(position).filter_map(Block::subgraph_id).min()
-    }
-
     fn indices_at(&self, node_position: usize) -> impl Iterator<Item = BlockIndex> {
         let towards_first = self.towards_first.get(node_position).copied().flatten();
         towards_first
@@ -124,7 +112,7 @@ impl Blocks {
             .chain(self.hanging_off(node_position).iter().copied())
     }
 
-    pub(super) fn standing_mut(&mut self, index: BlockIndex) -> Option<&mut Standing> {
+    pub(super) fn standing_mut(&mut self, index: BlockIndex) -> Option<&mut ConvergenceState> {
         self.blocks.get_mut(index).map(|block| &mut block.standing)
     }
 
@@ -132,7 +120,7 @@ impl Blocks {
     pub(super) fn forget_optimum_at(&mut self, node_position: usize) {
         let indices: Vec<BlockIndex> = self.indices_at(node_position).collect();
         for index in indices {
-            self.blocks[index].standing = Standing::unknown();
+            self.blocks[index].standing = ConvergenceState::unknown();
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Moving nodes of a block together with what hangs off them.
 
-use super::pose_graph::{Node, PoseGraph};
+use super::edge::Node;
+use super::pose_graph::PoseGraph;
 use crate::geometry::Pose2;
 
 impl PoseGraph {

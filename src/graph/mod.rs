@@ -1,8 +1,13 @@
-//! The pose graph: nodes, edges, their stable ids, and its biconnected blocks.
+//! The pose graph: nodes and edges with lasting ids, and its biconnected blocks.
+//!
+//! Knows nothing of scans, or of how poses are found: what a solver knows of a block is kept with it,
+//! because blocks grow together here. Begin with [`PoseGraph::add_edge`].
 
 mod blocks;
 mod carry;
+mod edge;
 mod pose_graph;
 
-pub use blocks::{Block, BlockIndex, Blocks, Standing};
-pub use pose_graph::{Edge, EdgeKind, EdgeStatus, GraphError, Node, PoseGraph};
+pub use blocks::{Block, BlockIndex, Blocks, ConvergenceState};
+pub use edge::{Edge, EdgeKind, EdgeStatus, Node};
+pub use pose_graph::{GraphError, PoseGraph};

@@ -1,59 +1,12 @@
-//! Nodes and edges with stable ids.
+//! Nodes and edges, and where each is found by its id.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use super::blocks::{BlockIndex, Blocks, Standing};
-use crate::geometry::{Information, Pose2};
+use super::blocks::{Block, BlockIndex, Blocks, ConvergenceState};
+use super::edge::{Edge, EdgeStatus, Node};
+use crate::geometry::Pose2;
 use crate::ids::{EdgeId, NodeId};
-
-/// What made an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EdgeKind {
-    /// Two keyframes of one drive, one after the other.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
-}
-
-/// Whether an edge takes part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EdgeStatus {
-    /// It is optimised.
-    Active,
-    /// It contradicts an accepted change; kept for the record.
-    Retired,
-    /// It contradicts the rest of the graph beyond belief; kept for the record.
-    Quarantined,
-}
-
-/// A pose of the base in the map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Node {
-    /// Unique in the graph.
-    pub id: NodeId,
-    /// `map_from_base`.
-    pub pose: Pose2,
-}
-
-/// A measured motion between two nodes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Edge {
-    /// Unique in the graph.
-    pub id: EdgeId,
-    /// Node i.
-    pub from: NodeId,
-    /// Node j.
-    pub to: NodeId,
-    /// `i_from_j`.
-    pub measurement: Pose2,
-    /// Of the measurement, in the order (x, y, θ).
-    pub information: Information,
-    /// What made it.
-    pub kind: EdgeKind,
-    /// Whether it is optimised.
-    pub status: EdgeStatus,
-}
 
 /// Why a node or an edge was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -203,7 +156,19 @@ impl PoseGraph {
     /// The biconnected blocks of the active edges. Costs one pass over the graph when first asked
     /// for, and after an edge has left; else next to nothing, see [`Blocks`].
     pub fn blocks(&self) -> &Blocks {
-        self.blocks.get_or_init(|| Blocks::of(self))
+        self.blocks.get_or_init(|| self.find_blocks())
+    }
+
+    /// The blocks found anew by one pass over the graph; none is known to be at its optimum.
+    pub fn find_blocks(&self) -> Blocks {
+        Blocks::of(&self.edges, &self.ends, &self.incident)
+    }
+
+    /// The smallest name among the sub-graphs that a node belongs to; `None` if no loop closes
+    /// over it.
+    pub fn subgraph_of_node(&self, node: NodeId) -> Option<EdgeId> {
+        let at = self.blocks().at_node(self.node_position(node)?);
+        at.filter_map(Block::subgraph_id).min()
     }
 
     /// Moves a node; nothing happens if it is not there.
@@ -242,7 +207,7 @@ impl PoseGraph {
     }
 
     /// What is known of how near a block is to its optimum, to be kept up by who solves it.
-    pub(crate) fn standing_mut(&mut self, block: BlockIndex) -> Option<&mut Standing> {
+    pub(crate) fn standing_mut(&mut self, block: BlockIndex) -> Option<&mut ConvergenceState> {
         self.blocks.get_mut()?.standing_mut(block)
     }
 
@@ -274,6 +239,8 @@ impl PoseGraph {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Information;
+    use crate::graph::EdgeKind;
 
     fn edge(id: i64, from: i64, to: i64) -> Edge {
         Edge {

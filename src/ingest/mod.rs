@@ -8,6 +8,7 @@ pub mod edges_json;
 pub mod g2o;
 pub mod json;
 
+mod body_error;
 mod carmen;
 mod carmen_line;
 

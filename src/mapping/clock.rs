@@ -50,7 +50,7 @@ impl TripClock {
             trip: drive.trip.clone(),
             is_in_order: sent.len() == scans,
             track: match has_wheels_off {
-                true => track.corrected(&drive.wheels),
+                true => drive.wheels.track(&track),
                 false => track,
             },
             has_wheels_off,

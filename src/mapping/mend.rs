@@ -16,11 +16,12 @@ use crate::geometry::{Pose2, Vector2};
 use crate::graph::{EdgeKind, EdgeStatus, GraphError, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
 
+mod segment;
 mod verdict;
 mod vote;
 
+use segment::Vote;
 use verdict::{Verdict, agreed};
-use vote::Vote;
 
 /// Closures that end this far from where the keyframes belong contradict them, metres, …
 const CONTRADICTION_M: f64 = 0.1;

@@ -1,7 +1,8 @@
-//! From drives to a route's map: the pure half of the pipeline.
+//! A route's map, and how a trip extends it: keyframes, odometry edges, the localisation of a new
+//! trip, loop closures to reference nodes, the solve of the sub-graph that they touch.
 //!
-//! [`RouteMap::extend`] is the walk of one batch: keyframes, odometry edges, the anchor of a new
-//! trip, loop closures against reference nodes, the solve of the sub-graph that they touch.
+//! Knows nothing of uploads, batches or storage. Begin with [`RouteMap::extend`], the walk of one
+//! batch.
 
 mod anchor;
 mod attach;
@@ -25,6 +26,7 @@ mod mend;
 mod moments;
 mod odometry;
 mod partners;
+mod placing;
 mod pose_sigma;
 mod restate;
 mod route_map;

@@ -2,7 +2,7 @@
 
 use super::evidence::Scope;
 use super::route_map::RouteMap;
-use crate::change::{ChangeKind, Finding, SilencedChange, Suspect};
+use crate::change::{ChangeKind, Finding, Suspect};
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::ids::TripId;
 use crate::observation::{Observation, REACH_M};
@@ -32,7 +32,7 @@ impl RouteMap {
                 findings.retain(|finding| {
                     let is_explained = self.explains(suspect, finding, scope);
                     if is_explained {
-                        evidence.silence(SilencedChange::of(finding));
+                        evidence.silence(finding.as_silenced());
                     }
                     !is_explained
                 });

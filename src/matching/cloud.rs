@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::point_grid::{Found, PointGrid};
+use super::point_grid::{Found, Neighbour, PointGrid};
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::SurfacePoint;
 
@@ -11,15 +11,6 @@ pub struct ReferenceCloud {
     grid: PointGrid,
     /// In the order of the grid.
     normals: Vec<Option<Vector2<f64>>>,
-}
-
-/// A point of the cloud and how far it is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Neighbour {
-    /// Of the point, as for [`ReferenceCloud::position`].
-    pub index: usize,
-    /// Square of the distance, m².
-    pub distance_squared_m2: f64,
 }
 
 impl ReferenceCloud {

@@ -5,7 +5,8 @@
 //! least is therefore asked of the points themselves: how much worse they fit a hand to either
 //! side.
 
-use super::icp::{Alignment, IcpParams};
+use super::icp::Alignment;
+use super::icp_params::IcpParams;
 use super::normal_equations::{NormalEquations, cauchy_weight};
 use crate::geometry::{Pose2, Vector2};
 

@@ -1,8 +1,8 @@
 //! The linear equations of one step of an alignment.
 
 use super::estimate::{CORRELATED_POINTS, Observability};
-use super::icp::{Prior, noise_variance_m2};
 use super::pairing::Pair;
+use super::prior::Prior;
 use crate::geometry::{Matrix3, Pose2, Transform2, Vector2, Vector3};
 
 /// Root mean square distance of a typical match, metres: what a prior is weighed against.
@@ -84,6 +84,11 @@ impl From<Sums> for NormalEquations {
             weight_sum: sums.weight,
         }
     }
+}
+
+/// Variance of a point's distance to its line, m²: both ends' range noise, or what is seen.
+pub(super) fn noise_variance_m2(range_sigma_m: f64, rmse_m: f64) -> f64 {
+    (2.0 * range_sigma_m * range_sigma_m).max(rmse_m * rmse_m)
 }
 
 /// 1 / (1 + (r/c)²) of a squared distance; 1 without a scale.

@@ -2,7 +2,6 @@
 
 use pulp::Simd;
 
-use super::cloud::Neighbour;
 use crate::geometry::Vector2;
 
 /// Cells for each point: as many as leave about a point in each cell that a surface crosses.
@@ -157,6 +156,15 @@ impl PointGrid {
         }
         looking.found()
     }
+}
+
+/// A point and how far it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// Of the point, as for [`ReferenceCloud::position`](super::ReferenceCloud::position).
+    pub index: usize,
+    /// Square of the distance, m².
+    pub distance_squared_m2: f64,
 }
 
 /// What a search found.

@@ -1,13 +1,17 @@
 //! What a trip says of its vehicle: asked once it has driven enough, and once more when it has
 //! driven much.
 
+mod asked;
+mod others;
+
 use std::collections::BTreeMap;
 
+pub(super) use self::asked::Asked;
 use self::others::beside_others;
-use super::vehicles::as_stated;
-use crate::calibration::{CompanionScan, Corrections, TripCalibration, TripCorrections, TripScan};
+use super::vehicles::{as_stated, base_from_stated};
+use crate::calibration::{CompanionScan, TripCalibration, TripCorrections, TripScan};
 use crate::geometry::Pose2;
-use crate::ids::{LidarId, TripId, VehicleId};
+use crate::ids::{LidarId, TripId};
 use crate::mapping::{Keyframe, RouteMap};
 use crate::scan::{LaserScan, SurfacePoint, surface_points};
 use crate::store::TripCalibrationRecord;
@@ -22,18 +26,6 @@ const AROUND: usize = 12;
 
 /// How many scans of each of a trip's lidars the map keeps; of a vehicle's only one without a name.
 pub(super) type KeptScans = BTreeMap<Option<LidarId>, usize>;
-
-/// A trip that is asked, and the map that it is in.
-pub(super) struct Asked<'a> {
-    pub map: &'a RouteMap,
-    /// Whose the other trips in the map are.
-    pub vehicles: &'a BTreeMap<TripId, VehicleId>,
-    pub trip: &'a TripId,
-    /// Whose the trip is.
-    pub vehicle: &'a VehicleId,
-    /// What was corrected when the trip entered the map.
-    pub corrections: &'a TripCorrections,
-}
 
 impl Asked<'_> {
     /// The trip's word on each of its lidars that is due: if its scans in the map, of which there
@@ -186,19 +178,5 @@ fn beside_primary(
     Some(TripCalibration::of_companion(companions))
 }
 
-/// Where the base is that the stated mount of a keyframe's lidar would give, seen from the one that
-/// the map has by the corrected mount. The identity where nothing is corrected.
-fn base_from_stated(keyframe: &Keyframe, corrections: &TripCorrections) -> Option<Pose2> {
-    let of_lidar = corrections.of_lidar(keyframe.lidar.as_ref());
-    if of_lidar == Corrections::default() {
-        return Some(Pose2::IDENTITY);
-    }
-    let scan = keyframe.scan.as_ref()?;
-    let corrected = scan.lidar();
-    let stated = of_lidar.stated_lidar(corrected, scan.beam_count()).ok()?;
-    Some(corrected.mount.compose(&stated.mount.inverse()))
-}
-
-mod others;
 #[cfg(test)]
 mod tests;

@@ -4,6 +4,8 @@
 //! A job is never worked on inside a transaction. What a worker computed is refused by the store
 //! if its lease was lost or the route has moved on; then it is dropped and computed anew. What
 //! people decide about alerts takes the same way, without a job.
+//!
+//! Knows nothing of HTTP or SQL. Begin with `process` in `process.rs`, which computes one job.
 
 mod accept;
 mod alerts;

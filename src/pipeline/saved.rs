@@ -6,14 +6,13 @@ use crate::store::{EdgeChange, NodeChange};
 /// The part of every node that a solve changes, by id.
 pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
     let graph = map.graph();
-    let blocks = graph.blocks();
     let with_keyframes = graph.nodes().iter().zip(map.keyframes());
     let with_sigmas = with_keyframes.zip(map.pose_sigmas());
     let nodes = with_sigmas.map(|((node, keyframe), sigma)| NodeChange {
         id: node.id,
         pose: node.pose,
         sigma,
-        subgraph_id: blocks.subgraph_of_node(graph, node.id).map(|id| id.0),
+        subgraph_id: graph.subgraph_of_node(node.id).map(|id| id.0),
         drift_m: keyframe.drift_m,
         reference: keyframe.reference,
         active: true,

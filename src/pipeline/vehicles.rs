@@ -8,8 +8,9 @@ use anyhow::Context;
 use crate::calibration::{
     AppliedCorrection, CalibratedTrip, Corrections, TRIPS_MAX, TripCorrections, VehicleCalibration,
 };
+use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
-use crate::mapping::{Drive, DriveScan};
+use crate::mapping::{Drive, DriveScan, Keyframe};
 use crate::scan::{LaserScan, Lidar};
 use crate::store::TripCalibrationRecord;
 
@@ -159,6 +160,22 @@ pub(super) fn as_stated(scan: &LaserScan, corrections: &Corrections) -> Option<L
         .stated_lidar(scan.lidar(), scan.beam_count())
         .ok()?;
     LaserScan::from_ticks(Arc::new(stated), scan.ticks()).ok()
+}
+
+/// Where the base is that the stated mount of a keyframe's lidar would give, seen from the one that
+/// the map has by the corrected mount. The identity where nothing is corrected.
+pub(super) fn base_from_stated(
+    keyframe: &Keyframe,
+    corrections: &TripCorrections,
+) -> Option<Pose2> {
+    let of_lidar = corrections.of_lidar(keyframe.lidar.as_ref());
+    if of_lidar == Corrections::default() {
+        return Some(Pose2::IDENTITY);
+    }
+    let scan = keyframe.scan.as_ref()?;
+    let corrected = scan.lidar();
+    let stated = of_lidar.stated_lidar(corrected, scan.beam_count()).ok()?;
+    Some(corrected.mount.compose(&stated.mount.inverse()))
 }
 
 #[cfg(test)]

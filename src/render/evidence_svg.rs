@@ -2,77 +2,19 @@
 //! closure among those around it. A self-contained SVG without scripts, fonts or links.
 
 mod curve;
+mod picture;
 mod place;
 mod text;
 
 #[cfg(test)]
 mod tests;
 
-use crate::change::series::SeriesEntry;
-use crate::change::{BeamVerdict, ChangeKind, JudgedBeam};
-use crate::geometry::{Pose2, Vector2};
-use crate::ids::EdgeId;
+use crate::change::{BeamVerdict, ChangeKind};
 
+pub use picture::{Curve, EvidencePicture, Look};
+use picture::{HEIGHT_PX, MARGIN_PX, WIDTH_PX};
 use place::{Panel, scale_bar};
 use text::{Ink, label, px};
-
-/// Size of the picture, pixels.
-const WIDTH_PX: f64 = 1080.0;
-const HEIGHT_PX: f64 = 850.0;
-/// Space left free at both sides, pixels.
-const MARGIN_PX: f64 = 24.0;
-
-/// What the picture shows.
-#[derive(Debug, Clone)]
-pub struct EvidencePicture<'a> {
-    /// What changed.
-    pub kind: ChangeKind,
-    /// The route's name.
-    pub route: &'a str,
-    /// What became of the alert.
-    pub status: &'a str,
-    /// Centre of the change, map frame, metres.
-    pub location: Vector2<f64>,
-    /// Standard deviation of the location, metres.
-    pub sigma_m: f64,
-    /// A simple polygon round it, map frame, metres.
-    pub region: &'a [Vector2<f64>],
-    /// Passes by the place that saw the new state.
-    pub laps: usize,
-    /// Scans that show the new state.
-    pub views: usize,
-    /// Probability that the alert is true, in [0, 1].
-    pub confidence: f64,
-    /// The old and the new scan; `None` where the upload had no scans.
-    pub looks: Option<[Look<'a>; 2]>,
-    /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
-    /// one first.
-    pub tied: Option<[Pose2; 2]>,
-    /// The residuals; `None` where no closure carries the alert.
-    pub curve: Option<Curve<'a>>,
-}
-
-/// A scan in the map frame.
-#[derive(Debug, Clone, Copy)]
-pub struct Look<'a> {
-    /// Who took it and when, for people.
-    pub caption: &'a str,
-    /// `map_from_base`.
-    pub map_from_base: Pose2,
-    /// Its beams, ends in the map frame.
-    pub beams: &'a [JudgedBeam],
-}
-
-/// A stretch of the residual series.
-#[derive(Debug, Clone, Copy)]
-pub struct Curve<'a> {
-    /// The closures, in order.
-    pub entries: &'a [SeriesEntry],
-    /// The paper's threshold on ΔF; `None` while f has not settled.
-    pub threshold: Option<f64>,
-    /// The alert's closure.
-    pub edge: EdgeId,
-}
 
 /// Draws the picture: 1080 × 850 pixels, light background, y upwards. The same evidence makes
 /// the same bytes.

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::RANGE_MAX_M;
+use super::limits::RANGE_MAX_M;
 
 /// Nothing that concerns a vehicle is lower than this, metres above the floor, …
 pub const BAND_LOWEST_M: f64 = -1.0;

@@ -1,12 +1,9 @@
 //! The geometry of a lidar and where it is mounted.
 
+use super::limits::RANGE_MAX_M;
 use super::{BandError, BandView, HeightBand};
 use crate::geometry::{Pose2, Vector2};
 
-/// Most beams a scan may have.
-pub const BEAMS_MAX: usize = 8_192;
-/// Longest `range_max_m`.
-pub const RANGE_MAX_M: f64 = 500.0;
 /// Range noise assumed where the sender states none, metres.
 pub const RANGE_SIGMA_DEFAULT_M: f64 = 0.01;
 

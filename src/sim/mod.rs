@@ -1,6 +1,7 @@
-//! Simulated worlds and vehicles that drive laps in them: for the demonstration and the tests.
+//! Simulated worlds and vehicles that drive laps in them: for the demonstration, the experiments and
+//! the tests. Everything is a function of its arguments and a seed.
 //!
-//! Everything is a function of its arguments and a seed.
+//! Knows geometry, scans and the names of changes; knows nothing of maps. Begin with [`drive`].
 
 mod build;
 mod changes;

@@ -14,7 +14,7 @@ use super::problem::{Factor, Problem};
 use super::region::Region;
 use super::summary::{SolveOptions, SolveSummary};
 use crate::geometry::Pose2;
-use crate::graph::{BlockIndex, PoseGraph, Standing};
+use crate::graph::{BlockIndex, ConvergenceState, PoseGraph};
 
 /// Every next region that is tried has so many times as many nodes.
 const GROWTH: usize = 4;
@@ -59,7 +59,7 @@ pub(super) struct Solved {
 /// What is known of a block after a solve.
 pub(super) enum News {
     /// All of it was solved.
-    Whole(Standing),
+    Whole(ConvergenceState),
     /// Nothing is fresh any more, and some edges have these strains.
     Part {
         cost: f64,
@@ -69,7 +69,7 @@ pub(super) enum News {
 }
 
 impl News {
-    pub(super) fn tell(self, standing: &mut Standing) {
+    pub(super) fn tell(self, standing: &mut ConvergenceState) {
         match self {
             Self::Whole(whole) => *standing = whole,
             Self::Part {

@@ -9,7 +9,7 @@ use super::block_problem::BlockProblem;
 use super::minimise::Minimiser;
 use super::part::{Limits, News, Solved, cost_of, settle_fresh, solve_part};
 use super::summary::{SolveOptions, SolveSummary, Termination};
-use crate::graph::{BlockIndex, PoseGraph, Standing};
+use crate::graph::{BlockIndex, ConvergenceState, PoseGraph};
 use crate::ids::{EdgeId, NodeId};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
@@ -175,9 +175,9 @@ impl Solver {
             .whole_blocks
             .minimise_more(&mut problem, known, options);
         let standing = if summary.termination.is_converged() {
-            Standing::optimal(summary.final_cost)
+            ConvergenceState::optimal(summary.final_cost)
         } else {
-            Standing::unknown()
+            ConvergenceState::unknown()
         };
         Some(Solved {
             summary,

@@ -13,6 +13,8 @@
 //! to; it is asked when a URL is registered, before each attempt, and for every address that a
 //! name resolves to (`resolver.rs`). Redirects are not followed, proxies of the environment not
 //! used, and of an answer only its status and `Retry-After` are read.
+//!
+//! Begin with [`start`].
 
 mod address;
 mod dispatcher;

@@ -1,6 +1,6 @@
 //! A cell of the screen, and what each pass has said about it.
 
-use super::grid::{CELL_M, CellKey, centre_of};
+use super::cell_key::{CELL_M, CellKey, centre_of};
 use crate::change::history::{
     History, NATS_PER_OBSERVATION, NATS_PER_PASS, NO_RETURN_WORTH, limited,
 };

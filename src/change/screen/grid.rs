@@ -2,18 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use super::cell_key::{CELL_M, CellKey, key_of};
 use super::counted_cell::CountedCell;
 use crate::geometry::Vector2;
 
-/// Width of a cell, metres.
-pub const CELL_M: f64 = 0.08;
 /// Cells along a tile.
 const TILE_CELLS: i32 = 16;
 /// From a tile's middle to the middles of its cells, metres, at most.
 pub const TILE_RADIUS_M: f64 = 0.5 * std::f64::consts::SQRT_2 * TILE_CELLS as f64 * CELL_M;
 
-/// A cell, in cells from the map's origin.
-pub type CellKey = (i32, i32);
 /// A tile, in tiles from the map's origin.
 type TileKey = (i32, i32);
 
@@ -91,18 +88,6 @@ impl CellGrid {
             }
         }
     }
-}
-
-/// The cell that holds a point.
-pub fn key_of(point: &Vector2<f64>) -> CellKey {
-    let key = |v: f64| (v / CELL_M).floor() as i32;
-    (key(point.x), key(point.y))
-}
-
-/// The centre of a cell, map frame, metres.
-pub fn centre_of(key: CellKey) -> Vector2<f64> {
-    let centre = |k: i32| (f64::from(k) + 0.5) * CELL_M;
-    Vector2::new(centre(key.0), centre(key.1))
 }
 
 /// The middle of a tile, map frame, metres.

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::ObservationKey;
 use super::counted_cell::PassKey;
 use crate::change::pass::Standpoint;
 use crate::geometry::{Pose2, Vector2};
-use crate::ids::{StampNs, TripId};
+use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
 use crate::scan::LaserScan;
 
@@ -19,6 +18,9 @@ const TILE_M: f64 = 4.0;
 /// is: metres, radians.
 const POSE_STEP_M: f64 = 0.03;
 const POSE_STEP_RAD: f64 = 0.005;
+
+/// Which observation: a keyframe's own (0), or its first, second … intermediate scan.
+pub type ObservationKey = (NodeId, u32);
 
 /// An observation as the screen is given it.
 pub struct Screened<'a> {

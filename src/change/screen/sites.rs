@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::Screen;
+use super::cell_key::{CELL_M, CellKey, centre_of, key_of};
 use super::counted_cell::CountedCell;
-use super::grid::{CELL_M, CellKey, centre_of, key_of};
 use crate::geometry::{Vector2, distance_to_polygon};
 
 /// Candidates this near to each other belong to one site, metres.

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::geometry::{Pose2, distance_to_polygon};
-use crate::ids::{StampNs, TripId};
+use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::testing::{World, all_round};
 use crate::scan::LaserScan;
 

@@ -3,10 +3,12 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::answers::Answer;
+use super::answers::{Answer, Answers};
+use super::cells::SiteCells;
 use super::*;
+use crate::change::screen::SURROUNDINGS_M;
 use crate::change::testing::gaussian;
-use crate::change::{FALSE_ALERTS_PER_LAP, Screen, Screened};
+use crate::change::{ChangeKind, FALSE_ALERTS_PER_LAP, Finding, Screen, Screened, Tier};
 use crate::geometry::{Pose2, distance_to_polygon};
 use crate::ids::{AlertId, EdgeId};
 use crate::observation::Outcome;

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{Args, Tally, advice, trip_of};
+use super::args::Args;
+use super::tally::{Tally, advice};
 use crate::cli::progress::{Progress, say};
 use crate::client::GraphParts;
 use crate::client::{Gateway, GatewayError, Outcome};
@@ -29,7 +30,7 @@ pub(super) async fn upload(
         closures.count(),
     ));
     let parts = GraphParts::of(graph, args.batch_nodes.into())?;
-    let trip = trip_of(args, path)?;
+    let trip = args.trip_of(path)?;
     let progress = Progress::new(graph.nodes().len() as u64, "nodes");
     let gateway = gateway.notifying(progress.speaker());
     for part in parts.encode(&args.vehicle, &trip) {

@@ -1,22 +1,31 @@
 //! Finding all blocks at once.
 
-use super::{Block, BlockIndex, Blocks, Standing};
-use crate::graph::pose_graph::{EdgeStatus, PoseGraph};
+use super::{Block, BlockIndex, Blocks, ConvergenceState};
+use crate::graph::edge::{Edge, EdgeStatus};
 
-/// The blocks of a graph.
-pub(super) fn blocks_of(graph: &PoseGraph) -> Blocks {
-    let mut search = Search::new(graph);
-    for first in 0..graph.nodes().len() {
-        if search.discovered[first] == 0 {
-            search.explore(first);
+impl Blocks {
+    /// The blocks of a graph's edges, given with the places of their ends and, for each node, the
+    /// places of the edges at it. None is known to be at its optimum.
+    pub(in crate::graph) fn of(
+        edges: &[Edge],
+        ends: &[(usize, usize)],
+        incident: &[Vec<usize>],
+    ) -> Self {
+        let mut search = Search::new(edges, ends, incident);
+        for first in 0..incident.len() {
+            if search.discovered[first] == 0 {
+                search.explore(first);
+            }
         }
+        search.found
     }
-    search.found
 }
 
 /// A depth-first search without recursion: routes are chains of thousands of nodes.
 struct Search<'a> {
-    graph: &'a PoseGraph,
+    edges: &'a [Edge],
+    ends: &'a [(usize, usize)],
+    incident: &'a [Vec<usize>],
     /// 1, 2, … in the order of discovery; 0 where the search has not been.
     discovered: Vec<usize>,
     /// The earliest discovery that a node's subtree reaches by one edge back.
@@ -34,16 +43,18 @@ struct Visit {
 }
 
 impl<'a> Search<'a> {
-    fn new(graph: &'a PoseGraph) -> Self {
-        let (nodes, edges) = (graph.nodes().len(), graph.edges().len());
+    fn new(edges: &'a [Edge], ends: &'a [(usize, usize)], incident: &'a [Vec<usize>]) -> Self {
+        let nodes = incident.len();
         Self {
-            graph,
+            edges,
+            ends,
+            incident,
             discovered: vec![0; nodes],
             low: vec![0; nodes],
             clock: 0,
             open_edges: Vec::new(),
             found: Blocks {
-                block_of_edge: vec![None; edges],
+                block_of_edge: vec![None; edges.len()],
                 hanging: vec![Vec::new(); nodes],
                 towards_first: vec![None; nodes],
                 earlier: (0..nodes).collect(),
@@ -67,7 +78,7 @@ impl<'a> Search<'a> {
         let mut path = vec![self.discover(first, None)];
         while let Some(visit) = path.last_mut() {
             let node = visit.node;
-            let Some(&edge) = self.graph.incident(node).get(visit.next_incident) else {
+            let Some(&edge) = self.incident[node].get(visit.next_incident) else {
                 let by_edge = visit.by_edge;
                 path.pop();
                 if let (Some(parent), Some(by_edge)) = (path.last(), by_edge) {
@@ -78,11 +89,11 @@ impl<'a> Search<'a> {
             visit.next_incident += 1;
             // The tree edge is passed over by its place, so that a parallel one counts as a way
             // back.
-            let active = self.graph.edges()[edge].status == EdgeStatus::Active;
+            let active = self.edges[edge].status == EdgeStatus::Active;
             if !active || visit.by_edge == Some(edge) {
                 continue;
             }
-            let (from, to) = self.graph.ends()[edge];
+            let (from, to) = self.ends[edge];
             let other = if from == node { to } else { from };
             if self.discovered[other] == 0 {
                 self.open_edges.push(edge);
@@ -106,11 +117,11 @@ impl<'a> Search<'a> {
         let start = self.open_edges.iter().rposition(|&edge| edge == by_edge);
         let edges = self.open_edges.split_off(start.unwrap_or_default());
         let mut nodes: Vec<usize> = Vec::with_capacity(edges.len());
-        let mut smallest_edge = self.graph.edges()[by_edge].id;
+        let mut smallest_edge = self.edges[by_edge].id;
         for &edge in &edges {
-            smallest_edge = smallest_edge.min(self.graph.edges()[edge].id);
+            smallest_edge = smallest_edge.min(self.edges[edge].id);
             self.found.block_of_edge[edge] = Some(index);
-            let (from, to) = self.graph.ends()[edge];
+            let (from, to) = self.ends[edge];
             for node in [from, to] {
                 // Every node but the anchor hangs on exactly one block.
                 if node != parent && self.found.towards_first[node].is_none() {
@@ -121,8 +132,8 @@ impl<'a> Search<'a> {
         }
         nodes.shrink_to_fit();
         let standing = match edges.as_slice() {
-            [bridge] => Standing::fresh(*bridge),
-            _ => Standing::unknown(),
+            [bridge] => ConvergenceState::fresh(*bridge),
+            _ => ConvergenceState::unknown(),
         };
         self.found.hanging[parent].push(index);
         self.found.blocks.push(Block {

@@ -4,7 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::geometry::{Information, Pose2};
-use crate::graph::{Edge, EdgeKind, EdgeStatus, Node};
+use crate::graph::{Edge, EdgeKind, EdgeStatus, Node, PoseGraph};
+use crate::ids::NodeId;
 
 fn graph(nodes: usize, ends: &[(usize, usize)]) -> PoseGraph {
     let mut graph = PoseGraph::new();
@@ -44,7 +45,7 @@ fn a_graph_with_everything() {
         (6, 5),
     ];
     let mut graph = graph(8, &ends);
-    let blocks = Blocks::of(&graph);
+    let blocks = graph.find_blocks();
     let names: Vec<_> = (0..9).map(|e| blocks.subgraph_of_edge(e)).collect();
     let id = |k: i64| Some(EdgeId(k));
     assert_eq!(
@@ -63,7 +64,7 @@ fn a_graph_with_everything() {
     );
     let cuts: Vec<usize> = (0..8).filter(|&n| blocks.is_cut_node(n)).collect();
     assert_eq!(cuts, [2, 4, 5]);
-    let of = |node| blocks.subgraph_of_node(&graph, NodeId(node));
+    let of = |node| graph.subgraph_of_node(NodeId(node));
     assert_eq!(
         [of(2), of(4), of(5), of(6)],
         [id(100), id(103), id(107), id(107)]
@@ -75,7 +76,7 @@ fn a_graph_with_everything() {
     assert_eq!((second.anchor, nodes), (2, vec![3, 4]));
 
     graph.set_edge_status(EdgeId(104), EdgeStatus::Retired);
-    let blocks = Blocks::of(&graph);
+    let blocks = graph.find_blocks();
     assert_eq!(blocks.of_edge(4), None);
     let third = blocks.get(blocks.of_edge(3).unwrap()).unwrap();
     assert!(third.is_bridge());
@@ -84,7 +85,7 @@ fn a_graph_with_everything() {
 #[test]
 fn a_long_chain_does_not_overflow_the_stack() {
     let ends: Vec<_> = (0..100_000).map(|k| (k, k + 1)).collect();
-    let blocks = Blocks::of(&graph(100_001, &ends));
+    let blocks = graph(100_001, &ends).find_blocks();
     assert_eq!(blocks.iter().count(), 100_000);
 }
 
@@ -133,7 +134,7 @@ proptest! {
             .map(|(a, b)| (a % nodes, b % nodes))
             .filter(|(a, b)| a != b)
             .collect();
-        let blocks = Blocks::of(&graph(nodes, &ends));
+        let blocks = graph(nodes, &ends).find_blocks();
         for e in 0..ends.len() {
             prop_assert!(blocks.of_edge(e).is_some());
             for f in 0..e {
@@ -177,7 +178,7 @@ fn form(block: &Block) -> Form {
 
 /// Blocks that say of every edge and node what those found anew say.
 fn check_like_new(graph: &PoseGraph) {
-    let (kept, anew) = (graph.blocks(), Blocks::of(graph));
+    let (kept, anew) = (graph.blocks(), graph.find_blocks());
     let mut forms: Vec<Form> = kept.iter().map(form).collect();
     let mut forms_anew: Vec<Form> = anew.iter().map(form).collect();
     forms.sort_unstable();

@@ -4,12 +4,14 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use super::raw;
-use super::validate::{Checked, lidar, refuse};
-use super::{BatchProblem, LIDARS_MAX};
+use super::uploaded::LIDARS_MAX;
+use super::values::pose;
+use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs};
+use crate::ingest::body_error::{BatchProblem, Checked, refuse};
 use crate::ingest::json::Object;
 use crate::mapping::LidarOfVehicle;
-use crate::scan::Lidar;
+use crate::scan::{BandError, BandView, HeightBand, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M};
 
 /// A sweep takes no longer than this, seconds …
 const SCAN_TIME_MAX_S: f64 = 2.0;
@@ -104,6 +106,55 @@ fn stated_by_name(raw: raw::Lidars) -> Checked<Vec<StatedLidar>> {
         lidars.push(StatedLidar::checked(raw, which, pointer)?);
     }
     Ok(lidars)
+}
+
+/// The lidar stated at a pointer.
+fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
+    let mount = match raw.mount {
+        Some(Object(mount)) => pose(mount, &format!("{pointer}/mount"))?,
+        None => Pose2::IDENTITY,
+    };
+    let lidar = Lidar {
+        angle_min_rad: raw.angle_min,
+        angle_increment_rad: raw.angle_increment,
+        range_min_m: raw.range_min,
+        range_max_m: raw.range_max,
+        mount,
+        range_sigma_m: raw.range_sigma.unwrap_or(RANGE_SIGMA_DEFAULT_M),
+        band: raw.band.map(|band| band_view(&band.0, raw.range_max)),
+    };
+    lidar.validated().or_else(|error| {
+        let (problem, field) = match &error {
+            LidarError::AngleMin(_) => (BatchProblem::ScanGeometry, "angle_min"),
+            LidarError::AngleIncrement(_) => (BatchProblem::ScanGeometry, "angle_increment"),
+            LidarError::RangeMin { .. } => (BatchProblem::ScanGeometry, "range_min"),
+            LidarError::RangeMax(_) => (BatchProblem::ScanGeometry, "range_max"),
+            LidarError::Mount => (BatchProblem::OutOfRange, "mount"),
+            LidarError::RangeSigma(_) => (BatchProblem::OutOfRange, "range_sigma"),
+            LidarError::Band(error) => (BatchProblem::OutOfRange, band_field(error)),
+        };
+        refuse(problem, format!("{pointer}/{field}"), error.to_string())
+    })
+}
+
+fn band_view(raw: &raw::Band, range_max_m: f64) -> BandView {
+    let band = HeightBand {
+        from_m: raw.from,
+        to_m: raw.to,
+    };
+    let all_the_way = BandView::all_the_way(band, range_max_m);
+    BandView {
+        clear_from_m: raw.clear_from.unwrap_or(all_the_way.clear_from_m),
+        clear_to_m: raw.clear_to.unwrap_or(all_the_way.clear_to_m),
+        ..all_the_way
+    }
+}
+
+fn band_field(error: &BandError) -> &'static str {
+    match error {
+        BandError::Height { .. } | BandError::Thin { .. } => "band",
+        BandError::Clear { .. } => "band/clear_from",
+    }
 }
 
 impl StatedLidar {

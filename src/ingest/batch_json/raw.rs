@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
-use super::{BEAMS_TOTAL_MAX, LIDARS_MAX, SCANS_MAX};
+use super::uploaded::{BEAMS_TOTAL_MAX, LIDARS_MAX, SCANS_MAX};
 use crate::ids::{LidarId, TripId, VehicleId};
 use crate::ingest::json::Object;
 use crate::scan::BEAMS_MAX;

@@ -8,44 +8,18 @@ use jiff::Timestamp;
 use super::flags::flags;
 use super::lidars::{self, Lidars, SendingLidar};
 use super::raw;
-use super::{
-    BEAMS_TOTAL_MAX, BatchBodyError, BatchProblem, COORDINATE_MAX_M, SCANS_MAX, UploadedBatch,
-};
-use crate::geometry::Pose2;
-use crate::ids::StampNs;
+use super::uploaded::{BEAMS_TOTAL_MAX, SCANS_MAX, UploadedBatch};
+use super::values::{pose, stamp};
+use crate::ingest::body_error::{BatchProblem, Checked, refuse};
 use crate::ingest::json::Object;
 use crate::mapping::{DriveScan, InitialPose};
-use crate::scan::{
-    BandError, BandView, HeightBand, LaserScan, Lidar, LidarError, RANGE_SIGMA_DEFAULT_M, ScanError,
-};
+use crate::scan::{LaserScan, ScanError};
 
 const SIGMA_XY_DEFAULT_M: f64 = 0.5;
 const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
-/// A heading that was never wrapped still means something up to here, radians.
-pub(in crate::ingest) const HEADING_MAX_RAD: f64 = 1e4;
 /// A range beyond this is a sentinel of some driver, not a measurement, metres.
 const RANGE_ABSURD_M: f64 = 1e6;
-/// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
-const STAMP_MIN_S: i64 = 946_684_800;
-/// 2100-01-01T00:00:00Z, seconds since the Unix epoch.
-const STAMP_MAX_S: i64 = 4_102_444_800;
-
-/// What was checked, or the first mistake.
-pub(in crate::ingest) type Checked<T> = Result<T, BatchBodyError>;
-
-pub(in crate::ingest) fn refuse<T>(
-    problem: BatchProblem,
-    pointer: impl Into<String>,
-    detail: String,
-) -> Checked<T> {
-    Err(BatchBodyError {
-        problem,
-        pointer: pointer.into(),
-        detail,
-    })
-}
-
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedBatch> {
     let stated = lidars::stated(raw.lidar, raw.lidars)?;
     let initial_pose = raw.initial_pose.map(initial_pose).transpose()?;
@@ -94,55 +68,6 @@ fn check_counts(scans: &raw::Scans) -> Checked<()> {
     Ok(())
 }
 
-/// The lidar stated at a pointer.
-pub(super) fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
-    let mount = match raw.mount {
-        Some(Object(mount)) => pose(mount, &format!("{pointer}/mount"))?,
-        None => Pose2::IDENTITY,
-    };
-    let lidar = Lidar {
-        angle_min_rad: raw.angle_min,
-        angle_increment_rad: raw.angle_increment,
-        range_min_m: raw.range_min,
-        range_max_m: raw.range_max,
-        mount,
-        range_sigma_m: raw.range_sigma.unwrap_or(RANGE_SIGMA_DEFAULT_M),
-        band: raw.band.map(|band| band_view(&band.0, raw.range_max)),
-    };
-    lidar.validated().or_else(|error| {
-        let (problem, field) = match &error {
-            LidarError::AngleMin(_) => (BatchProblem::ScanGeometry, "angle_min"),
-            LidarError::AngleIncrement(_) => (BatchProblem::ScanGeometry, "angle_increment"),
-            LidarError::RangeMin { .. } => (BatchProblem::ScanGeometry, "range_min"),
-            LidarError::RangeMax(_) => (BatchProblem::ScanGeometry, "range_max"),
-            LidarError::Mount => (BatchProblem::OutOfRange, "mount"),
-            LidarError::RangeSigma(_) => (BatchProblem::OutOfRange, "range_sigma"),
-            LidarError::Band(error) => (BatchProblem::OutOfRange, band_field(error)),
-        };
-        refuse(problem, format!("{pointer}/{field}"), error.to_string())
-    })
-}
-
-fn band_view(raw: &raw::Band, range_max_m: f64) -> BandView {
-    let band = HeightBand {
-        from_m: raw.from,
-        to_m: raw.to,
-    };
-    let all_the_way = BandView::all_the_way(band, range_max_m);
-    BandView {
-        clear_from_m: raw.clear_from.unwrap_or(all_the_way.clear_from_m),
-        clear_to_m: raw.clear_to.unwrap_or(all_the_way.clear_to_m),
-        ..all_the_way
-    }
-}
-
-fn band_field(error: &BandError) -> &'static str {
-    match error {
-        BandError::Height { .. } | BandError::Thin { .. } => "band",
-        BandError::Clear { .. } => "band/clear_from",
-    }
-}
-
 fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
     let sigma_xy_m = raw.sigma_xy.unwrap_or(SIGMA_XY_DEFAULT_M);
     if !(sigma_xy_m > 0.0 && sigma_xy_m <= SIGMA_XY_MAX_M) {
@@ -169,29 +94,6 @@ fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
         sigma_xy_m,
         sigma_theta_rad,
     })
-}
-
-fn pose(raw: raw::Pose, pointer: &str) -> Checked<Pose2> {
-    for (field, value) in [("x", raw.x), ("y", raw.y)] {
-        if value.abs() > COORDINATE_MAX_M {
-            let detail = format!(
-                "{field} {value} is not within ±{COORDINATE_MAX_M} m: send metres in a frame near the vehicle"
-            );
-            return refuse(
-                BatchProblem::OutOfRange,
-                format!("{pointer}/{field}"),
-                detail,
-            );
-        }
-    }
-    if raw.theta.abs() > HEADING_MAX_RAD {
-        let detail = format!(
-            "theta {} is not within ±{HEADING_MAX_RAD} rad: send radians",
-            raw.theta
-        );
-        return refuse(BatchProblem::OutOfRange, format!("{pointer}/theta"), detail);
-    }
-    Ok(Pose2::new(raw.x, raw.y, raw.theta))
 }
 
 fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan> {
@@ -253,20 +155,4 @@ fn check_ranges(k: usize, ranges_m: &[f64]) -> Checked<()> {
         }
     }
     Ok(())
-}
-
-/// A time as it is kept.
-///
-/// # Errors
-/// [`BatchProblem::OutOfRange`] at the pointer, if it is not between 2000 and 2100.
-pub(in crate::ingest) fn stamp(stamp: Timestamp, pointer: String) -> Checked<StampNs> {
-    let nanoseconds = i64::try_from(stamp.as_nanosecond()).ok();
-    match nanoseconds {
-        Some(ns) if (STAMP_MIN_S..STAMP_MAX_S).contains(&stamp.as_second()) => Ok(StampNs(ns)),
-        _ => refuse(
-            BatchProblem::OutOfRange,
-            pointer,
-            format!("{stamp} is not between 2000 and 2100: is the vehicle's clock set?"),
-        ),
-    }
 }

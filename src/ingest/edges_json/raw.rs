@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
 
-use super::{EDGES_MAX, NODES_MAX};
+use super::uploaded::{EDGES_MAX, NODES_MAX};
 use crate::ids::{TripId, VehicleId};
 use crate::ingest::batch_json::Pose;
 use crate::ingest::json::Object;

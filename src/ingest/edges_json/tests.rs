@@ -3,6 +3,8 @@
 use serde_json::{Value, json};
 
 use super::*;
+use crate::graph::EdgeKind;
+use crate::ids::StampNs;
 use crate::ingest::batch_json::BatchProblem;
 
 fn received_at() -> Timestamp {

@@ -5,15 +5,14 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 
 use super::raw;
-use super::{
+use super::uploaded::{
     EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode,
 };
 use crate::geometry::{Information, Pose2};
 use crate::graph::EdgeKind;
 use crate::ids::{InvalidName, NodeId, StampNs, validate_name};
-use crate::ingest::batch_json::{
-    BatchProblem, COORDINATE_MAX_M, Checked, HEADING_MAX_RAD, Pose, clock_flags, refuse, stamp,
-};
+use crate::ingest::batch_json::{COORDINATE_MAX_M, HEADING_MAX_RAD, Pose, clock_flags, stamp};
+use crate::ingest::body_error::{BatchProblem, Checked, refuse};
 use crate::ingest::json::Object;
 
 /// A standard deviation of a micrometre, or of a microradian, is beyond belief: entries of an

@@ -204,7 +204,7 @@ fn a_fault_silences_what_it_explains_and_lists_it() {
             evidence
                 .silenced
                 .iter()
-                .all(|_| evidence.has_silenced(&sound[0]))
+                .all(|_| evidence.has_silenced(&sound[0].as_silenced()))
         );
         assert_eq!(against.location, Vector2::new(0.0, 0.1));
     }

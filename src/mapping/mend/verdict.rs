@@ -1,6 +1,6 @@
 //! What the keyframes of a segment say together.
 
-use super::vote::{Said, Segment, Vote};
+use super::segment::{Said, Segment, Vote};
 use crate::geometry::Vector2;
 
 /// Fewest keyframes that must agree …

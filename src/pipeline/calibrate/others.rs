@@ -1,12 +1,12 @@
 //! What a trip's scans say beside those that other vehicles have brought into the map.
 
-use super::{Asked, base_from_stated};
+use super::asked::Asked;
 use crate::calibration::{MapScan, TripCalibration};
 use crate::geometry::Pose2;
 use crate::ids::LidarId;
 use crate::mapping::Keyframe;
 use crate::matching::ReferenceCloud;
-use crate::pipeline::vehicles::as_stated;
+use crate::pipeline::vehicles::{as_stated, base_from_stated};
 use crate::scan::LaserScan;
 
 /// So many of a trip's scans are compared. Each costs a few milliseconds.

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use super::super::vehicles::corrected;
 use super::*;
 use crate::calibration::{AppliedCorrection, Estimate, Quantity};
-use crate::ids::StampNs;
+use crate::ids::{StampNs, VehicleId};
 use crate::mapping::{Drive, DriveScan, InitialPose, LidarOfVehicle, Weighting};
 use crate::sim::{Hall, Scene, SimLidar, SimScan, Vehicle, drive};
 

@@ -1,7 +1,7 @@
 //! The residuals around the alert's closure, against the paper's threshold.
 
+use super::picture::{Curve, MARGIN_PX, WIDTH_PX};
 use super::text::{Ink, label, power_of_ten, px, short};
-use super::{Curve, MARGIN_PX, WIDTH_PX};
 use crate::change::series::SeriesEntry;
 
 const HEADING_PX: f64 = 646.0;

@@ -1,7 +1,7 @@
 //! The panels that show scans, region and vehicles in the map frame.
 
+use super::picture::{EvidencePicture, Look, MARGIN_PX, WIDTH_PX};
 use super::text::{Ink, label, px};
-use super::{EvidencePicture, Look, MARGIN_PX, WIDTH_PX};
 use crate::change::{BeamVerdict, JudgedBeam};
 use crate::geometry::{Pose2, Vector2};
 

@@ -1,5 +1,8 @@
 use super::*;
-use crate::change::series::{ClosureSample, SeriesParams, residual_series};
+use crate::change::JudgedBeam;
+use crate::change::series::{ClosureSample, SeriesEntry, SeriesParams, residual_series};
+use crate::geometry::{Pose2, Vector2};
+use crate::ids::EdgeId;
 
 /// A wall ahead, and a box before it that only the new scan has.
 fn beams(new: bool) -> Vec<JudgedBeam> {

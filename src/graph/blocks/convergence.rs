@@ -1,4 +1,4 @@
-//! How near a block's poses are to its optimum.
+//! The convergence state of a block: how near its poses are to its optimum.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 /// What solves have made of a block so far. It is kept with the block, because it is joined when
 /// blocks are.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Standing {
+pub struct ConvergenceState {
     /// Whether the block was solved to its optimum, but for `fresh` edges and for `strains`.
     pub solved: bool,
     /// Places of the edges that came after that.
@@ -22,7 +22,7 @@ pub struct Standing {
     pub gap_max: f64,
 }
 
-impl Standing {
+impl ConvergenceState {
     /// Of a block that nobody has solved.
     pub fn unknown() -> Self {
         Self {

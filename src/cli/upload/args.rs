@@ -1,0 +1,82 @@
+//! What the command is told.
+
+use std::path::{Path, PathBuf};
+
+use crate::cli::recording;
+use crate::geometry::Pose2;
+use crate::ids::{RouteId, TripId, VehicleId};
+
+/// Arguments of `mapshift upload`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Recordings (CARMEN logs) or pose graphs (planar g2o: edges alone); also gzipped.
+    #[arg(required = true, value_name = "FILE")]
+    pub(super) files: Vec<PathBuf>,
+    /// The route that was driven; made if it is not there.
+    #[arg(long)]
+    pub(super) route: RouteId,
+    /// The vehicle that drove.
+    #[arg(long)]
+    pub(super) vehicle: VehicleId,
+    /// The name of the drive; else the file's name.
+    #[arg(long)]
+    pub(super) trip: Option<TripId>,
+    /// The service.
+    #[arg(long, default_value = "http://127.0.0.1:8080")]
+    pub(super) url: String,
+    /// Scans in a batch.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=1_000))]
+    pub(super) batch_scans: u16,
+    /// Nodes of a pose graph in a batch.
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u16).range(1..=5_000))]
+    pub(super) batch_nodes: u16,
+    /// The beams are so many times as far apart as the file states (some logs state it wrongly).
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_beam_spacing)]
+    pub(super) beam_spacing: f64,
+    /// Where the vehicle started in the route's map, roughly: metres, metres, radians.
+    #[arg(long, value_name = "X,Y,THETA", value_parser = parse_pose, allow_hyphen_values = true)]
+    pub(super) initial_pose: Option<Pose2>,
+    /// Wait until everything is in the map, and say what became of it.
+    #[arg(long)]
+    pub(super) wait: bool,
+}
+
+impl Args {
+    /// The name of the drive that a file holds.
+    pub(super) fn trip_of(&self, path: &Path) -> anyhow::Result<TripId> {
+        match &self.trip {
+            Some(trip) => Ok(trip.clone()),
+            None => recording::trip_of(path),
+        }
+    }
+}
+
+fn parse_pose(text: &str) -> Result<Pose2, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok([x, y, theta]) if [x, y, theta].iter().all(|v| v.is_finite()) => {
+            Ok(Pose2::new(*x, *y, *theta))
+        }
+        _ => Err("give three numbers, like 3.5,3.4,0.02 (metres, metres, radians)".into()),
+    }
+}
+
+pub(in crate::cli) fn parse_beam_spacing(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(factor) if (0.5..=2.0).contains(&factor) => Ok(factor),
+        _ => Err("give a factor from 0.5 to 2, like 0.925".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_are_three_numbers() {
+        assert_eq!(parse_pose("1, -2,0.5"), Ok(Pose2::new(1.0, -2.0, 0.5)));
+        for bad in ["", "1,2", "1,2,3,4", "1,2,nan", "a,b,c"] {
+            assert!(parse_pose(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! What an upload came to.
+
+use std::time::Instant;
+
+use crate::client::GatewayError;
+use crate::ids::BatchId;
+
+/// Counts, and what was refused.
+#[derive(Debug)]
+pub(super) struct Tally {
+    pub started: Instant,
+    pub scans_stored: usize,
+    pub nodes_stored: usize,
+    pub batches: Vec<BatchId>,
+    pub stored: usize,
+    pub replayed: usize,
+    pub failures: Vec<String>,
+}
+
+impl Tally {
+    /// Of an upload that begins now.
+    pub(super) fn begin() -> Self {
+        Self {
+            started: Instant::now(),
+            scans_stored: 0,
+            nodes_stored: 0,
+            batches: Vec::new(),
+            stored: 0,
+            replayed: 0,
+            failures: Vec::new(),
+        }
+    }
+
+    /// What was stored, for people.
+    pub(super) fn content(&self) -> String {
+        let nodes = format!("{} nodes", self.nodes_stored);
+        let scans = format!("{} scans", self.scans_stored);
+        match (self.scans_stored, self.nodes_stored) {
+            (_, 0) => scans,
+            (0, _) => nodes,
+            _ => format!("{scans}, {nodes}"),
+        }
+    }
+}
+
+/// What may help against a refusal.
+pub(super) fn advice(error: &GatewayError) -> &'static str {
+    match error {
+        GatewayError::Refused { problem, .. } if problem.status == 409 => {
+            " (another drive has this name, or it was sent with other options: --trip chooses \
+             another name)"
+        }
+        _ => "",
+    }
+}

@@ -1,0 +1,32 @@
+//! What a checked batch holds, and how much at most.
+
+use crate::ids::{TripId, VehicleId};
+use crate::mapping::{DriveScan, InitialPose};
+
+/// Most scans in one batch.
+pub const SCANS_MAX: usize = 5_000;
+/// Most lidars of one vehicle.
+pub const LIDARS_MAX: usize = 8;
+/// Most beams in one batch, all scans together.
+pub const BEAMS_TOTAL_MAX: usize = 4_000_000;
+/// Largest |x| and |y| of a pose, metres.
+pub const COORDINATE_MAX_M: f64 = 1e6;
+
+/// One upload, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UploadedBatch {
+    /// Who drove.
+    pub vehicle_id: VehicleId,
+    /// Which drive.
+    pub trip_id: TripId,
+    /// 0, 1, 2 … within the trip.
+    pub sequence: i64,
+    /// Where the first scan's base is, roughly.
+    pub initial_pose: Option<InitialPose>,
+    /// 1 to [`SCANS_MAX`] in the order of time; of each lidar their stamps strictly increase, and
+    /// all have the same number of beams.
+    pub scans: Vec<DriveScan>,
+    /// What was noticed, in alphabetical order: `clock_skew`, `empty_scans`, `late`,
+    /// `wild_odometry`.
+    pub flags: Vec<String>,
+}
