@@ -5,11 +5,8 @@
 
 mod growth;
 mod search;
-mod standing;
 #[cfg(test)]
 mod tests;
-
-pub use standing::Standing;
 
 use super::pose_graph::PoseGraph;
 use crate::ids::{EdgeId, NodeId};
@@ -49,8 +46,6 @@ pub struct Block {
     pub nodes: Vec<usize>,
     /// Its edges, in no particular order.
     pub edges: Vec<usize>,
-    /// How near its poses are to its optimum.
-    pub standing: Standing,
     smallest_edge: EdgeId,
 }
 
@@ -68,7 +63,7 @@ impl Block {
 }
 
 impl Blocks {
-    /// The blocks of a graph, found anew by one pass over it; none is known to be at its optimum.
+    /// The blocks of a graph, found anew by one pass over it.
     pub fn of(graph: &PoseGraph) -> Self {
         search::blocks_of(graph)
     }
@@ -122,17 +117,5 @@ impl Blocks {
         towards_first
             .into_iter()
             .chain(self.hanging_off(node_position).iter().copied())
-    }
-
-    pub(super) fn standing_mut(&mut self, index: BlockIndex) -> Option<&mut Standing> {
-        self.blocks.get_mut(index).map(|block| &mut block.standing)
-    }
-
-    /// A node was moved by hand: of its blocks nothing is known any more.
-    pub(super) fn forget_optimum_at(&mut self, node_position: usize) {
-        let indices: Vec<BlockIndex> = self.indices_at(node_position).collect();
-        for index in indices {
-            self.blocks[index].standing = Standing::unknown();
-        }
     }
 }

@@ -4,5 +4,5 @@ mod blocks;
 mod carry;
 mod pose_graph;
 
-pub use blocks::{Block, BlockIndex, Blocks, Standing};
+pub use blocks::{Block, BlockIndex, Blocks};
 pub use pose_graph::{Edge, EdgeKind, EdgeStatus, GraphError, Node, PoseGraph};

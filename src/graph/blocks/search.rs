@@ -1,6 +1,6 @@
 //! Finding all blocks at once.
 
-use super::{Block, BlockIndex, Blocks, Standing};
+use super::{Block, BlockIndex, Blocks};
 use crate::graph::pose_graph::{EdgeStatus, PoseGraph};
 
 /// The blocks of a graph.
@@ -120,16 +120,11 @@ impl<'a> Search<'a> {
             }
         }
         nodes.shrink_to_fit();
-        let standing = match edges.as_slice() {
-            [bridge] => Standing::fresh(*bridge),
-            _ => Standing::unknown(),
-        };
         self.found.hanging[parent].push(index);
         self.found.blocks.push(Block {
             anchor: parent,
             nodes,
             edges,
-            standing,
             smallest_edge,
         });
     }

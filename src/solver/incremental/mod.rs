@@ -7,9 +7,6 @@
 
 mod attribution;
 mod block_problem;
-mod error_bound;
-mod part;
-mod region;
 mod touched;
 
 pub use touched::{Solver, TouchedSummary};

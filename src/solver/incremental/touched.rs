@@ -7,18 +7,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::attribution::attribute_increase;
 use super::block_problem::BlockProblem;
-use super::part::{Limits, News, Solved, cost_of, settle_fresh, solve_part};
-use crate::graph::{BlockIndex, PoseGraph, Standing};
+use crate::graph::{BlockIndex, PoseGraph};
 use crate::ids::{EdgeId, NodeId};
-use crate::solver::least_squares::{Minimiser, SolveOptions, SolveSummary};
+use crate::solver::least_squares::{Minimiser, SolveOptions, SolveSummary, factor_of_edge};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
+#[derive(Default)]
 pub struct Solver {
-    whole_blocks: Minimiser,
-    /// What they have minimised last.
+    minimiser: Minimiser,
+    /// The problem that was minimised last.
     block: BlockProblem,
-    parts: Minimiser,
-    limits: Limits,
 }
 
 /// What a solve of the touched blocks did.
@@ -29,41 +27,27 @@ pub struct TouchedSummary {
     pub summary: SolveSummary,
     /// F now, less F before the touched edges were there (what was solved at the start, without
     /// them). For one new closure in a graph at its optimum this is the paper's
-    /// ΔF_n = F(n) − F(n−1), at least 0 but for rounding and for what F was above its optimum.
+    /// ΔF_n = F(n) − F(n−1), at least 0 but for rounding.
     pub delta_f: f64,
-    /// Every node that was moved, carried ones included, in the graph's order.
+    /// Every node that was moved, those of child blocks included, in the graph's order.
     pub moved: Vec<NodeId>,
-}
-
-impl Default for Solver {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Solver {
     /// A solver with no memory yet.
     pub fn new() -> Self {
-        Self {
-            whole_blocks: Minimiser::default(),
-            block: BlockProblem::default(),
-            parts: Minimiser::default(),
-            limits: Limits::default(),
-        }
+        Self::default()
     }
 
     /// Solves the biconnected blocks that contain the touched edges, from the poses as they are.
     ///
-    /// Within a block its node nearest to the component's first node is held, and whatever
-    /// hangs off its other nodes is carried along rigidly, so that all other edges keep their
-    /// errors. If the rest of the graph was at its optimum, the whole graph is afterwards.
-    /// Touched edges that are not active, or not there, are passed over: after retiring an edge
-    /// its block may have fallen apart, and the whole graph wants solving.
+    /// Within a block its node nearest to the component's first node is held, and the child blocks
+    /// of its other nodes follow by rigid propagation, so that all other edges keep their errors.
+    /// If the rest of the graph was at its optimum, the whole graph is afterwards. Touched edges
+    /// that are not active, or not there, are passed over: after retiring an edge its block may
+    /// have fallen apart, and the whole graph should be solved.
     ///
-    /// Costs as much as the touched blocks, and what has to be carried. Of a block of thousands of
-    /// nodes that was at its optimum a part around the touched edges is solved, if F is certain to
-    /// stay within 10⁻⁶ of its optimum, relative to the block's share of it, over all such solves
-    /// together; else the block is solved whole.
+    /// Costs as much as the touched blocks and the nodes of their child blocks.
     pub fn solve_touched(
         &mut self,
         graph: &mut PoseGraph,
@@ -110,27 +94,17 @@ impl Solver {
                 continue;
             };
             if are_closures {
-                let minimiser = match solved.news {
-                    News::Whole(_) => &mut self.whole_blocks,
-                    News::Part { .. } => &mut self.parts,
-                };
-                let equations = minimiser.factored(&solved.problem);
+                let equations = self.minimiser.factored(&self.block.problem);
                 let of_block =
-                    attribute_increase(solved.delta_f, &touched, &solved.problem, equations);
+                    attribute_increase(solved.delta_f, &touched, &self.block.problem, equations);
                 attributed.extend(touched.iter().copied().zip(of_block));
             }
             total.delta_f += solved.delta_f;
             total.summary.add(&solved.summary);
-            let problem = &solved.problem;
+            let problem = &self.block.problem;
             let names = problem.pose_names.iter().copied();
             let poses = problem.poses.iter().copied();
             graph.move_with_hanging(names.zip(poses), &mut moved);
-            if matches!(solved.news, News::Whole(_)) {
-                self.block.problem = solved.problem;
-            }
-            if let Some(standing) = graph.standing_mut(index) {
-                solved.news.tell(standing);
-            }
         }
         moved.sort_unstable();
         moved.dedup();
@@ -139,32 +113,8 @@ impl Solver {
         (total, attributed)
     }
 
+    /// Takes a block over as the problem, and solves it.
     fn solve_block(
-        &mut self,
-        graph: &mut PoseGraph,
-        index: BlockIndex,
-        touched: &[usize],
-        options: &SolveOptions,
-    ) -> Option<Solved> {
-        let block = graph.blocks().get(index)?;
-        if block.nodes.len() > self.limits.large_nodes && block.standing.solved {
-            settle_fresh(graph, index, touched);
-            let part = solve_part(
-                &mut self.parts,
-                graph,
-                index,
-                touched,
-                options,
-                &self.limits,
-            );
-            if part.is_some() {
-                return part;
-            }
-        }
-        self.solve_whole(graph, index, touched, options)
-    }
-
-    fn solve_whole(
         &mut self,
         graph: &PoseGraph,
         index: BlockIndex,
@@ -172,23 +122,30 @@ impl Solver {
         options: &SolveOptions,
     ) -> Option<Solved> {
         let known = self.block.take_in(graph, index)?;
-        let mut problem = std::mem::take(&mut self.block.problem);
         let cost_of_touched = cost_of(graph, touched);
-        let summary = self
-            .whole_blocks
-            .minimise_more(&mut problem, known, options);
-        let standing = if summary.termination.is_converged() {
-            Standing::optimal(summary.final_cost)
-        } else {
-            Standing::unknown()
-        };
+        let problem = &mut self.block.problem;
+        let summary = self.minimiser.minimise_more(problem, known, options);
         Some(Solved {
             summary,
             delta_f: summary.final_cost - (summary.initial_cost - cost_of_touched),
-            problem,
-            news: News::Whole(standing),
         })
     }
+}
+
+/// What a solve of a block did.
+struct Solved {
+    summary: SolveSummary,
+    delta_f: f64,
+}
+
+/// Σ eᵀΩe over some edges at the graph's poses.
+fn cost_of(graph: &PoseGraph, edges: &[usize]) -> f64 {
+    let cost = |&edge: &usize| {
+        let (from, to) = graph.ends()[edge];
+        let poses = [from, to].map(|node| graph.nodes()[node].pose);
+        factor_of_edge(&graph.edges()[edge], 0, 1).cost(&poses)
+    };
+    edges.iter().map(cost).sum()
 }
 
 /// The blocks that some edges belong to, by the first of these edges, with those edges.
