@@ -252,7 +252,7 @@ impl<const B: usize> BlockCholesky<B> {
     }
 
     /// Solves Lᵀ x = y in place: the second half of [`Self::solve`].
-    pub(crate) fn solve_upper(&mut self, x: &mut [f64]) {
+    pub fn solve_upper(&mut self, x: &mut [f64]) {
         Arch::new().dispatch(SolveUpper::<B> {
             fronts: &self.fronts,
             columns: self.columns.as_slice(),
