@@ -3,13 +3,10 @@
 //! A minimum of F separates exactly over the blocks: a bridge has no error there, and two blocks
 //! that share a cut node do not influence each other's relative poses.
 
-mod convergence;
 mod growth;
 mod search;
 #[cfg(test)]
 mod tests;
-
-pub use convergence::ConvergenceState;
 
 use crate::ids::EdgeId;
 
@@ -49,8 +46,6 @@ pub struct Block {
     pub nodes: Vec<usize>,
     /// Its edges, in no particular order.
     pub edges: Vec<usize>,
-    /// How near its poses are to its optimum.
-    pub standing: ConvergenceState,
     smallest_edge: EdgeId,
 }
 
@@ -110,17 +105,5 @@ impl Blocks {
         towards_first
             .into_iter()
             .chain(self.hanging_off(node_position).iter().copied())
-    }
-
-    pub(super) fn standing_mut(&mut self, index: BlockIndex) -> Option<&mut ConvergenceState> {
-        self.blocks.get_mut(index).map(|block| &mut block.standing)
-    }
-
-    /// A node was moved by hand: of its blocks nothing is known any more.
-    pub(super) fn forget_optimum_at(&mut self, node_position: usize) {
-        let indices: Vec<BlockIndex> = self.indices_at(node_position).collect();
-        for index in indices {
-            self.blocks[index].standing = ConvergenceState::unknown();
-        }
     }
 }

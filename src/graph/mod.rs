@@ -8,6 +8,6 @@ mod carry;
 mod edge;
 mod pose_graph;
 
-pub use blocks::{Block, BlockIndex, Blocks, ConvergenceState};
+pub use blocks::{Block, BlockIndex, Blocks};
 pub use edge::{Edge, EdgeKind, EdgeStatus, Node};
 pub use pose_graph::{GraphError, PoseGraph};

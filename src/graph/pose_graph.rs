@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use super::blocks::{Block, BlockIndex, Blocks, ConvergenceState};
+use super::blocks::{Block, Blocks};
 use super::edge::{Edge, EdgeStatus, Node};
 use crate::geometry::Pose2;
 use crate::ids::{EdgeId, NodeId};
@@ -182,9 +182,6 @@ impl PoseGraph {
     pub fn set_pose_at(&mut self, node_position: usize, pose: Pose2) {
         if let Some(node) = self.nodes.get_mut(node_position) {
             node.pose = pose;
-            if let Some(blocks) = self.blocks.get_mut() {
-                blocks.forget_optimum_at(node_position);
-            }
         }
     }
 
@@ -204,11 +201,6 @@ impl PoseGraph {
             }
             _ => {}
         }
-    }
-
-    /// What is known of how near a block is to its optimum, to be kept up by who solves it.
-    pub(crate) fn standing_mut(&mut self, block: BlockIndex) -> Option<&mut ConvergenceState> {
-        self.blocks.get_mut()?.standing_mut(block)
     }
 
     /// The nodes to be moved, and the blocks that say what hangs off them.

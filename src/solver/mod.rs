@@ -1,48 +1,28 @@
 //! Least squares on pose graphs: the poses p* that minimise F = Σ eᵀΩe (paper, equations 2, 3).
 //!
 //! Only active edges take part. Each connected component's gauge is held by its first node.
+//!
+//! Rooms, each using only those before it:
+//!
+//! 1. [`linear`]: sparse symmetric systems.
+//! 2. `factor`: measured motions, their errors and derivatives.
+//! 3. `least_squares`: poses and factors by their places, and the minimum of their cost.
+//! 4. `whole`: all of a graph at once: starts, robust solving, how uncertain poses are.
+//! 5. `incremental`: the part of a growing graph that new edges touch.
+//!
+//! Begin with [`solve`], or with [`Solver`] for a graph that grows.
 
-mod aligned;
-mod arena;
-mod assembly;
-mod block_matrix;
-mod block_problem;
-mod cholesky;
-#[cfg(test)]
-mod cholesky_tests;
-mod chordal;
-mod complementary;
-mod dense;
-mod elimination;
-mod front;
-mod local_error;
-mod marginals;
-mod minimise;
-mod multifrontal;
-mod normal_equations;
-mod ordering;
-mod packs;
-mod part;
-mod pose_errors;
-mod problem;
-mod region;
-mod robust;
-mod secants;
-mod selected_inverse;
-mod shares;
-mod spanning;
-mod summary;
+mod factor;
+mod incremental;
+mod least_squares;
+pub mod linear;
 #[cfg(test)]
 mod testing;
-mod touched;
-mod trigonometry;
 mod whole;
-mod wide;
 
-pub use marginals::{Innovation, Marginals};
-pub use pose_errors::{ClosureError, PoseErrors};
-pub use robust::{RobustSummary, solve_robust};
-pub use spanning::start_along_odometry;
-pub use summary::{SolveOptions, SolveSummary, Termination};
-pub use touched::{Solver, TouchedSummary};
-pub use whole::{solve, solve_from_chordal};
+pub use incremental::{Solver, TouchedSummary};
+pub use least_squares::{SolveOptions, SolveSummary, Termination};
+pub use whole::{
+    ClosureError, Innovation, Marginals, PoseErrors, RobustSummary, solve, solve_from_chordal,
+    solve_robust, start_along_odometry,
+};

@@ -20,7 +20,7 @@ fn information(rng: &mut ChaCha8Rng) -> Information {
 
 /// A drive around a square, its nodes a little off the truth, broken once so that the graph has
 /// two components, with noisy closures between nodes that are not neighbours.
-pub(super) fn random_graph(seed: u64, nodes: usize, closures: usize) -> PoseGraph {
+pub(crate) fn random_graph(seed: u64, nodes: usize, closures: usize) -> PoseGraph {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut graph = PoseGraph::new();
     let mut truth = Pose2::new(3.0, -2.0, 0.4);
@@ -44,7 +44,7 @@ pub(super) fn random_graph(seed: u64, nodes: usize, closures: usize) -> PoseGrap
 }
 
 /// One more closure between any two nodes.
-pub(super) fn add_closure(graph: &mut PoseGraph, seed: u64) -> EdgeId {
+pub(crate) fn add_closure(graph: &mut PoseGraph, seed: u64) -> EdgeId {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let nodes = graph.nodes().len();
     let from = rng.random_range(0..nodes);

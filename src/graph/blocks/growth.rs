@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Block, BlockIndex, Blocks, ConvergenceState};
+use super::{Block, BlockIndex, Blocks};
 use crate::ids::EdgeId;
 
 /// One of the two ways up from an edge's ends, block by block.
@@ -40,7 +40,6 @@ impl Blocks {
             let block = &mut self.blocks[index];
             block.edges.push(position);
             block.smallest_edge = block.smallest_edge.min(id);
-            block.standing.join(ConvergenceState::fresh(position));
             self.block_of_edge[position] = Some(index);
             return;
         }
@@ -55,7 +54,6 @@ impl Blocks {
             anchor,
             nodes: vec![hung],
             edges: vec![position],
-            standing: ConvergenceState::fresh(position),
             smallest_edge: id,
         });
         self.hanging[anchor].push(index);
@@ -136,10 +134,6 @@ impl Blocks {
         self.unhang(index, self.blocks[index].anchor);
         let nodes = std::mem::take(&mut self.blocks[index].nodes);
         let edges = std::mem::take(&mut self.blocks[index].edges);
-        let standing = std::mem::replace(
-            &mut self.blocks[index].standing,
-            ConvergenceState::unknown(),
-        );
         for &node in &nodes {
             self.towards_first[node] = Some(largest);
         }
@@ -151,7 +145,6 @@ impl Blocks {
         block.nodes.extend(nodes);
         block.edges.extend(edges);
         block.smallest_edge = block.smallest_edge.min(smallest_edge);
-        block.standing.join(standing);
         self.free.push(index);
     }
 

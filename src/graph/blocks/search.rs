@@ -1,6 +1,6 @@
 //! Finding all blocks at once.
 
-use super::{Block, BlockIndex, Blocks, ConvergenceState};
+use super::{Block, BlockIndex, Blocks};
 use crate::graph::edge::{Edge, EdgeStatus};
 
 impl Blocks {
@@ -131,16 +131,11 @@ impl<'a> Search<'a> {
             }
         }
         nodes.shrink_to_fit();
-        let standing = match edges.as_slice() {
-            [bridge] => ConvergenceState::fresh(*bridge),
-            _ => ConvergenceState::unknown(),
-        };
         self.found.hanging[parent].push(index);
         self.found.blocks.push(Block {
             anchor: parent,
             nodes,
             edges,
-            standing,
             smallest_edge,
         });
     }
