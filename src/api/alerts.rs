@@ -6,7 +6,6 @@ mod evidence;
 mod evidence_body;
 mod evidence_picture;
 mod geojson;
-mod names;
 mod query;
 mod stream;
 mod suspect_body;

@@ -17,10 +17,9 @@ use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
 use crate::ingest::batch_json;
+use crate::model::{BatchKind, BatchStatus};
 use crate::scan::BandView;
-use crate::store::{
-    BatchContent, BatchFilter, BatchKind, BatchRecord, BatchStatus, Journaled, NewBatch,
-};
+use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch};
 
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
@@ -191,11 +190,11 @@ pub(super) struct BatchBody {
     /// Which drive.
     trip_id: String,
     /// What it holds.
-    kind: BatchKindName,
+    kind: BatchKind,
     /// 0, 1, 2 … within the trip; of edges, in the order of arrival.
     sequence: i64,
     /// Where it is on its way.
-    status: BatchStatusName,
+    status: BatchStatus,
     /// Why it is there, for people.
     #[schema(required)]
     reason: Option<String>,
@@ -219,34 +218,6 @@ pub(super) struct BatchBody {
     processed_at: Option<Timestamp>,
 }
 
-/// What a batch holds.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum BatchKindName {
-    /// Scans, a part of a drive.
-    Scans,
-    /// Nodes and edges.
-    Edges,
-}
-
-/// Where a batch is on its way.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum BatchStatusName {
-    /// Stored; a worker will take it.
-    Queued,
-    /// A worker has it.
-    Processing,
-    /// Waits for its predecessor.
-    Held,
-    /// In the map.
-    Merged,
-    /// Its trip could not be placed in the map yet, or its edges not be tied to it.
-    Unanchored,
-    /// Processing failed for good.
-    Quarantined,
-}
-
 /// A part of a route's list of batches.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct BatchPage {
@@ -267,7 +238,7 @@ pub(super) struct BatchQuery {
     vehicle_id: Option<String>,
     /// Only in this state.
     #[param(nullable = false, inline)]
-    status: Option<BatchStatusName>,
+    status: Option<BatchStatus>,
     /// How many items at most, 1 to 1,000; 100 if left out.
     #[param(minimum = 1, maximum = 1000, nullable = false)]
     limit: Option<u32>,
@@ -283,19 +254,9 @@ impl BatchBody {
             route_id: batch.route_id.to_string(),
             vehicle_id: batch.vehicle_id.to_string(),
             trip_id: batch.trip_id.to_string(),
-            kind: match batch.kind {
-                BatchKind::Scans => BatchKindName::Scans,
-                BatchKind::Edges => BatchKindName::Edges,
-            },
+            kind: batch.kind,
             sequence: batch.sequence,
-            status: match batch.status {
-                BatchStatus::Queued => BatchStatusName::Queued,
-                BatchStatus::Processing => BatchStatusName::Processing,
-                BatchStatus::Held => BatchStatusName::Held,
-                BatchStatus::Merged => BatchStatusName::Merged,
-                BatchStatus::Unanchored => BatchStatusName::Unanchored,
-                BatchStatus::Quarantined => BatchStatusName::Quarantined,
-            },
+            status: batch.status,
             reason: batch.reason,
             flags: batch.flags,
             scans: batch.scans,
@@ -304,19 +265,6 @@ impl BatchBody {
             alerts: alerts.iter().map(ToString::to_string).collect(),
             received_at: batch.received_at,
             processed_at: batch.processed_at,
-        }
-    }
-}
-
-impl From<BatchStatusName> for BatchStatus {
-    fn from(name: BatchStatusName) -> Self {
-        match name {
-            BatchStatusName::Queued => Self::Queued,
-            BatchStatusName::Processing => Self::Processing,
-            BatchStatusName::Held => Self::Held,
-            BatchStatusName::Merged => Self::Merged,
-            BatchStatusName::Unanchored => Self::Unanchored,
-            BatchStatusName::Quarantined => Self::Quarantined,
         }
     }
 }
@@ -484,7 +432,7 @@ pub(super) async fn list_batches(
     let filter = BatchFilter {
         vehicle_id: vehicle_id
             .map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?,
-        status: query.status.map(BatchStatus::from),
+        status: query.status,
     };
     state.known_route(&route_id).await?;
     let batches = state

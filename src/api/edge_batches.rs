@@ -14,6 +14,7 @@ use super::problem::Problem;
 use super::types::PoseBody;
 use crate::ids::{BatchId, RouteId, TripId};
 use crate::ingest::edges_json;
+use crate::model::EdgeKind;
 use crate::store::{BatchContent, NewBatch};
 
 /// Nodes and edges that a vehicle has measured itself.
@@ -77,18 +78,7 @@ struct EdgeUpload {
     information: Vec<f64>,
     /// What made it.
     #[schema(inline)]
-    kind: EdgeUploadKind,
-}
-
-/// What made an edge.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[allow(dead_code)]
-enum EdgeUploadKind {
-    /// The vehicle's motion from one node to the next.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
+    kind: EdgeKind,
 }
 
 fn own_name() -> Object {

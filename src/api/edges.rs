@@ -10,8 +10,8 @@ use super::extract::{ApiPath, ApiQuery, NoQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
 use super::types::PoseBody;
-use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, RouteId};
+use crate::model::{EdgeKind, EdgeStatus};
 use crate::store::{ClosureRecord, EdgeRecord};
 
 /// A measured motion between two nodes.
@@ -25,9 +25,9 @@ pub(super) struct EdgeBody {
     /// The newer node.
     to: i64,
     /// What made it.
-    kind: EdgeKindName,
+    kind: EdgeKind,
     /// Whether it is optimised.
-    status: EdgeStatusName,
+    status: EdgeStatus,
     /// The upload it came with.
     batch_id: String,
     /// `from_from_to`, as optimised.
@@ -67,28 +67,6 @@ struct ClosureBody {
     rmse: f64,
 }
 
-/// What made an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum EdgeKindName {
-    /// Two keyframes of one drive, one after the other.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
-}
-
-/// Whether an edge is optimised.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum EdgeStatusName {
-    /// It is.
-    Active,
-    /// It contradicts an accepted change.
-    Retired,
-    /// It contradicts the rest of the graph beyond belief.
-    Quarantined,
-}
-
 /// A part of a route's list of edges.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct EdgePage {
@@ -106,35 +84,16 @@ pub(super) struct EdgePage {
 pub(super) struct EdgeQuery {
     /// Only of this kind.
     #[param(nullable = false, inline)]
-    kind: Option<EdgeKindName>,
+    kind: Option<EdgeKind>,
     /// Only in this state.
     #[param(nullable = false, inline)]
-    status: Option<EdgeStatusName>,
+    status: Option<EdgeStatus>,
     /// How many items at most, 1 to 1,000; 100 if left out.
     #[param(minimum = 1, maximum = 1000, nullable = false)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     #[param(nullable = false)]
     cursor: Option<String>,
-}
-
-impl From<EdgeKind> for EdgeKindName {
-    fn from(kind: EdgeKind) -> Self {
-        match kind {
-            EdgeKind::Odometry => Self::Odometry,
-            EdgeKind::LoopClosure => Self::LoopClosure,
-        }
-    }
-}
-
-impl From<EdgeStatus> for EdgeStatusName {
-    fn from(status: EdgeStatus) -> Self {
-        match status {
-            EdgeStatus::Active => Self::Active,
-            EdgeStatus::Retired => Self::Retired,
-            EdgeStatus::Quarantined => Self::Quarantined,
-        }
-    }
 }
 
 impl From<ClosureRecord> for ClosureBody {
@@ -156,8 +115,8 @@ impl From<EdgeRecord> for EdgeBody {
             id: edge.id.0,
             from: edge.from.0,
             to: edge.to.0,
-            kind: edge.kind.into(),
-            status: edge.status.into(),
+            kind: edge.kind,
+            status: edge.status,
             batch_id: edge.batch_id.to_string(),
             measurement: edge.measurement.into(),
             information: edge.information.upper().to_vec(),
@@ -191,10 +150,8 @@ pub(super) async fn list_edges(
     let edges = state.store.edges(&route_id).await?.into_iter();
     let wanted = |edge: &EdgeRecord| {
         after.is_none_or(|after| edge.id.0 > after)
-            && query.kind.is_none_or(|kind| kind == edge.kind.into())
-            && query
-                .status
-                .is_none_or(|status| status == edge.status.into())
+            && query.kind.is_none_or(|kind| kind == edge.kind)
+            && query.status.is_none_or(|status| status == edge.status)
     };
     let mut edges: Vec<EdgeRecord> = edges.filter(wanted).take(limit as usize + 1).collect();
     let next_cursor = cut_page(&mut edges, limit, |edge| edge.id.to_string());

@@ -9,6 +9,7 @@ mod batches;
 mod documents;
 mod edge_batches;
 mod edges;
+mod enum_schemas;
 mod extract;
 mod graph;
 mod if_match;

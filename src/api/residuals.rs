@@ -10,11 +10,12 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
 use super::problem::Problem;
-use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, Verdict, residual_series};
+use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, residual_series};
 use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
 use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
-use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
+use crate::model::{Detector, ResidualMeasurement, ResidualVerdict};
+use crate::store::{AcceptedChange, EdgeRecord, NodeRecord};
 
 /// A residual series.
 #[derive(Debug, Serialize, ToSchema)]
@@ -24,7 +25,7 @@ pub(super) struct ResidualSeriesBody {
     #[schema(required)]
     subgraph_id: Option<i64>,
     /// Which residuals.
-    measurement: MeasurementName,
+    measurement: ResidualMeasurement,
     /// The n at which f settled; null before.
     #[schema(required)]
     converged_at: Option<u64>,
@@ -73,30 +74,7 @@ struct ResidualEntryBody {
     /// Whether that is below 0.0001: so small a share of unchanged closures is flagged.
     alarm: bool,
     /// What the paper's rule says.
-    verdict: VerdictName,
-}
-
-/// What the paper's rule says about a closure.
-#[derive(Debug, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum VerdictName {
-    /// Too early to say.
-    WarmingUp,
-    /// It agrees with the map.
-    Consistent,
-    /// It contradicts the map.
-    Contradiction,
-}
-
-/// Which residuals of the closures.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum MeasurementName {
-    /// What each closure added to the optimum F.
-    #[default]
-    Robust,
-    /// The residual of each closure's all-points estimate, which is watched and not optimised.
-    AllPoints,
+    verdict: ResidualVerdict,
 }
 
 /// Which series to send.
@@ -109,7 +87,7 @@ pub(super) struct ResidualQuery {
     subgraph_id: Option<i64>,
     /// Which residuals; `robust` if left out.
     #[param(nullable = false, inline)]
-    measurement: Option<MeasurementName>,
+    measurement: Option<ResidualMeasurement>,
 }
 
 /// Read a residual series.
@@ -195,7 +173,7 @@ pub(super) fn robust_series<'a>(
     detector: Detector,
     accepted: &[AcceptedChange],
 ) -> ResidualSeries {
-    series(edges, MeasurementName::Robust, detector, accepted)
+    series(edges, ResidualMeasurement::Robust, detector, accepted)
 }
 
 /// A stretch of a sub-graph's series.
@@ -237,7 +215,7 @@ pub(super) fn series_around(
 
 fn series<'a>(
     edges: impl Iterator<Item = &'a EdgeRecord>,
-    measurement: MeasurementName,
+    measurement: ResidualMeasurement,
     detector: Detector,
     accepted: &[AcceptedChange],
 ) -> ResidualSeries {
@@ -246,8 +224,8 @@ fn series<'a>(
             Some(ClosureSample {
                 edge_id: edge.id,
                 delta_f: match measurement {
-                    MeasurementName::Robust => edge.delta_f?,
-                    MeasurementName::AllPoints => edge.closure?.all_points_residual,
+                    ResidualMeasurement::Robust => edge.delta_f?,
+                    ResidualMeasurement::AllPoints => edge.closure?.all_points_residual,
                 },
             })
         })
@@ -268,14 +246,14 @@ fn baseline<'a>(
 
 impl From<&SeriesAround> for ResidualSeriesBody {
     fn from(around: &SeriesAround) -> Self {
-        let robust = MeasurementName::Robust;
+        let robust = ResidualMeasurement::Robust;
         body(around.subgraph_id, robust, &around.series, &around.tests)
     }
 }
 
 fn body(
     subgraph_id: Option<i64>,
-    measurement: MeasurementName,
+    measurement: ResidualMeasurement,
     series: &ResidualSeries,
     tests: &Tests,
 ) -> ResidualSeriesBody {
@@ -306,11 +284,7 @@ impl ResidualEntryBody {
             threshold: entry.threshold,
             ratio: entry.ratio,
             p_value: entry.p_value,
-            verdict: match entry.verdict {
-                Verdict::WarmingUp => VerdictName::WarmingUp,
-                Verdict::Consistent => VerdictName::Consistent,
-                Verdict::Contradiction => VerdictName::Contradiction,
-            },
+            verdict: entry.verdict,
         }
     }
 }

@@ -16,7 +16,8 @@ use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::problem::{Problem, ProblemKind};
 use super::upload::small_json;
 use crate::ids::RouteId;
-use crate::store::{Detector, GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate, Stage};
+use crate::model::{Detector, Stage};
+use crate::store::{GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate};
 
 const DISPLAY_NAME_CHARS_MAX: usize = 200;
 const FALSE_ALARM_RATE_MAX: f64 = 1.0;
@@ -36,7 +37,7 @@ pub(super) struct RouteBody {
     #[schema(required)]
     geo_anchor: Option<GeoAnchorBody>,
     /// Whether the reference is still being built.
-    stage: RouteStage,
+    stage: Stage,
     /// Raised by every accepted change.
     map_version: i64,
     /// Raised by every accepted change.
@@ -55,16 +56,6 @@ pub(super) struct RouteBody {
     updated_at: Timestamp,
 }
 
-/// How far a route's reference map has come.
-#[derive(Debug, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum RouteStage {
-    /// The reference is still being built.
-    Mapping,
-    /// New laps are judged against the reference.
-    Monitoring,
-}
-
 /// What a route holds.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = RouteCounts)]
@@ -79,22 +70,12 @@ struct RouteCountsBody {
     open_alerts: i64,
 }
 
-/// Which rule decides that something changed.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum DetectorName {
-    /// Robust estimates make the map, all-points residuals are watched.
-    Fused,
-    /// The paper's rule.
-    Seed,
-}
-
 /// A route's settings.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = RouteSettings)]
 struct RouteSettingsBody {
     /// The rule that decides that something changed.
-    detector: DetectorName,
+    detector: Detector,
     /// False alerts per lap that are accepted. A lap is as much driven way as the route's reference
     /// is long.
     #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
@@ -137,7 +118,7 @@ pub(super) struct RoutePut {
 #[serde(deny_unknown_fields)]
 struct RouteSettingsPut {
     /// The rule that decides that something changed.
-    detector: Option<DetectorName>,
+    detector: Option<Detector>,
     /// False alerts per lap that are accepted; 0.01 for a new route. A lap is as much driven way as
     /// the route's reference is long.
     #[schema(exclusive_minimum = 0.0, maximum = 1.0, example = 0.01)]
@@ -168,10 +149,7 @@ impl From<RouteRecord> for RouteBody {
                 longitude: anchor.longitude,
                 heading: anchor.heading,
             }),
-            stage: match route.stage {
-                Stage::Mapping => RouteStage::Mapping,
-                Stage::Monitoring => RouteStage::Monitoring,
-            },
+            stage: route.stage,
             map_version: route.map_version,
             epoch: route.epoch,
             counts: RouteCountsBody {
@@ -186,10 +164,7 @@ impl From<RouteRecord> for RouteBody {
             },
             pending_batches: route.pending_batches,
             settings: RouteSettingsBody {
-                detector: match route.settings.detector {
-                    Detector::Fused => DetectorName::Fused,
-                    Detector::Seed => DetectorName::Seed,
-                },
+                detector: route.settings.detector,
                 false_alarm_rate: route.settings.false_alarm_rate,
                 hold_s: route.settings.hold_s,
             },
@@ -238,11 +213,7 @@ impl RoutePut {
                     return refuse("/settings/hold_s", "a batch is held for a week at most");
                 }
                 Some(RouteSettings {
-                    detector: match put.detector {
-                        None => current.detector,
-                        Some(DetectorName::Fused) => Detector::Fused,
-                        Some(DetectorName::Seed) => Detector::Seed,
-                    },
+                    detector: put.detector.unwrap_or(current.detector),
                     false_alarm_rate: rate,
                     hold_s,
                 })

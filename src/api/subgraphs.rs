@@ -15,7 +15,8 @@ use super::residuals::robust_series;
 use crate::change::series::ResidualSeries;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::RouteId;
-use crate::store::{AcceptedChange, Detector, EdgeRecord, NodeRecord};
+use crate::model::Detector;
+use crate::store::{AcceptedChange, EdgeRecord, NodeRecord};
 
 /// A block of the pose graph with its own statistics.
 #[derive(Debug, Serialize, ToSchema)]

@@ -8,7 +8,7 @@ use super::batch_body::{EncodedBatch, PoseJson, pose_json};
 use crate::graph::{Edge, EdgeKind, Node, PoseGraph};
 use crate::ids::{NodeId, TripId, VehicleId};
 use crate::ingest::edges_json::EDGES_MAX;
-use crate::store::BatchKind;
+use crate::model::BatchKind;
 
 /// A graph cut into batches.
 pub struct GraphParts {

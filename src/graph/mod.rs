@@ -4,5 +4,6 @@ mod blocks;
 mod carry;
 mod pose_graph;
 
+pub use crate::model::{EdgeKind, EdgeStatus};
 pub use blocks::{Block, BlockIndex, Blocks, Standing};
-pub use pose_graph::{Edge, EdgeKind, EdgeStatus, GraphError, Node, PoseGraph};
+pub use pose_graph::{Edge, GraphError, Node, PoseGraph};

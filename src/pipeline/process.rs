@@ -16,7 +16,8 @@ use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
 };
-use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
+use crate::model::BatchStatus;
+use crate::store::{BatchOutcome, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;

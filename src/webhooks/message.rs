@@ -3,7 +3,8 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
-use crate::store::{AlertRecord, NextDelivery, Store, StoreError, WebhookEvent};
+use crate::model::WebhookEvent;
+use crate::store::{AlertRecord, NextDelivery, Store, StoreError};
 
 /// Writes an alert as readers of the interface see it: a JSON object.
 pub type AlertForm = fn(AlertRecord) -> Result<String, serde_json::Error>;

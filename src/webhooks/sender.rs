@@ -12,7 +12,8 @@ use super::address::ReceiverPolicy;
 use super::resolver::{GuardedResolver, NameRefusal};
 use super::schedule::asked_wait;
 use super::signature::signature;
-use crate::store::{AttemptEnd, DeliveryFailure, NextDelivery};
+use crate::model::DeliveryFailure;
+use crate::store::{AttemptEnd, NextDelivery};
 
 const USER_AGENT: &str = concat!("mapshift/", env!("CARGO_PKG_VERSION"));
 
@@ -130,7 +131,8 @@ mod tests {
 
     use super::*;
     use crate::ids::WebhookId;
-    use crate::store::{WebhookEvent, WebhookSecret};
+    use crate::model::WebhookEvent;
+    use crate::store::WebhookSecret;
 
     fn next(url: &str) -> NextDelivery {
         NextDelivery {

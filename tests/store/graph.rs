@@ -1,9 +1,10 @@
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
+use mapshift::model::Stage;
 use mapshift::store::{
     Applied, BatchFilter, ClosureRecord, Corruption, EdgeChange, GeoAnchor, JobResult, NodeChange,
-    Put, RouteSettings, RouteUpdate, Stage, StoreError,
+    Put, RouteSettings, RouteUpdate, StoreError,
 };
 
 use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload, with_residuals};

@@ -1,9 +1,8 @@
 //! Opening, closing, dying.
 
 use mapshift::ids::{EdgeId, NodeId, TripId};
-use mapshift::store::{
-    BatchFilter, BatchStatus, Journaled, RouteGraph, Store, StoreError, StoreOptions,
-};
+use mapshift::model::BatchStatus;
+use mapshift::store::{BatchFilter, Journaled, RouteGraph, Store, StoreError, StoreOptions};
 use tokio::runtime::Runtime;
 
 use crate::support::{Fixture, LEASE, at, batch_id, open, put_route, route, upload};

@@ -3,9 +3,10 @@
 use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::Vector2;
 use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
+use mapshift::model::{BatchStatus, WebhookEvent};
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, BatchStatus, HistoryEntry, NewWebhook, Registered, SYSTEM,
-    Store, StoreError, WebhookEvent, WebhookSecret, WebhookUpdate,
+    AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
+    StoreError, WebhookSecret, WebhookUpdate,
 };
 use uuid::Uuid;
 

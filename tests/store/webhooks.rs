@@ -2,10 +2,10 @@
 
 use jiff::Timestamp;
 use mapshift::ids::WebhookId;
+use mapshift::model::{DeliveryFailure, DeliveryStatus, WebhookEvent};
 use mapshift::store::{
-    Attempt, AttemptEnd, AttemptVerdict, DeliveryFailure, DeliveryRecord, DeliveryStatus, Edited,
-    NewWebhook, NextDelivery, Registered, Store, TestQueued, WebhookEvent, WebhookSecret,
-    WebhookUpdate,
+    Attempt, AttemptEnd, AttemptVerdict, DeliveryRecord, Edited, NewWebhook, NextDelivery,
+    Registered, Store, TestQueued, WebhookSecret, WebhookUpdate,
 };
 
 use crate::support::{Fixture, at, open, route};

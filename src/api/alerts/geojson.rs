@@ -10,7 +10,6 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::body::{AlertBandBody, ShiftBody};
-use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use super::page;
 use super::query::AlertQuery;
 use super::tangent_plane::TangentPlane;
@@ -20,6 +19,7 @@ use crate::api::problem::{Problem, ProblemKind};
 use crate::api::types::timestamp;
 use crate::geometry::Vector2;
 use crate::ids::RouteId;
+use crate::model::{AlertStatus, ChangeKind, Tier};
 use crate::store::{AlertRecord, RouteRecord};
 
 /// Alerts as GeoJSON (RFC 7946).
@@ -71,11 +71,11 @@ struct Properties {
     /// The route.
     route_id: String,
     /// What changed.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// What became of it.
-    status: AlertStatusName,
+    status: AlertStatus,
     /// How far it is to be believed.
-    tier: AlertTierName,
+    tier: Tier,
     /// The other side of the same event; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartProperty>,
@@ -103,7 +103,7 @@ struct Properties {
 #[schema(as = AlertPropertiesCounterpart)]
 struct CounterpartProperty {
     /// What the other side shows.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// Its region.
     region: Polygon,
 }
@@ -188,11 +188,11 @@ impl Feature {
             geometry: Polygon::of(&evidence.region, plane),
             properties: Properties {
                 route_id: alert.route_id.to_string(),
-                kind: evidence.kind.into(),
-                status: alert.status.into(),
-                tier: evidence.tier.into(),
+                kind: evidence.kind,
+                status: alert.status,
+                tier: evidence.tier,
                 counterpart: counterpart.map(|counterpart| CounterpartProperty {
-                    kind: counterpart.kind.into(),
+                    kind: counterpart.kind,
                     region: Polygon::of(&counterpart.region, plane),
                 }),
                 shift: evidence.shift.map(ShiftBody::from),

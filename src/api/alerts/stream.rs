@@ -20,6 +20,7 @@ use crate::api::ApiState;
 use crate::api::extract::ApiQuery;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::ids::RouteId;
+use crate::model::AlertEventKind;
 use crate::store::{AlertEvent, StoreError};
 
 /// Streams open at once; they hold their connections.
@@ -154,10 +155,12 @@ impl Reader {
 }
 
 fn sent(event: &AlertEvent, alert: &AlertBody) -> Option<Event> {
-    let name = match event.revision {
-        1 => "alert.raised",
-        _ => "alert.updated",
+    let kind = match event.revision {
+        1 => AlertEventKind::Raised,
+        _ => AlertEventKind::Updated,
     };
-    let sent = Event::default().id(event.sequence.to_string()).event(name);
+    let sent = Event::default()
+        .id(event.sequence.to_string())
+        .event(kind.name());
     sent.json_data(alert).ok()
 }

@@ -8,13 +8,14 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::body::{WebhookBody, WebhookEventName, check_description, checked_events};
+use super::body::{WebhookBody, check_description, checked_events};
 use super::{check_edited, known_webhook, url_refused, wanted_revision, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::upload::small_json;
 use crate::ids::WebhookId;
+use crate::model::AlertEventKind;
 use crate::store::WebhookUpdate;
 
 /// What to change of a webhook; what is left out stays as it is.
@@ -27,7 +28,7 @@ pub(in crate::api) struct WebhookChange {
     url: Option<String>,
     /// Which ones.
     #[schema(min_items = 1)]
-    events: Option<Vec<WebhookEventName>>,
+    events: Option<Vec<AlertEventKind>>,
     /// For people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,

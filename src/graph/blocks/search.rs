@@ -1,7 +1,8 @@
 //! Finding all blocks at once.
 
 use super::{Block, BlockIndex, Blocks, Standing};
-use crate::graph::pose_graph::{EdgeStatus, PoseGraph};
+use crate::graph::pose_graph::PoseGraph;
+use crate::model::EdgeStatus;
 
 /// The blocks of a graph.
 pub(super) fn blocks_of(graph: &PoseGraph) -> Blocks {
