@@ -10,9 +10,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{RoutePartProblems, RouteProblems, ScanUploadProblems};
 use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
@@ -239,11 +241,11 @@ pub(super) struct BatchQuery {
     /// Only in this state.
     #[param(nullable = false, inline)]
     status: Option<BatchStatus>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     cursor: Option<String>,
 }
 
@@ -276,16 +278,12 @@ impl BatchBody {
 /// same bytes under the same id again, after `Retry-After`.
 #[utoipa::path(
     put, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("batch" = String, Path, description = "Name of the batch, chosen by the client", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("Content-Encoding" = Option<String>, Header, nullable = false, description = "`gzip`, `zstd` or `identity`"),
-        ("Content-Digest" = Option<String>, Header, nullable = false, description = "`sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)"),
-    ),
+    params(RouteParam, BatchParam, UploadHeaders),
     request_body(content = BatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
     responses(
         (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
         (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
+        ScanUploadProblems,
     )
 )]
 pub(super) async fn put_batch(
@@ -392,11 +390,8 @@ async fn store_upload(
 /// Where the batch is on its way, and what it added to the graph.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("batch" = String, Path, description = "Name of the batch", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-    ),
-    responses((status = 200, description = "The batch", body = BatchBody))
+    params(RouteParam, BatchParam),
+    responses((status = 200, description = "The batch", body = BatchBody), RoutePartProblems)
 )]
 pub(super) async fn get_batch(
     State(state): State<ApiState>,
@@ -415,11 +410,8 @@ pub(super) async fn get_batch(
 /// In the order of arrival, in parts.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        BatchQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = BatchPage))
+    params(RouteParam, BatchQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = BatchPage), RouteProblems)
 )]
 pub(super) async fn list_batches(
     State(state): State<ApiState>,

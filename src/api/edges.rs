@@ -6,9 +6,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{EdgeParam, RouteParam};
 use super::problem::Problem;
+use super::problem_responses::{RoutePartProblems, RouteProblems};
 use super::types::PoseBody;
 use crate::ids::{EdgeId, RouteId};
 use crate::model::{EdgeKind, EdgeStatus};
@@ -88,11 +90,11 @@ pub(super) struct EdgeQuery {
     /// Only in this state.
     #[param(nullable = false, inline)]
     status: Option<EdgeStatus>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     cursor: Option<String>,
 }
 
@@ -133,11 +135,8 @@ impl From<EdgeRecord> for EdgeBody {
 /// By id, in parts; by kind and status if wanted.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        EdgeQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = EdgePage))
+    params(RouteParam, EdgeQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = EdgePage), RouteProblems)
 )]
 pub(super) async fn list_edges(
     State(state): State<ApiState>,
@@ -166,11 +165,8 @@ pub(super) async fn list_edges(
 /// The measurement, how well it agrees with the map, and how its scans were matched.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges/{edge}", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("edge" = i64, Path, description = "Id of the edge"),
-    ),
-    responses((status = 200, description = "The edge", body = EdgeBody))
+    params(RouteParam, EdgeParam),
+    responses((status = 200, description = "The edge", body = EdgeBody), RoutePartProblems)
 )]
 pub(super) async fn get_edge(
     State(state): State<ApiState>,

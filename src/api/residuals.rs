@@ -9,7 +9,9 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RoutePartProblems;
 use crate::change::series::{ClosureSample, ResidualSeries, SeriesEntry, residual_series};
 use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
 use crate::graph::EdgeKind;
@@ -96,11 +98,8 @@ pub(super) struct ResidualQuery {
 /// the world was accepted, the closures made before it no longer count.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/residuals", tag = "residuals",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ResidualQuery,
-    ),
-    responses((status = 200, description = "The series", body = ResidualSeriesBody))
+    params(RouteParam, ResidualQuery),
+    responses((status = 200, description = "The series", body = ResidualSeriesBody), RoutePartProblems)
 )]
 pub(super) async fn get_residuals(
     State(state): State<ApiState>,

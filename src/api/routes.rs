@@ -13,7 +13,11 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{
+    AnyProblems, RouteDeletionProblems, RouteProblems, RoutePutProblems,
+};
 use super::upload::small_json;
 use crate::ids::RouteId;
 use crate::model::{Detector, Stage};
@@ -275,13 +279,14 @@ fn check_detector(current: Option<&RouteRecord>, update: &RouteUpdate) -> Result
 #[utoipa::path(
     put, path = "/v1/routes/{route}", tag = "routes",
     params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        RouteParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the write unless the route has this ETag"),
     ),
     request_body(content = RoutePut, description = "What to set"),
     responses(
         (status = 200, description = "Changed", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
         (status = 201, description = "Created", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
+        RoutePutProblems,
     )
 )]
 pub(super) async fn put_route(
@@ -310,8 +315,8 @@ pub(super) async fn put_route(
 /// What the route holds, how it is watched, and whether anything still waits to be processed.
 #[utoipa::path(
     get, path = "/v1/routes/{route}", tag = "routes",
-    params(("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$")),
-    responses((status = 200, description = "The route", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))))
+    params(RouteParam),
+    responses((status = 200, description = "The route", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))), RouteProblems)
 )]
 pub(super) async fn get_route(
     State(state): State<ApiState>,
@@ -327,7 +332,7 @@ pub(super) async fn get_route(
 /// All routes by id, in parts.
 #[utoipa::path(
     get, path = "/v1/routes", tag = "routes", params(PageQuery),
-    responses((status = 200, description = "A part of the list", body = RoutePage))
+    responses((status = 200, description = "A part of the list", body = RoutePage), AnyProblems)
 )]
 pub(super) async fn list_routes(
     State(state): State<ApiState>,
@@ -349,10 +354,10 @@ pub(super) async fn list_routes(
 #[utoipa::path(
     delete, path = "/v1/routes/{route}", tag = "routes",
     params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        RouteParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the deletion unless the route has this ETag"),
     ),
-    responses((status = 204, description = "Deleted"))
+    responses((status = 204, description = "Deleted"), RouteDeletionProblems)
 )]
 pub(super) async fn delete_route(
     State(state): State<ApiState>,

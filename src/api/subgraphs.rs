@@ -10,7 +10,9 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RouteProblems;
 use super::residuals::robust_series;
 use crate::change::series::ResidualSeries;
 use crate::graph::{EdgeKind, EdgeStatus};
@@ -61,11 +63,8 @@ pub(super) struct SubgraphPage {
 /// Each can be solved on its own and has its own F, f, σ² and threshold.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/subgraphs", tag = "residuals",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = SubgraphPage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = SubgraphPage), RouteProblems)
 )]
 pub(super) async fn list_subgraphs(
     State(state): State<ApiState>,

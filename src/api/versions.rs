@@ -12,7 +12,9 @@ use super::ApiState;
 use super::enum_schemas::one_of;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RouteProblems;
 use crate::ids::{AlertId, RouteId};
 use crate::model::AlertAction;
 use crate::store::MapVersionRecord;
@@ -82,11 +84,8 @@ pub(super) struct VersionPage {
 /// A version begins when a change of the world is accepted, or when that is undone.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = VersionPage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = VersionPage), RouteProblems)
 )]
 pub(super) async fn list_versions(
     State(state): State<ApiState>,

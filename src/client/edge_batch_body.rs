@@ -91,7 +91,7 @@ struct EdgeJson {
     to: i64,
     measurement: PoseJson,
     information: [f64; 6],
-    kind: &'static str,
+    kind: EdgeKind,
 }
 
 fn node_json(node: &Node) -> NodeJson {
@@ -107,10 +107,7 @@ fn edge_json(edge: &Edge) -> EdgeJson {
         to: edge.to.0,
         measurement: pose_json(&edge.measurement),
         information: edge.information.upper(),
-        kind: match edge.kind {
-            EdgeKind::Odometry => "odometry",
-            EdgeKind::LoopClosure => "loop_closure",
-        },
+        kind: edge.kind,
     }
 }
 

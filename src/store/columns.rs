@@ -190,7 +190,10 @@ pub(super) fn information(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::EdgeStatus;
+    use crate::model::{
+        AlertStatus, BatchKind, BatchStatus, ChangeKind, DeliveryStatus, EdgeKind, EdgeStatus,
+        WebhookEvent,
+    };
 
     #[test]
     fn an_unknown_text_is_a_corrupt_value_that_says_what_is_known() {
@@ -201,6 +204,58 @@ mod tests {
             "a value of status (`Active` is none of active, retired, quarantined) is corrupt on the \
              disk"
         );
+    }
+
+    /// The texts that statements compare a column with, or put into it.
+    fn texts_of(statements: &str, column: &str) -> Vec<String> {
+        let mut texts = Vec::new();
+        for operator in [" = '", " <> '"] {
+            let before = format!("{column}{operator}");
+            let after = statements.split(&before).skip(1);
+            texts.extend(after.filter_map(|rest| Some(rest.split_once('\'')?.0.to_owned())));
+        }
+        let before = format!("{column} IN (");
+        let lists = statements.split(&before).skip(1);
+        for list in lists.filter_map(|rest| Some(rest.split_once(')')?.0)) {
+            let quoted = list.split('\'').skip(1).step_by(2);
+            texts.extend(quoted.map(str::to_owned));
+        }
+        texts
+    }
+
+    fn has<T: TextEnum>(text: &str) -> bool {
+        T::of_text(text).is_ok()
+    }
+
+    #[test]
+    fn every_text_in_a_statement_is_one_of_the_model() {
+        let mut found = 0;
+        let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+        for file in std::fs::read_dir(sources).unwrap() {
+            let path = file.unwrap().path();
+            if path.is_dir() {
+                continue;
+            }
+            let source = std::fs::read_to_string(&path).unwrap();
+            let statements = source.split("#[cfg(test)]").next().unwrap();
+            let mut check = |column, is_one: fn(&str) -> bool| {
+                for text in texts_of(statements, column) {
+                    assert!(is_one(&text), "{}: {column} '{text}'", path.display());
+                    found += 1;
+                }
+            };
+            check("status", |text| {
+                has::<BatchStatus>(text)
+                    || has::<EdgeStatus>(text)
+                    || has::<AlertStatus>(text)
+                    || has::<DeliveryStatus>(text)
+            });
+            check("kind", |text| {
+                has::<BatchKind>(text) || has::<EdgeKind>(text) || has::<ChangeKind>(text)
+            });
+            check("event", |text| has::<WebhookEvent>(text));
+        }
+        assert!(found > 30, "{found}");
     }
 
     #[test]

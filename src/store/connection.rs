@@ -82,12 +82,25 @@ impl Database {
     }
 
     /// Brings the schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::Migration`] if a migration cannot be applied; those before it have been.
     pub(super) async fn migrate(
         &self,
         writer: &mut SqliteConnection,
     ) -> Result<Migrated, StoreError> {
         let had_rates_per_lap = has_migration(writer, RATES_PER_LAP).await?;
+        // A migration that rebuilds a table drops the old one. With foreign keys enforced that would
+        // delete every row that refers to it, and inside a migration's transaction it is too late to
+        // turn them off.
+        sqlx::query("PRAGMA foreign_keys = OFF")
+            .execute(&mut *writer)
+            .await?;
         MIGRATIONS.run(&mut *writer).await?;
+        sqlx::query("PRAGMA foreign_keys = ON")
+            .execute(&mut *writer)
+            .await?;
+        check_settings(writer).await?;
         if had_rates_per_lap {
             return Ok(Migrated { rates_set: 0 });
         }
@@ -197,7 +210,11 @@ async fn check_settings(connection: &mut SqliteConnection) -> Result<(), StoreEr
 }
 
 #[cfg(test)]
+mod migration_tests;
+
+#[cfg(test)]
 mod tests {
+    use super::migration_tests::migrate_to;
     use super::*;
 
     #[test]
@@ -215,14 +232,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let database = Database::in_directory(directory.path());
         let mut writer = database.open_writer().await.unwrap();
-        let mut before = sqlx::migrate!("./migrations");
-        let older = before.migrations.iter();
-        let older: Vec<_> = older
-            .filter(|m| m.version < RATES_PER_LAP)
-            .cloned()
-            .collect();
-        before.migrations = older.into();
-        before.run(&mut writer).await.unwrap();
+        let before = migrate_to(&mut writer, RATES_PER_LAP - 1);
+        before.await.unwrap();
         for (id, rate) in [("a", 1e-4), ("b", 0.5)] {
             sqlx::query(
                 "INSERT INTO routes (id, detector, false_alarm_rate, hold_s, stage, map_version, \

@@ -80,7 +80,7 @@ pub(super) fn asked_wait(text: &str, now: Timestamp) -> Option<Duration> {
 mod tests {
     use super::*;
     use crate::ids::WebhookId;
-    use crate::model::DeliveryFailure;
+    use crate::model::{AlertEventKind, DeliveryFailure};
     use crate::store::WebhookSecret;
 
     fn now() -> Timestamp {
@@ -95,7 +95,7 @@ mod tests {
             webhook_revision: 1,
             url: "https://example.com/".into(),
             secret: WebhookSecret([0; 32]),
-            event: WebhookEvent::AlertRaised,
+            event: WebhookEvent::Alert(AlertEventKind::Raised),
             alert_id: None,
             at: now(),
             attempts,

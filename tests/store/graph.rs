@@ -236,7 +236,7 @@ async fn routes_are_put_listed_and_deleted() {
     let settings = RouteSettings {
         hold_s: 5,
         false_alarm_rate: 0.01,
-        detector: mapshift::store::Detector::Seed,
+        detector: mapshift::model::Detector::Seed,
     };
     let change = RouteUpdate {
         settings: Some(settings.clone()),

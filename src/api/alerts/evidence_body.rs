@@ -12,7 +12,9 @@ use super::evidence::{Evidence, LookBack, gather};
 use super::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::parameters::AlertParam;
 use crate::api::problem::Problem;
+use crate::api::problem_responses::AlertProblems;
 use crate::api::residuals::ResidualSeriesBody;
 use crate::api::types::{PoseBody, timestamp};
 use crate::ids::AlertId;
@@ -164,8 +166,8 @@ impl From<&Evidence> for EvidenceBody {
 /// edges has no scans: `scans` is empty, and the series is all there is.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence", tag = "alerts",
-    params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),
-    responses((status = 200, description = "The evidence", body = EvidenceBody))
+    params(AlertParam),
+    responses((status = 200, description = "The evidence", body = EvidenceBody), AlertProblems)
 )]
 pub(in crate::api) async fn get_evidence(
     State(state): State<ApiState>,

@@ -14,8 +14,9 @@ use super::page;
 use super::query::AlertQuery;
 use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
-use crate::api::extract::ApiQuery;
+use crate::api::extract::{ApiQuery, PageQuery};
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::AlertMapProblems;
 use crate::api::types::timestamp;
 use crate::geometry::Vector2;
 use crate::ids::RouteId;
@@ -114,8 +115,8 @@ struct CounterpartProperty {
 /// without a usable anchor are left out; asked for by `route_id` they are refused. `bbox` is in
 /// the map frame, metres.
 #[utoipa::path(
-    get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery),
-    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"))
+    get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"), AlertMapProblems)
 )]
 pub(in crate::api) async fn list_alerts_geojson(
     State(state): State<ApiState>,

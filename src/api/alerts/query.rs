@@ -36,11 +36,11 @@ pub(in crate::api) struct AlertQuery {
     /// Only at least this confident.
     #[param(minimum = 0, maximum = 1, nullable = false)]
     min_confidence: Option<f64>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     pub limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     pub cursor: Option<String>,
 }
 

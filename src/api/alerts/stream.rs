@@ -19,6 +19,7 @@ use super::query::checked_route;
 use crate::api::ApiState;
 use crate::api::extract::ApiQuery;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::AlertListProblems;
 use crate::ids::RouteId;
 use crate::model::AlertEventKind;
 use crate::store::{AlertEvent, StoreError};
@@ -54,7 +55,7 @@ pub(in crate::api) struct StreamQuery {
         StreamQuery,
         ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event that was seen; 0 for all that is known"),
     ),
-    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"))
+    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"), AlertListProblems)
 )]
 pub(in crate::api) async fn stream_alerts(
     State(state): State<ApiState>,

@@ -12,7 +12,9 @@ use super::{known_webhook, unknown_webhook};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use crate::api::paging::{checked_limit, cut_page, key_of_cursor};
+use crate::api::parameters::WebhookParam;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::{WebhookProblems, WebhookTestProblems};
 use crate::ids::WebhookId;
 use crate::model::{DeliveryFailure, DeliveryStatus, WebhookEvent};
 use crate::store::{AttemptEnd, DeliveryRecord, TestQueued};
@@ -94,8 +96,8 @@ impl From<DeliveryRecord> for DeliveryBody {
 /// 1,000. What receivers answer beside a status is neither kept nor shown.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}/deliveries", tag = "webhooks",
-    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook"), PageQuery),
-    responses((status = 200, description = "A part of the list", body = DeliveryPage))
+    params(WebhookParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = DeliveryPage), WebhookProblems)
 )]
 pub(in crate::api) async fn list_deliveries(
     State(state): State<ApiState>,
@@ -119,8 +121,8 @@ pub(in crate::api) async fn list_deliveries(
 /// time; the list of deliveries says what became of it. While a test waits, no other is queued.
 #[utoipa::path(
     post, path = "/v1/webhooks/{webhook}/test", tag = "webhooks",
-    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook")),
-    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody))
+    params(WebhookParam),
+    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody), WebhookTestProblems)
 )]
 pub(in crate::api) async fn test_webhook(
     State(state): State<ApiState>,

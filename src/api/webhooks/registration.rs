@@ -15,6 +15,7 @@ use super::{known_webhook, url_refused};
 use crate::api::ApiState;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::WebhookRegistrationProblems;
 use crate::api::upload::small_json;
 use crate::ids::{RouteId, WebhookId};
 use crate::model::AlertEventKind;
@@ -74,7 +75,7 @@ impl WebhookRegistration {
     responses((status = 201, description = "Registered; with its secret", body = WebhookBody, headers(
         ("ETag" = String, description = "Changes with every edit"),
         ("Location" = String, description = "Path of the webhook"),
-    )))
+    )), WebhookRegistrationProblems)
 )]
 pub(in crate::api) async fn register_webhook(
     State(state): State<ApiState>,
