@@ -262,8 +262,8 @@ fn postordered(order: &[u32], coupled: &[(u32, u32)]) -> Vec<usize> {
     }
     // Liu 1986, with ancestors shortened on the way.
     let (mut parent, mut ancestor) = (vec![NONE; count], vec![NONE; count]);
-    for k in 0..count {
-        for &start in &earlier[k] {
+    for (k, starts) in earlier.iter().enumerate() {
+        for &start in starts {
             let mut at = start;
             while at != NONE && at != k {
                 let next = std::mem::replace(&mut ancestor[at], k);
@@ -276,8 +276,8 @@ fn postordered(order: &[u32], coupled: &[(u32, u32)]) -> Vec<usize> {
     }
     let mut children = vec![Vec::new(); count];
     let mut open = Vec::new();
-    for k in 0..count {
-        match parent[k] {
+    for (k, &parent) in parent.iter().enumerate() {
+        match parent {
             NONE => open.push(k),
             parent => children[parent].push(k),
         }

@@ -10,7 +10,7 @@
 //! A module uses only itself and modules before it in this list; `tests/layers.rs` holds it to
 //! that. `docs/ARCHITECTURE.md` has a line on each.
 //!
-//! 1. Foundation: [`ids`].
+//! 1. Foundation: [`ids`], [`model`].
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`calibration`], [`observation`], [`graph`],
 //!    [`solver`], [`change`], [`mapping`], [`sim`]. Pure, synchronous, deterministic: no tokio, no
 //!    axum, no SQL, no files, no environment, no wall clock, no unseeded randomness.
@@ -44,6 +44,7 @@ pub mod ids;
 pub mod ingest;
 pub mod mapping;
 pub mod matching;
+pub mod model;
 pub mod observation;
 pub mod pipeline;
 pub mod render;

@@ -6,7 +6,6 @@ mod evidence;
 mod evidence_body;
 mod evidence_picture;
 mod geojson;
-mod names;
 mod query;
 mod stream;
 mod suspect_body;
@@ -20,9 +19,11 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::AlertParam;
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{AlertListProblems, AlertProblems};
 use crate::ids::AlertId;
 use crate::store::AlertRecord;
 
@@ -48,8 +49,8 @@ pub(super) struct AlertPage {
 ///
 /// Of all routes or of one, the newest first, in parts.
 #[utoipa::path(
-    get, path = "/v1/alerts", tag = "alerts", params(AlertQuery),
-    responses((status = 200, description = "A part of the list", body = AlertPage))
+    get, path = "/v1/alerts", tag = "alerts", params(AlertQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = AlertPage), AlertListProblems)
 )]
 pub(super) async fn list_alerts(
     State(state): State<ApiState>,
@@ -67,8 +68,8 @@ pub(super) async fn list_alerts(
 /// What changed, where, how sure it is, and what became of it. The ETag guards decisions.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}", tag = "alerts",
-    params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),
-    responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's revision in quotes; decisions need it"))))
+    params(AlertParam),
+    responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's revision in quotes; decisions need it"))), AlertProblems)
 )]
 pub(super) async fn get_alert(
     State(state): State<ApiState>,

@@ -10,17 +10,18 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{RoutePartProblems, RouteProblems, ScanUploadProblems};
 use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
 use crate::ingest::batch_json;
+use crate::model::{BatchKind, BatchStatus};
 use crate::scan::BandView;
-use crate::store::{
-    BatchContent, BatchFilter, BatchKind, BatchRecord, BatchStatus, Journaled, NewBatch,
-};
+use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch};
 
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
@@ -191,11 +192,11 @@ pub(super) struct BatchBody {
     /// Which drive.
     trip_id: String,
     /// What it holds.
-    kind: BatchKindName,
+    kind: BatchKind,
     /// 0, 1, 2 … within the trip; of edges, in the order of arrival.
     sequence: i64,
     /// Where it is on its way.
-    status: BatchStatusName,
+    status: BatchStatus,
     /// Why it is there, for people.
     #[schema(required)]
     reason: Option<String>,
@@ -219,34 +220,6 @@ pub(super) struct BatchBody {
     processed_at: Option<Timestamp>,
 }
 
-/// What a batch holds.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum BatchKindName {
-    /// Scans, a part of a drive.
-    Scans,
-    /// Nodes and edges.
-    Edges,
-}
-
-/// Where a batch is on its way.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum BatchStatusName {
-    /// Stored; a worker will take it.
-    Queued,
-    /// A worker has it.
-    Processing,
-    /// Waits for its predecessor.
-    Held,
-    /// In the map.
-    Merged,
-    /// Its trip could not be placed in the map yet, or its edges not be tied to it.
-    Unanchored,
-    /// Processing failed for good.
-    Quarantined,
-}
-
 /// A part of a route's list of batches.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct BatchPage {
@@ -267,12 +240,12 @@ pub(super) struct BatchQuery {
     vehicle_id: Option<String>,
     /// Only in this state.
     #[param(nullable = false, inline)]
-    status: Option<BatchStatusName>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    status: Option<BatchStatus>,
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     cursor: Option<String>,
 }
 
@@ -283,19 +256,9 @@ impl BatchBody {
             route_id: batch.route_id.to_string(),
             vehicle_id: batch.vehicle_id.to_string(),
             trip_id: batch.trip_id.to_string(),
-            kind: match batch.kind {
-                BatchKind::Scans => BatchKindName::Scans,
-                BatchKind::Edges => BatchKindName::Edges,
-            },
+            kind: batch.kind,
             sequence: batch.sequence,
-            status: match batch.status {
-                BatchStatus::Queued => BatchStatusName::Queued,
-                BatchStatus::Processing => BatchStatusName::Processing,
-                BatchStatus::Held => BatchStatusName::Held,
-                BatchStatus::Merged => BatchStatusName::Merged,
-                BatchStatus::Unanchored => BatchStatusName::Unanchored,
-                BatchStatus::Quarantined => BatchStatusName::Quarantined,
-            },
+            status: batch.status,
             reason: batch.reason,
             flags: batch.flags,
             scans: batch.scans,
@@ -308,19 +271,6 @@ impl BatchBody {
     }
 }
 
-impl From<BatchStatusName> for BatchStatus {
-    fn from(name: BatchStatusName) -> Self {
-        match name {
-            BatchStatusName::Queued => Self::Queued,
-            BatchStatusName::Processing => Self::Processing,
-            BatchStatusName::Held => Self::Held,
-            BatchStatusName::Merged => Self::Merged,
-            BatchStatusName::Unanchored => Self::Unanchored,
-            BatchStatusName::Quarantined => Self::Quarantined,
-        }
-    }
-}
-
 /// Upload a batch of scans.
 ///
 /// Safe to repeat: the same bytes under the same id are stored once. The answer 202 means that
@@ -328,16 +278,12 @@ impl From<BatchStatusName> for BatchStatus {
 /// same bytes under the same id again, after `Retry-After`.
 #[utoipa::path(
     put, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("batch" = String, Path, description = "Name of the batch, chosen by the client", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("Content-Encoding" = Option<String>, Header, nullable = false, description = "`gzip`, `zstd` or `identity`"),
-        ("Content-Digest" = Option<String>, Header, nullable = false, description = "`sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)"),
-    ),
+    params(RouteParam, BatchParam, UploadHeaders),
     request_body(content = BatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
     responses(
         (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
         (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
+        ScanUploadProblems,
     )
 )]
 pub(super) async fn put_batch(
@@ -444,11 +390,8 @@ async fn store_upload(
 /// Where the batch is on its way, and what it added to the graph.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("batch" = String, Path, description = "Name of the batch", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-    ),
-    responses((status = 200, description = "The batch", body = BatchBody))
+    params(RouteParam, BatchParam),
+    responses((status = 200, description = "The batch", body = BatchBody), RoutePartProblems)
 )]
 pub(super) async fn get_batch(
     State(state): State<ApiState>,
@@ -467,11 +410,8 @@ pub(super) async fn get_batch(
 /// In the order of arrival, in parts.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        BatchQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = BatchPage))
+    params(RouteParam, BatchQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = BatchPage), RouteProblems)
 )]
 pub(super) async fn list_batches(
     State(state): State<ApiState>,
@@ -484,7 +424,7 @@ pub(super) async fn list_batches(
     let filter = BatchFilter {
         vehicle_id: vehicle_id
             .map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?,
-        status: query.status.map(BatchStatus::from),
+        status: query.status,
     };
     state.known_route(&route_id).await?;
     let batches = state

@@ -15,8 +15,8 @@ const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'sel
 /// The browser of the vendored Swagger UI sets styles and draws its icons inline.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// `/openapi.json`, `/docs` and `/`.
-pub(super) fn router(openapi: Bytes) -> Router<ApiState> {
+/// `/openapi.json`, `/docs` and `/`, whose words for enumerations are those of the model.
+pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
     let docs = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]));
     let docs = Router::from(docs).layer(from_fn(|request, next: Next| async move {
         with_policy(next.run(request).await, DOCS_POLICY)
@@ -48,13 +48,17 @@ pub(super) fn router(openapi: Bytes) -> Router<ApiState> {
             }),
         )
         .route(
+            "/words.js",
+            get(move || file("text/javascript; charset=utf-8", words)),
+        )
+        .route(
             "/page.css",
             get(|| file("text/css; charset=utf-8", include_str!("page/page.css"))),
         )
         .merge(docs)
 }
 
-async fn file(media_type: &'static str, text: &'static str) -> Response {
+async fn file(media_type: &'static str, text: impl IntoResponse) -> Response {
     let headers = [
         (header::CONTENT_TYPE, media_type),
         (header::CACHE_CONTROL, "no-cache"),

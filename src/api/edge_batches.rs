@@ -10,10 +10,13 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 use super::ApiState;
 use super::batches::{BatchBody, take_upload};
 use super::extract::{ApiPath, NoQuery};
+use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::Problem;
+use super::problem_responses::EdgeUploadProblems;
 use super::types::PoseBody;
 use crate::ids::{BatchId, RouteId, TripId};
 use crate::ingest::edges_json;
+use crate::model::EdgeKind;
 use crate::store::{BatchContent, NewBatch};
 
 /// Nodes and edges that a vehicle has measured itself.
@@ -77,18 +80,7 @@ struct EdgeUpload {
     information: Vec<f64>,
     /// What made it.
     #[schema(inline)]
-    kind: EdgeUploadKind,
-}
-
-/// What made an edge.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[allow(dead_code)]
-enum EdgeUploadKind {
-    /// The vehicle's motion from one node to the next.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
+    kind: EdgeKind,
 }
 
 fn own_name() -> Object {
@@ -118,16 +110,12 @@ fn name(pattern: &str) -> Object {
 /// grown. A batch that brings a node again is `quarantined`.
 #[utoipa::path(
     put, path = "/v1/routes/{route}/edge-batches/{batch}", tag = "batches",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("batch" = String, Path, description = "Name of the batch, chosen by the client", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("Content-Encoding" = Option<String>, Header, nullable = false, description = "`gzip`, `zstd` or `identity`"),
-        ("Content-Digest" = Option<String>, Header, nullable = false, description = "`sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)"),
-    ),
+    params(RouteParam, BatchParam, UploadHeaders),
     request_body(content = EdgeBatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
     responses(
         (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
         (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
+        EdgeUploadProblems,
     )
 )]
 pub(super) async fn put_edge_batch(

@@ -6,12 +6,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{EdgeParam, RouteParam};
 use super::problem::Problem;
+use super::problem_responses::{RoutePartProblems, RouteProblems};
 use super::types::PoseBody;
-use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, RouteId};
+use crate::model::{EdgeKind, EdgeStatus};
 use crate::store::{ClosureRecord, EdgeFilter, EdgeRecord};
 
 /// A measured motion between two nodes.
@@ -25,9 +27,9 @@ pub(super) struct EdgeBody {
     /// The newer node.
     to: i64,
     /// What made it.
-    kind: EdgeKindName,
+    kind: EdgeKind,
     /// Whether it is optimised.
-    status: EdgeStatusName,
+    status: EdgeStatus,
     /// The upload it came with.
     batch_id: String,
     /// `from_from_to`, as optimised.
@@ -67,28 +69,6 @@ struct ClosureBody {
     rmse: f64,
 }
 
-/// What made an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum EdgeKindName {
-    /// Two keyframes of one drive, one after the other.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
-}
-
-/// Whether an edge is optimised.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum EdgeStatusName {
-    /// It is.
-    Active,
-    /// It contradicts an accepted change.
-    Retired,
-    /// It contradicts the rest of the graph beyond belief.
-    Quarantined,
-}
-
 /// A part of a route's list of edges.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct EdgePage {
@@ -106,54 +86,16 @@ pub(super) struct EdgePage {
 pub(super) struct EdgeQuery {
     /// Only of this kind.
     #[param(nullable = false, inline)]
-    kind: Option<EdgeKindName>,
+    kind: Option<EdgeKind>,
     /// Only in this state.
     #[param(nullable = false, inline)]
-    status: Option<EdgeStatusName>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    status: Option<EdgeStatus>,
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     cursor: Option<String>,
-}
-
-impl From<EdgeKind> for EdgeKindName {
-    fn from(kind: EdgeKind) -> Self {
-        match kind {
-            EdgeKind::Odometry => Self::Odometry,
-            EdgeKind::LoopClosure => Self::LoopClosure,
-        }
-    }
-}
-
-impl From<EdgeKindName> for EdgeKind {
-    fn from(kind: EdgeKindName) -> Self {
-        match kind {
-            EdgeKindName::Odometry => Self::Odometry,
-            EdgeKindName::LoopClosure => Self::LoopClosure,
-        }
-    }
-}
-
-impl From<EdgeStatusName> for EdgeStatus {
-    fn from(status: EdgeStatusName) -> Self {
-        match status {
-            EdgeStatusName::Active => Self::Active,
-            EdgeStatusName::Retired => Self::Retired,
-            EdgeStatusName::Quarantined => Self::Quarantined,
-        }
-    }
-}
-
-impl From<EdgeStatus> for EdgeStatusName {
-    fn from(status: EdgeStatus) -> Self {
-        match status {
-            EdgeStatus::Active => Self::Active,
-            EdgeStatus::Retired => Self::Retired,
-            EdgeStatus::Quarantined => Self::Quarantined,
-        }
-    }
 }
 
 impl From<ClosureRecord> for ClosureBody {
@@ -175,8 +117,8 @@ impl From<EdgeRecord> for EdgeBody {
             id: edge.id.0,
             from: edge.from.0,
             to: edge.to.0,
-            kind: edge.kind.into(),
-            status: edge.status.into(),
+            kind: edge.kind,
+            status: edge.status,
             batch_id: edge.batch_id.to_string(),
             measurement: edge.measurement.into(),
             information: edge.information.upper().to_vec(),
@@ -193,11 +135,8 @@ impl From<EdgeRecord> for EdgeBody {
 /// By id, in parts; by kind and status if wanted.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        EdgeQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = EdgePage))
+    params(RouteParam, EdgeQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = EdgePage), RouteProblems)
 )]
 pub(super) async fn list_edges(
     State(state): State<ApiState>,
@@ -208,8 +147,8 @@ pub(super) async fn list_edges(
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     state.known_route(&route_id).await?;
     let filter = EdgeFilter {
-        kind: query.kind.map(EdgeKind::from),
-        status: query.status.map(EdgeStatus::from),
+        kind: query.kind,
+        status: query.status,
     };
     let after = after.map(EdgeId);
     let edges = state.store.edge_page(&route_id, filter, after, limit + 1);
@@ -226,11 +165,8 @@ pub(super) async fn list_edges(
 /// The measurement, how well it agrees with the map, and how its scans were matched.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges/{edge}", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("edge" = i64, Path, description = "Id of the edge"),
-    ),
-    responses((status = 200, description = "The edge", body = EdgeBody))
+    params(RouteParam, EdgeParam),
+    responses((status = 200, description = "The edge", body = EdgeBody), RoutePartProblems)
 )]
 pub(super) async fn get_edge(
     State(state): State<ApiState>,

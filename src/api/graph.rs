@@ -10,10 +10,12 @@ use super::edges::EdgeBody;
 use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery, NoQuery};
 use super::nodes::NodeBody;
+use super::parameters::RouteParam;
 use super::problem::Problem;
-use crate::graph::EdgeStatus;
+use super::problem_responses::RouteProblems;
 use crate::ids::RouteId;
 use crate::ingest::g2o::{write_edge, write_vertex};
+use crate::model::EdgeStatus;
 use crate::store::{GraphPart, Within};
 
 /// A route's pose graph.
@@ -88,11 +90,8 @@ impl From<BoundingBox> for Within {
 /// All nodes and edges, or those in a box: nodes within it, and edges with both ends within it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/graph", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        GraphQuery,
-    ),
-    responses((status = 200, description = "The graph", body = GraphBody))
+    params(RouteParam, GraphQuery),
+    responses((status = 200, description = "The graph", body = GraphBody), RouteProblems)
 )]
 pub(super) async fn get_graph(
     State(state): State<ApiState>,
@@ -114,8 +113,8 @@ pub(super) async fn get_graph(
 /// All nodes and the active edges, with information matrices, for other optimisers.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/graph.g2o", tag = "graph",
-    params(("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$")),
-    responses((status = 200, description = "VERTEX_SE2 and EDGE_SE2 lines", body = String, content_type = "text/plain"))
+    params(RouteParam),
+    responses((status = 200, description = "VERTEX_SE2 and EDGE_SE2 lines", body = String, content_type = "text/plain"), RouteProblems)
 )]
 pub(super) async fn get_graph_g2o(
     State(state): State<ApiState>,

@@ -12,7 +12,9 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
+use super::parameters::{IfMapChanged, RouteParam};
 use super::problem::Problem;
+use super::problem_responses::RoutePartProblems;
 use crate::ids::RouteId;
 use crate::render::{Look, MapImageError, MapPicture};
 use crate::scan::CodecError;
@@ -133,13 +135,11 @@ async fn answer(
 /// with the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.png", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
-    ),
+    params(RouteParam, IfMapChanged),
     responses(
         (status = 200, description = "The picture", body = Binary, content_type = "image/png", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
+        RoutePartProblems,
     )
 )]
 pub(super) async fn get_map_png(
@@ -156,13 +156,11 @@ pub(super) async fn get_map_png(
 /// Binary PGM: 0 occupied, 254 free, 205 unknown, row 0 on top. `map.yaml` goes with it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.pgm", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
-    ),
+    params(RouteParam, IfMapChanged),
     responses(
         (status = 200, description = "The picture", body = Binary, content_type = "image/x-portable-graymap", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
+        RoutePartProblems,
     )
 )]
 pub(super) async fn get_map_pgm(
@@ -180,13 +178,11 @@ pub(super) async fn get_map_pgm(
 /// Resolution, origin and thresholds of `map.pgm`.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.yaml", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the map still has this ETag"),
-    ),
+    params(RouteParam, IfMapChanged),
     responses(
         (status = 200, description = "The description", body = String, content_type = "application/yaml", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
+        RoutePartProblems,
     )
 )]
 pub(super) async fn get_map_yaml(

@@ -9,6 +9,7 @@ mod batches;
 mod documents;
 mod edge_batches;
 mod edges;
+mod enum_schemas;
 mod export;
 mod extract;
 mod graph;
@@ -21,7 +22,9 @@ mod offload;
 mod openapi;
 mod operations;
 mod paging;
+mod parameters;
 pub mod problem;
+mod problem_responses;
 mod residuals;
 mod routes;
 mod state;
@@ -33,6 +36,7 @@ mod vehicles;
 mod version_maps;
 mod versions;
 mod webhooks;
+mod words;
 
 use axum::Router;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -112,12 +116,12 @@ pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
 /// The service's router, with everything that surrounds its handlers.
 ///
 /// # Errors
-/// If the OpenAPI document does not serialise.
+/// If the OpenAPI document, or the words of the page, do not serialise.
 pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
     let document = serde_json::to_vec(&openapi_document()?)?;
     let (router, _) = operations().split_for_parts();
     Ok(router
-        .merge(documents::router(document.into()))
+        .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
         .layer(from_fn_with_state(state.clone(), layers::limit_time))

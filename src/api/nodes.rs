@@ -10,7 +10,9 @@ use super::ApiState;
 use super::batches::BandBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{NodeParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{RoutePartProblems, RouteProblems};
 use super::types::{PoseBody, timestamp};
 use crate::ids::{NodeId, RouteId};
 use crate::scan::{LaserScan, decode_scan};
@@ -153,11 +155,8 @@ impl NodeScanBody {
 /// By id, in parts.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = NodePage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = NodePage), RouteProblems)
 )]
 pub(super) async fn list_nodes(
     State(state): State<ApiState>,
@@ -182,11 +181,8 @@ pub(super) async fn list_nodes(
 /// Its pose in the map and where it came from.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes/{node}", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("node" = i64, Path, description = "Id of the node"),
-    ),
-    responses((status = 200, description = "The node", body = NodeBody))
+    params(RouteParam, NodeParam),
+    responses((status = 200, description = "The node", body = NodeBody), RoutePartProblems)
 )]
 pub(super) async fn get_node(
     State(state): State<ApiState>,
@@ -201,11 +197,8 @@ pub(super) async fn get_node(
 /// The ranges in the lidar frame, with all that is needed to draw them in the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes/{node}/scan", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("node" = i64, Path, description = "Id of the node"),
-    ),
-    responses((status = 200, description = "The scan", body = NodeScanBody))
+    params(RouteParam, NodeParam),
+    responses((status = 200, description = "The scan", body = NodeScanBody), RoutePartProblems)
 )]
 pub(super) async fn get_node_scan(
     State(state): State<ApiState>,

@@ -1,9 +1,11 @@
-//! The OpenAPI document: what the handlers declare, and what is true of all of them.
+//! The OpenAPI document: what the handlers declare, and what is true of all of them. Enumerations have
+//! their schemas in `enum_schemas`, repeated parameters and errors in `parameters` and
+//! `problem_responses`.
 
-use serde_json::{Map, Value, json};
+use serde_json::Value;
 use utoipa::OpenApi;
 
-use super::problem::{FieldError, ProblemBody, ProblemKind};
+use super::problem::{FieldError, ProblemBody};
 use super::webhooks::add_calls;
 
 #[derive(OpenApi)]
@@ -29,156 +31,23 @@ use super::webhooks::add_calls;
 )]
 pub(super) struct Document;
 
-/// Completes a document: every operation gets the problems that any operation of its shape can
-/// end in, so that no handler can forget one.
+/// The document with what no handler declares: the calls that webhooks make.
 ///
 /// # Errors
 /// If the document does not serialise.
 pub(super) fn complete(document: &utoipa::openapi::OpenApi) -> Result<Value, serde_json::Error> {
     let mut document = serde_json::to_value(document)?;
-    let paths = document.get_mut("paths").and_then(Value::as_object_mut);
-    for (path, item) in paths.into_iter().flatten() {
-        for (method, operation) in item.as_object_mut().into_iter().flatten() {
-            if let Some(operation) = operation.as_object_mut() {
-                add_problems(path, method, operation);
-            }
-        }
-    }
     add_calls(&mut document);
     Ok(document)
 }
 
-fn add_problems(path: &str, method: &str, operation: &mut Map<String, Value>) {
-    use ProblemKind as K;
-    let mut kinds = vec![
-        K::InvalidParameter,
-        K::Internal,
-        K::Overloaded,
-        K::ShuttingDown,
-    ];
-    if path.contains("{route}") {
-        kinds.push(K::InvalidField);
-        if method != "put" || path != "/v1/routes/{route}" {
-            kinds.push(K::UnknownRoute);
-        }
-    }
-    let below_route = path.strip_prefix("/v1/routes/{route}/").unwrap_or_default();
-    if method == "get"
-        && (below_route.contains('{')
-            || below_route.starts_with("map.")
-            || below_route == "residuals")
-    {
-        kinds.push(K::NotFound);
-    }
-    let takes_body = operation.contains_key("requestBody");
-    if takes_body {
-        kinds.extend([
-            K::MalformedJson,
-            K::BodyTimeout,
-            K::TooLarge,
-            K::UnsupportedMediaType,
-        ]);
-        kinds.extend([K::UnsupportedEncoding, K::OutOfRange, K::DiskFull]);
-    }
-    if path == "/v1/routes/{route}" && method != "get" {
-        kinds.extend([K::PreconditionFailed, K::DiskFull]);
-        if takes_body {
-            kinds.push(K::DetectorFixed);
-        }
-    }
-    if takes_body && below_route.ends_with("batches/{batch}") {
-        kinds.extend([K::BadEncoding, K::DigestMismatch, K::BatchIdReused]);
-        kinds.extend(match below_route {
-            "batches/{batch}" => [K::ScanGeometry, K::TimestampOrder].as_slice(),
-            _ => &[K::EdgeGraph],
-        });
-    }
-    if path.starts_with("/v1/alerts") {
-        kinds.extend(of_alerts(path, method));
-    }
-    if path.starts_with("/v1/webhooks") {
-        kinds.extend(of_webhooks(path, method));
-    }
-    if path == "/readyz" {
-        kinds.push(K::NotReady);
-    }
-    let responses = operation.entry("responses").or_insert_with(|| json!({}));
-    let Some(responses) = responses.as_object_mut() else {
-        return;
-    };
-    for kind in K::ALL.iter().filter(|kind| kinds.contains(kind)) {
-        add_problem(responses, *kind);
-    }
-}
-
-/// What operations on alerts can end in beside the rest.
-fn of_alerts(path: &str, method: &str) -> Vec<ProblemKind> {
-    use ProblemKind as K;
-    let mut kinds = if path.contains("{alert}") {
-        vec![K::InvalidField, K::NotFound]
-    } else {
-        vec![K::UnknownRoute]
-    };
-    if path.ends_with(".geojson") {
-        kinds.push(K::NoGeoAnchor);
-    }
-    if method == "post" {
-        kinds.extend([K::PreconditionRequired, K::PreconditionFailed]);
-        kinds.push(K::TransitionNotAllowed);
-    }
-    kinds
-}
-
-/// What operations on webhooks can end in beside the rest.
-fn of_webhooks(path: &str, method: &str) -> Vec<ProblemKind> {
-    use ProblemKind as K;
-    let mut kinds = Vec::new();
-    if path.contains("{webhook}") {
-        kinds.extend([K::InvalidField, K::NotFound]);
-    }
-    match (path, method) {
-        (_, "get") => return kinds,
-        ("/v1/webhooks", _) => kinds.extend([K::UnknownRoute, K::TooManyWebhooks]),
-        (path, _) if path.ends_with("/test") => kinds.push(K::WebhookDisabled),
-        _ => kinds.push(K::PreconditionFailed),
-    }
-    if ["post", "patch"].contains(&method) && !path.ends_with("/test") {
-        kinds.extend([K::InvalidField, K::WebhookUrlRefused]);
-    }
-    kinds.push(K::DiskFull);
-    kinds
-}
-
-fn add_problem(responses: &mut Map<String, Value>, kind: ProblemKind) {
-    let sentence = format!("`{}`: {}", kind.name(), kind.title());
-    let response = responses
-        .entry(kind.status().as_str())
-        .or_insert_with(|| problem_response(kind));
-    if let Some(Value::String(description)) = response.get_mut("description") {
-        if !description.is_empty() {
-            description.push_str(". ");
-        }
-        description.push_str(&sentence);
-    }
-}
-
-fn problem_response(kind: ProblemKind) -> Value {
-    let mut response = json!({
-        "description": "",
-        "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    });
-    if [503, 507].contains(&kind.status().as_u16()) {
-        response["headers"] = json!({
-            "Retry-After": {"description": "Seconds to wait before the same request is sent again", "schema": {"type": "string"}}
-        });
-    }
-    response
-}
-
 #[cfg(test)]
 mod tests {
+    use serde_json::Map;
+
     use super::*;
     use crate::api::openapi_document;
+    use crate::api::problem::ProblemKind;
 
     fn operations(document: &Value) -> Vec<(String, Value)> {
         let mut operations = Vec::new();
@@ -216,6 +85,37 @@ mod tests {
         ids.sort();
         ids.dedup();
         assert_eq!(ids.len(), count, "operation ids repeat");
+    }
+
+    #[test]
+    fn every_operation_declares_its_problems() {
+        let document = openapi_document().unwrap();
+        for (name, operation) in operations(&document) {
+            let responses = operation["responses"].as_object().unwrap();
+            let declares = |kind: ProblemKind| {
+                let response = responses.get(kind.status().as_str());
+                let description = response.and_then(|r| r["description"].as_str());
+                description.is_some_and(|d| d.contains(&format!("`{}`", kind.name())))
+            };
+            use ProblemKind as K;
+            assert!(declares(K::InvalidParameter), "{name}");
+            assert!(declares(K::Internal) && declares(K::ShuttingDown), "{name}");
+            let takes_body = operation.get("requestBody").is_some();
+            assert_eq!(declares(K::MalformedJson), takes_body, "{name}");
+            let names_something = name.contains('{');
+            assert_eq!(
+                declares(K::InvalidField),
+                names_something || takes_body,
+                "{name}"
+            );
+            let missing = declares(K::UnknownRoute) || declares(K::NotFound);
+            assert!(
+                missing || !names_something || name.starts_with("put "),
+                "{name}"
+            );
+            let writes = !name.starts_with("get ");
+            assert_eq!(declares(K::DiskFull), writes, "{name}");
+        }
     }
 
     #[test]

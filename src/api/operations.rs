@@ -7,6 +7,7 @@ use axum::response::{IntoResponse, Response};
 use super::ApiState;
 use super::extract::NoQuery;
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{AnyProblems, ReadinessProblems};
 use crate::ids::RouteId;
 
 /// Say that the process lives.
@@ -14,7 +15,7 @@ use crate::ids::RouteId;
 /// Answers as long as requests are served at all, also while the service is draining.
 #[utoipa::path(
     get, path = "/livez", tag = "operations",
-    responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"))
+    responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"), AnyProblems)
 )]
 pub(super) async fn livez(_: NoQuery) -> &'static str {
     "ok\n"
@@ -25,7 +26,7 @@ pub(super) async fn livez(_: NoQuery) -> &'static str {
 /// 503 while the store does not take writes or the service is shutting down.
 #[utoipa::path(
     get, path = "/readyz", tag = "operations",
-    responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"))
+    responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"), ReadinessProblems)
 )]
 pub(super) async fn readyz(
     State(state): State<ApiState>,
@@ -48,7 +49,7 @@ pub(super) async fn readyz(
 /// In the text format of Prometheus.
 #[utoipa::path(
     get, path = "/metrics", tag = "operations",
-    responses((status = 200, description = "Metrics", body = String, content_type = "text/plain"))
+    responses((status = 200, description = "Metrics", body = String, content_type = "text/plain"), AnyProblems)
 )]
 pub(super) async fn metrics(State(state): State<ApiState>, _: NoQuery) -> Response {
     match pending_batches(&state).await {

@@ -7,11 +7,14 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RoutePartProblems;
 use crate::change::RESIDUAL_FALSE_ALARM_RATE;
-use crate::change::series::{SeriesEntry, Verdict};
+use crate::change::series::SeriesEntry;
 use crate::ids::RouteId;
-use crate::pipeline::{Measurement, ResidualReading, Residuals};
+use crate::model::{ResidualMeasurement, ResidualVerdict};
+use crate::pipeline::{ResidualReading, Residuals};
 
 /// Most entries that can be asked for.
 const POINTS_MAX: u32 = 100_000;
@@ -24,7 +27,7 @@ pub(super) struct ResidualSeriesBody {
     #[schema(required)]
     subgraph_id: Option<i64>,
     /// Which residuals.
-    measurement: MeasurementName,
+    measurement: ResidualMeasurement,
     /// The n at which f settled; null before.
     #[schema(required)]
     converged_at: Option<u64>,
@@ -75,48 +78,7 @@ struct ResidualEntryBody {
     /// Whether that is below 0.0001: so small a share of unchanged closures is flagged.
     alarm: bool,
     /// What the paper's rule says.
-    verdict: VerdictName,
-}
-
-/// What the paper's rule says about a closure.
-#[derive(Debug, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum VerdictName {
-    /// Too early to say.
-    WarmingUp,
-    /// It agrees with the map.
-    Consistent,
-    /// It contradicts the map.
-    Contradiction,
-}
-
-/// Which residuals of the closures.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum MeasurementName {
-    /// What each closure added to the optimum F.
-    #[default]
-    Robust,
-    /// The residual of each closure's all-points estimate, which is watched and not optimised.
-    AllPoints,
-}
-
-impl From<MeasurementName> for Measurement {
-    fn from(name: MeasurementName) -> Self {
-        match name {
-            MeasurementName::Robust => Self::Robust,
-            MeasurementName::AllPoints => Self::AllPoints,
-        }
-    }
-}
-
-impl From<Measurement> for MeasurementName {
-    fn from(measurement: Measurement) -> Self {
-        match measurement {
-            Measurement::Robust => Self::Robust,
-            Measurement::AllPoints => Self::AllPoints,
-        }
-    }
+    verdict: ResidualVerdict,
 }
 
 /// Which series to send.
@@ -129,7 +91,7 @@ pub(super) struct ResidualQuery {
     subgraph_id: Option<i64>,
     /// Which residuals; `robust` if left out.
     #[param(nullable = false, inline)]
-    measurement: Option<MeasurementName>,
+    measurement: Option<ResidualMeasurement>,
     /// At most so many entries: of as many equal parts of the series the one with the largest
     /// `delta_f`. All if left out.
     #[param(minimum = 1, maximum = 100000, nullable = false)]
@@ -142,11 +104,8 @@ pub(super) struct ResidualQuery {
 /// the world was accepted, the closures made before it no longer count.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/residuals", tag = "residuals",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ResidualQuery,
-    ),
-    responses((status = 200, description = "The series", body = ResidualSeriesBody))
+    params(RouteParam, ResidualQuery),
+    responses((status = 200, description = "The series", body = ResidualSeriesBody), RoutePartProblems)
 )]
 pub(super) async fn get_residuals(
     State(state): State<ApiState>,
@@ -161,7 +120,7 @@ pub(super) async fn get_residuals(
     let subgraph_id = query.subgraph_id;
     let measurement = query.measurement.unwrap_or_default();
     let work = move || {
-        let mut reading = residuals.read(subgraph_id, measurement.into());
+        let mut reading = residuals.read(subgraph_id, measurement);
         let is_there = subgraph_id.is_none() || !reading.series.entries.is_empty();
         if let Some(max_points) = max_points {
             thin(&mut reading.series.entries, max_points);
@@ -202,7 +161,7 @@ impl From<&ResidualReading> for ResidualSeriesBody {
         let entry = |entry| ResidualEntryBody::of(entry, reading);
         Self {
             subgraph_id: reading.subgraph_id,
-            measurement: reading.measurement.into(),
+            measurement: reading.measurement,
             converged_at: series.converged_at.map(|n| n as u64),
             sigma2: series.sigma2,
             threshold: series.threshold,
@@ -227,11 +186,7 @@ impl ResidualEntryBody {
             threshold: entry.threshold,
             ratio: entry.ratio,
             p_value: entry.p_value,
-            verdict: match entry.verdict {
-                Verdict::WarmingUp => VerdictName::WarmingUp,
-                Verdict::Consistent => VerdictName::Consistent,
-                Verdict::Contradiction => VerdictName::Contradiction,
-            },
+            verdict: entry.verdict,
         }
     }
 }

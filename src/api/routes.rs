@@ -13,10 +13,15 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{
+    AnyProblems, RouteDeletionProblems, RouteProblems, RoutePutProblems,
+};
 use super::upload::small_json;
 use crate::ids::RouteId;
-use crate::store::{Detector, GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate, Stage};
+use crate::model::{Detector, Stage};
+use crate::store::{GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate};
 
 const DISPLAY_NAME_CHARS_MAX: usize = 200;
 const FALSE_ALARM_RATE_MAX: f64 = 1.0;
@@ -36,7 +41,7 @@ pub(super) struct RouteBody {
     #[schema(required)]
     geo_anchor: Option<GeoAnchorBody>,
     /// Whether the reference is still being built.
-    stage: RouteStage,
+    stage: Stage,
     /// Raised by every accepted change.
     map_version: i64,
     /// Raised by every accepted change.
@@ -55,16 +60,6 @@ pub(super) struct RouteBody {
     updated_at: Timestamp,
 }
 
-/// How far a route's reference map has come.
-#[derive(Debug, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum RouteStage {
-    /// The reference is still being built.
-    Mapping,
-    /// New laps are judged against the reference.
-    Monitoring,
-}
-
 /// What a route holds.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = RouteCounts)]
@@ -79,22 +74,12 @@ struct RouteCountsBody {
     open_alerts: i64,
 }
 
-/// Which rule decides that something changed.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum DetectorName {
-    /// Robust estimates make the map, all-points residuals are watched.
-    Fused,
-    /// The paper's rule.
-    Seed,
-}
-
 /// A route's settings.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = RouteSettings)]
 struct RouteSettingsBody {
     /// The rule that decides that something changed.
-    detector: DetectorName,
+    detector: Detector,
     /// False alerts per lap that are accepted. A lap is as much driven way as the route's reference
     /// is long.
     #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
@@ -137,7 +122,7 @@ pub(super) struct RoutePut {
 #[serde(deny_unknown_fields)]
 struct RouteSettingsPut {
     /// The rule that decides that something changed.
-    detector: Option<DetectorName>,
+    detector: Option<Detector>,
     /// False alerts per lap that are accepted; 0.01 for a new route. A lap is as much driven way as
     /// the route's reference is long.
     #[schema(exclusive_minimum = 0.0, maximum = 1.0, example = 0.01)]
@@ -168,10 +153,7 @@ impl From<RouteRecord> for RouteBody {
                 longitude: anchor.longitude,
                 heading: anchor.heading,
             }),
-            stage: match route.stage {
-                Stage::Mapping => RouteStage::Mapping,
-                Stage::Monitoring => RouteStage::Monitoring,
-            },
+            stage: route.stage,
             map_version: route.map_version,
             epoch: route.epoch,
             counts: RouteCountsBody {
@@ -186,10 +168,7 @@ impl From<RouteRecord> for RouteBody {
             },
             pending_batches: route.pending_batches,
             settings: RouteSettingsBody {
-                detector: match route.settings.detector {
-                    Detector::Fused => DetectorName::Fused,
-                    Detector::Seed => DetectorName::Seed,
-                },
+                detector: route.settings.detector,
                 false_alarm_rate: route.settings.false_alarm_rate,
                 hold_s: route.settings.hold_s,
             },
@@ -238,11 +217,7 @@ impl RoutePut {
                     return refuse("/settings/hold_s", "a batch is held for a week at most");
                 }
                 Some(RouteSettings {
-                    detector: match put.detector {
-                        None => current.detector,
-                        Some(DetectorName::Fused) => Detector::Fused,
-                        Some(DetectorName::Seed) => Detector::Seed,
-                    },
+                    detector: put.detector.unwrap_or(current.detector),
                     false_alarm_rate: rate,
                     hold_s,
                 })
@@ -304,13 +279,14 @@ fn check_detector(current: Option<&RouteRecord>, update: &RouteUpdate) -> Result
 #[utoipa::path(
     put, path = "/v1/routes/{route}", tag = "routes",
     params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        RouteParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the write unless the route has this ETag"),
     ),
     request_body(content = RoutePut, description = "What to set"),
     responses(
         (status = 200, description = "Changed", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
         (status = 201, description = "Created", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))),
+        RoutePutProblems,
     )
 )]
 pub(super) async fn put_route(
@@ -339,8 +315,8 @@ pub(super) async fn put_route(
 /// What the route holds, how it is watched, and whether anything still waits to be processed.
 #[utoipa::path(
     get, path = "/v1/routes/{route}", tag = "routes",
-    params(("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$")),
-    responses((status = 200, description = "The route", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))))
+    params(RouteParam),
+    responses((status = 200, description = "The route", body = RouteBody, headers(("ETag" = String, description = "Changes with the route"))), RouteProblems)
 )]
 pub(super) async fn get_route(
     State(state): State<ApiState>,
@@ -356,7 +332,7 @@ pub(super) async fn get_route(
 /// All routes by id, in parts.
 #[utoipa::path(
     get, path = "/v1/routes", tag = "routes", params(PageQuery),
-    responses((status = 200, description = "A part of the list", body = RoutePage))
+    responses((status = 200, description = "A part of the list", body = RoutePage), AnyProblems)
 )]
 pub(super) async fn list_routes(
     State(state): State<ApiState>,
@@ -378,10 +354,10 @@ pub(super) async fn list_routes(
 #[utoipa::path(
     delete, path = "/v1/routes/{route}", tag = "routes",
     params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
+        RouteParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the deletion unless the route has this ETag"),
     ),
-    responses((status = 204, description = "Deleted"))
+    responses((status = 204, description = "Deleted"), RouteDeletionProblems)
 )]
 pub(super) async fn delete_route(
     State(state): State<ApiState>,

@@ -8,10 +8,13 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RouteProblems;
 use crate::change::series::ResidualSeries;
 use crate::ids::RouteId;
-use crate::pipeline::{Measurement, Residuals};
+use crate::model::ResidualMeasurement;
+use crate::pipeline::Residuals;
 use crate::store::SubgraphSums;
 
 /// A block of the pose graph with its own statistics.
@@ -58,11 +61,8 @@ pub(super) struct SubgraphPage {
 /// Each can be solved on its own and has its own F, f, σ² and threshold.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/subgraphs", tag = "residuals",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = SubgraphPage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = SubgraphPage), RouteProblems)
 )]
 pub(super) async fn list_subgraphs(
     State(state): State<ApiState>,
@@ -82,7 +82,7 @@ pub(super) async fn list_subgraphs(
     let page = state.rendering.run(move || {
         let page = wanted.take(limit as usize + 1);
         let bodies = page.map(|(id, sums)| {
-            let reading = residuals.read(Some(id), Measurement::Robust);
+            let reading = residuals.read(Some(id), ResidualMeasurement::Robust);
             SubgraphBody::new(id, &sums, &reading.series)
         });
         bodies.collect::<Vec<_>>()

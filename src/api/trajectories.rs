@@ -12,7 +12,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::ApiState;
 use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery};
+use super::parameters::{RouteParam, TripParam};
 use super::problem::Problem;
+use super::problem_responses::RoutePartProblems;
 use super::types::{PoseBody, timestamp};
 use super::vehicles::field_of;
 use crate::calibration::AppliedCorrection;
@@ -88,12 +90,8 @@ pub(super) struct TrajectoryQuery {
 /// keyframes moves rigidly with the keyframe before it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("trip" = String, Path, description = "Name of the trip", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        TrajectoryQuery,
-    ),
-    responses((status = 200, description = "The trajectory", body = TrajectoryBody))
+    params(RouteParam, TripParam, TrajectoryQuery),
+    responses((status = 200, description = "The trajectory", body = TrajectoryBody), RoutePartProblems)
 )]
 pub(super) async fn get_trajectory(
     State(state): State<ApiState>,
@@ -128,12 +126,8 @@ fn correction_body(applied: &AppliedCorrection) -> TripCorrectionBody {
 /// keyframe, or for every uploaded scan.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}/tum", tag = "graph",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("trip" = String, Path, description = "Name of the trip", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        TrajectoryQuery,
-    ),
-    responses((status = 200, description = "TUM lines", body = String, content_type = "text/plain"))
+    params(RouteParam, TripParam, TrajectoryQuery),
+    responses((status = 200, description = "TUM lines", body = String, content_type = "text/plain"), RoutePartProblems)
 )]
 pub(super) async fn get_trajectory_tum(
     State(state): State<ApiState>,

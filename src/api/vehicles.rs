@@ -9,7 +9,9 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::{RouteParam, VehicleParam};
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{RoutePartProblems, RouteProblems};
 use super::types::timestamp;
 use crate::calibration::{
     AppliedCorrection, CalibratedTrip, Quantity, TripCorrections, VehicleCalibration,
@@ -200,11 +202,8 @@ pub(super) struct VehiclePage {
 /// All that ever sent a batch, by name, in parts.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/vehicles", tag = "vehicles",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = VehiclePage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = VehiclePage), RouteProblems)
 )]
 pub(super) async fn list_vehicles(
     State(state): State<ApiState>,
@@ -228,12 +227,9 @@ pub(super) async fn list_vehicles(
 /// Read a vehicle of a route.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/vehicles/{vehicle}", tag = "vehicles",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("vehicle" = String, Path, description = "Name of the vehicle", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-    ),
+    params(RouteParam, VehicleParam),
     description = "What it has sent, whether it is suspected, and what its trips say of its calibration.",
-    responses((status = 200, description = "The vehicle", body = VehicleBody))
+    responses((status = 200, description = "The vehicle", body = VehicleBody), RoutePartProblems)
 )]
 pub(super) async fn get_vehicle(
     State(state): State<ApiState>,

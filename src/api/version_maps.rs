@@ -7,7 +7,9 @@ use axum::response::{IntoResponse, Response};
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
 use super::maps::Binary;
+use super::parameters::{RouteParam, VersionParam};
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::RoutePartProblems;
 use crate::ids::RouteId;
 use crate::store::MapPicture;
 
@@ -43,11 +45,8 @@ async fn answer(
 /// As `map.png` was when another version followed. The present version is not here.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/map.png", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("version" = i64, Path, description = "A version that another one has followed"),
-    ),
-    responses((status = 200, description = "The picture", body = Binary, content_type = "image/png"))
+    params(RouteParam, VersionParam),
+    responses((status = 200, description = "The picture", body = Binary, content_type = "image/png"), RoutePartProblems)
 )]
 pub(super) async fn get_version_png(
     State(state): State<ApiState>,
@@ -62,11 +61,8 @@ pub(super) async fn get_version_png(
 /// As `map.pgm` was when another version followed; its SHA-256 is in the list of versions.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/map.pgm", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("version" = i64, Path, description = "A version that another one has followed"),
-    ),
-    responses((status = 200, description = "The picture", body = Binary, content_type = "image/x-portable-graymap"))
+    params(RouteParam, VersionParam),
+    responses((status = 200, description = "The picture", body = Binary, content_type = "image/x-portable-graymap"), RoutePartProblems)
 )]
 pub(super) async fn get_version_pgm(
     State(state): State<ApiState>,
@@ -82,11 +78,8 @@ pub(super) async fn get_version_pgm(
 /// Resolution, origin and thresholds of the version's `map.pgm`.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/map.yaml", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        ("version" = i64, Path, description = "A version that another one has followed"),
-    ),
-    responses((status = 200, description = "The description", body = String, content_type = "application/yaml"))
+    params(RouteParam, VersionParam),
+    responses((status = 200, description = "The description", body = String, content_type = "application/yaml"), RoutePartProblems)
 )]
 pub(super) async fn get_version_yaml(
     State(state): State<ApiState>,

@@ -4,14 +4,20 @@ use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::Serialize;
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::Schema;
+use utoipa::{PartialSchema, ToSchema};
 
 use super::ApiState;
+use super::enum_schemas::one_of;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::RouteParam;
 use super::problem::Problem;
+use super::problem_responses::RouteProblems;
 use crate::ids::{AlertId, RouteId};
-use crate::store::{AlertAction, MapVersionRecord};
+use crate::model::AlertAction;
+use crate::store::MapVersionRecord;
 
 /// A version of a route's map.
 #[derive(Debug, Serialize, ToSchema)]
@@ -46,19 +52,21 @@ struct VersionCauseBody {
     #[schema(value_type = String, format = "uuid")]
     alert_id: AlertId,
     /// What was decided.
-    action: CauseName,
+    #[schema(value_type = MapVersionAction)]
+    action: AlertAction,
 }
 
-/// What begins a version.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = MapVersionAction)]
-#[serde(rename_all = "snake_case")]
-enum CauseName {
-    /// A change was taken into the map.
-    Accept,
-    /// A change was taken out of it again.
-    Undo,
+/// What begins a version: some of the actions.
+enum MapVersionAction {}
+
+impl PartialSchema for MapVersionAction {
+    fn schema() -> RefOr<Schema> {
+        let actions = [AlertAction::Accept, AlertAction::Undo];
+        one_of(actions.map(AlertAction::name), "What begins a version.")
+    }
 }
+
+impl ToSchema for MapVersionAction {}
 
 /// A part of the list of versions.
 #[derive(Debug, Serialize, ToSchema)]
@@ -76,11 +84,8 @@ pub(super) struct VersionPage {
 /// A version begins when a change of the world is accepted, or when that is undone.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions", tag = "map",
-    params(
-        ("route" = String, Path, description = "Name of the route", pattern = "^[A-Za-z0-9._-]{1,64}$"),
-        PageQuery,
-    ),
-    responses((status = 200, description = "A part of the list", body = VersionPage))
+    params(RouteParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = VersionPage), RouteProblems)
 )]
 pub(super) async fn list_versions(
     State(state): State<ApiState>,
@@ -109,10 +114,7 @@ fn body(record: &MapVersionRecord) -> VersionBody {
         superseded_at: record.superseded_at,
         cause: record.cause.as_ref().map(|cause| VersionCauseBody {
             alert_id: cause.alert_id,
-            action: match cause.action {
-                AlertAction::Undo => CauseName::Undo,
-                _ => CauseName::Accept,
-            },
+            action: cause.action,
         }),
         sha256: (record.sha256)
             .map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),

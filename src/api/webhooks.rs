@@ -17,7 +17,9 @@ use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::parameters::WebhookParam;
 use super::problem::{Problem, ProblemKind};
+use super::problem_responses::{AnyProblems, WebhookDeletionProblems, WebhookProblems};
 use crate::ids::WebhookId;
 use crate::store::{Edited, WebhookRecord};
 use crate::webhooks::UrlRefusal;
@@ -43,7 +45,7 @@ pub(super) struct WebhookPage {
 /// All of them, the oldest first, in parts.
 #[utoipa::path(
     get, path = "/v1/webhooks", tag = "webhooks", params(PageQuery),
-    responses((status = 200, description = "A part of the list", body = WebhookPage))
+    responses((status = 200, description = "A part of the list", body = WebhookPage), AnyProblems)
 )]
 pub(super) async fn list_webhooks(
     State(state): State<ApiState>,
@@ -64,8 +66,8 @@ pub(super) async fn list_webhooks(
 /// Where it leads, what it tells of, and whether it is active.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}", tag = "webhooks",
-    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook")),
-    responses((status = 200, description = "The webhook", body = WebhookBody, headers(("ETag" = String, description = "Changes with every edit"))))
+    params(WebhookParam),
+    responses((status = 200, description = "The webhook", body = WebhookBody, headers(("ETag" = String, description = "Changes with every edit"))), WebhookProblems)
 )]
 pub(super) async fn get_webhook(
     State(state): State<ApiState>,
@@ -82,10 +84,10 @@ pub(super) async fn get_webhook(
 #[utoipa::path(
     delete, path = "/v1/webhooks/{webhook}", tag = "webhooks",
     params(
-        ("webhook" = String, Path, format = "uuid", description = "Id of the webhook"),
+        WebhookParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the deletion unless the webhook has this ETag"),
     ),
-    responses((status = 204, description = "Deleted"))
+    responses((status = 204, description = "Deleted"), WebhookDeletionProblems)
 )]
 pub(super) async fn delete_webhook(
     State(state): State<ApiState>,

@@ -31,6 +31,7 @@ mod trip_scans;
 mod vehicle;
 mod vehicle_fault;
 
+pub use crate::model::Quantity;
 pub use clock_offset::{DrivenPose, clock_offset_s};
 pub use companion_mount::CompanionScan;
 pub use corrections::Corrections;
@@ -38,7 +39,6 @@ pub use estimate::{Combined, Estimate, Estimates};
 pub use motion_fit::{MotionFit, fit_motions};
 pub use motions::{Motions, ScanMotion, is_complete};
 pub use odometry_track::OdometryTrack;
-pub use quantity::Quantity;
 pub use range_scale::MapScan;
 pub use spacing::Spacing;
 pub use spacing_matches::{ScanPair, spacing_by_matches};

@@ -1,36 +1,6 @@
 //! What can be wrong with a vehicle in every scan and every motion alike.
 
-use serde::{Deserialize, Serialize};
-
-/// A systematic error of a vehicle. Its value is how far the truth is from what was stated: 0 for a
-/// vehicle that is as it says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Quantity {
-    /// Turn of the lidar against its stated mount, radians, counter-clockwise.
-    MountYaw,
-    /// How far the lidar sits ahead of its stated mount, metres, base frame.
-    MountX,
-    /// How far the lidar sits to the left of its stated mount, metres, base frame.
-    MountY,
-    /// Share by which ways are longer than the wheels say: metres of the scans for each metre of
-    /// the wheels, less one. See [`Quantity::RangeScale`].
-    WayScale,
-    /// Share by which turns are larger than the wheels say (a wrong track width).
-    TurnScale,
-    /// Turn that each metre driven ahead adds and the wheels do not show (wheels of unequal size),
-    /// radians a metre.
-    TurnPerMetre,
-    /// How long after the odometry of the same stamp scans show a motion, seconds.
-    ClockOffset,
-    /// Share by which the beams are farther apart than stated, about the middle of the fan.
-    BeamSpacing,
-    /// Share by which distances are longer than the ranges say.
-    ///
-    /// A vehicle alone cannot tell it: ways by its scans grow with its ranges, and what is compared
-    /// with the wheels is the product of both. It needs a map that another vehicle has made.
-    RangeScale,
-}
+use crate::model::Quantity;
 
 /// How well a quantity can be known, and must be.
 struct Limits {
@@ -52,18 +22,6 @@ const CHANGED_OVER_APPLIED: f64 = 2.0;
 const FAR_OVER_APPLIED: f64 = 4.0;
 
 impl Quantity {
-    /// All of them.
-    pub const ALL: [Self; 9] = [
-        Self::MountYaw,
-        Self::MountX,
-        Self::MountY,
-        Self::WayScale,
-        Self::TurnScale,
-        Self::TurnPerMetre,
-        Self::ClockOffset,
-        Self::BeamSpacing,
-        Self::RangeScale,
-    ];
     /// How many of them, the first of [`Quantity::ALL`], motions tell.
     pub(super) const BY_MOTIONS: usize = 7;
 

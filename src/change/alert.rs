@@ -1,44 +1,8 @@
 //! The life of an alert: what people may do with it, and what later looks make of it.
 
-use serde::{Deserialize, Serialize};
-
-/// Where an alert is in its life.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AlertStatus {
-    /// Raised; nobody has looked at it.
-    Open,
-    /// Somebody has taken it up.
-    Acknowledged,
-    /// The map shows the new state.
-    Accepted,
-    /// The map is right as it is; what was dismissed is not raised again while it lasts.
-    Dismissed,
-    /// Later looks show the old state, or refute it.
-    Resolved,
-}
+use crate::model::{AlertAction, AlertStatus};
 
 impl AlertStatus {
-    /// Every status, in the order of a life.
-    pub const ALL: [Self; 5] = [
-        Self::Open,
-        Self::Acknowledged,
-        Self::Accepted,
-        Self::Dismissed,
-        Self::Resolved,
-    ];
-
-    /// Its name in files and in the API.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Open => "open",
-            Self::Acknowledged => "acknowledged",
-            Self::Accepted => "accepted",
-            Self::Dismissed => "dismissed",
-            Self::Resolved => "resolved",
-        }
-    }
-
     /// Whether it waits for a decision: open or acknowledged.
     pub fn is_pending(self) -> bool {
         matches!(self, Self::Open | Self::Acknowledged)
@@ -61,43 +25,7 @@ impl AlertStatus {
     }
 }
 
-/// What somebody may do with an alert.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AlertAction {
-    /// Take it up.
-    Acknowledge,
-    /// Take the change into the map.
-    Accept,
-    /// Keep the map, and do not raise the same thing again.
-    Dismiss,
-    /// Put it back among the open ones.
-    Reopen,
-    /// Take an acceptance back.
-    Undo,
-}
-
 impl AlertAction {
-    /// Every action.
-    pub const ALL: [Self; 5] = [
-        Self::Acknowledge,
-        Self::Accept,
-        Self::Dismiss,
-        Self::Reopen,
-        Self::Undo,
-    ];
-
-    /// Its name in the API.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Acknowledge => "acknowledge",
-            Self::Accept => "accept",
-            Self::Dismiss => "dismiss",
-            Self::Reopen => "reopen",
-            Self::Undo => "undo",
-        }
-    }
-
     /// The status that follows; `None` for an undo, which leads back to where the alert was.
     pub fn leads_to(self) -> Option<AlertStatus> {
         match self {

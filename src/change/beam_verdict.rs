@@ -1,22 +1,8 @@
 //! What a scan says of another's beams, one by one: the comparison behind an alert's evidence.
 
 use crate::geometry::Vector2;
+use crate::model::BeamVerdict;
 use crate::observation::{Cell, Observation, Outcome};
-
-/// What another scan says of a beam.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum BeamVerdict {
-    /// The other scan has a surface where the beam ended.
-    Agrees,
-    /// The other scan saw through the place where the beam ended.
-    Contradicts,
-    /// Something nearer hid the place from the other scan.
-    Occluded,
-    /// The other scan did not look there, or its beam has no return.
-    Unseen,
-    /// The beam itself has no return: nothing to judge, and no evidence of free space (REP-117).
-    NoReturn,
-}
 
 /// A beam and what another scan says of it.
 #[derive(Debug, Clone, Copy, PartialEq)]

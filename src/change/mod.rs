@@ -16,7 +16,6 @@ mod fold;
 mod history;
 mod join;
 mod join_bands;
-mod kind;
 mod layers;
 mod median;
 mod mended;
@@ -35,22 +34,19 @@ mod suspect_evidence;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod threshold;
-mod tier;
 mod vehicle;
 
+pub use crate::model::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, Detector, Tier};
 pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
-pub use alert::{AlertAction, AlertStatus};
-pub use beam_verdict::{BeamVerdict, JudgedBeam, judge_beams};
+pub use beam_verdict::{JudgedBeam, judge_beams};
 pub use calibration::{VehicleResidual, calibrated_p_values};
 pub use common_shift::explain_by_shift;
-pub use detector::Detector;
 pub use displaced::{MovedPose, displaced_segments};
 pub use false_alerts::FALSE_ALERTS_PER_LAP;
 pub use finding::{Counterpart, Finding};
 pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold, stays_untouched};
 pub use join::{join_counterparts, separate_counterparts};
 pub use join_bands::{join_bands, separate_bands};
-pub use kind::ChangeKind;
 pub use layers::{Layer, Layers, layer_of};
 pub use mended::resolve_mended;
 pub use mismatch::{KnownPose, TiedPose, mismatches};
@@ -62,5 +58,4 @@ pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Scr
 pub use shift_fit::{SHIFT_MAX_M, ShiftFit};
 pub use site::{Observed, Site, state_changes, support_min};
 pub use suspect_evidence::{SilencedChange, SuspectEvidence};
-pub use tier::Tier;
 pub use vehicle::Suspect;

@@ -1,9 +1,10 @@
 //! The paper's steps 3 and 4: from peaks of the derivative to changes and their places
 //! (section 4.2).
 
-use super::series::{ConvergenceRule, ResidualSeries, SeriesEntry, SeriesParams, Verdict};
+use super::series::{ConvergenceRule, ResidualSeries, SeriesEntry, SeriesParams};
 use crate::geometry::Vector2;
 use crate::ids::EdgeId;
+use crate::model::ResidualVerdict;
 
 /// Laps that must be over before anything is judged (section 4.1).
 const LAPS_MIN: usize = 2;
@@ -115,7 +116,7 @@ fn candidate(
     place: ClosurePlace,
     params: &PaperParams,
 ) -> Option<Peak> {
-    if !entry.peak || entry.verdict != Verdict::Contradiction {
+    if !entry.peak || entry.verdict != ResidualVerdict::Contradiction {
         return None;
     }
     let reach = params.series.peak_reach();

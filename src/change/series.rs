@@ -11,6 +11,7 @@
 use super::median::RunningMedian;
 use super::threshold::{CHI_SQUARED_3_MEDIAN, chi_squared_survival, paper_threshold};
 use crate::ids::EdgeId;
+use crate::model::ResidualVerdict;
 
 /// The kernel reaches this many of its standard deviations to either side.
 const KERNEL_REACH_SIGMAS: f64 = 3.0;
@@ -81,17 +82,6 @@ impl SeriesParams {
     }
 }
 
-/// What the paper's rule says about a closure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// f had not settled yet; nothing can be said.
-    WarmingUp,
-    /// It agrees with the map.
-    Consistent,
-    /// Its ΔF exceeds the threshold near a peak of the smoothed derivative.
-    Contradiction,
-}
-
 /// A closure's place in the series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeriesEntry {
@@ -121,7 +111,7 @@ pub struct SeriesEntry {
     /// candidate for the place of a change (S10, S12).
     pub peak: bool,
     /// What the rule says.
-    pub verdict: Verdict,
+    pub verdict: ResidualVerdict,
     /// Whether ΔF is clearly negative. Adding a closure cannot lower the optimum, so the
     /// optimiser had not converged: a fault of ours, no sign of the world.
     pub negative: bool,
@@ -164,9 +154,9 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
     let entry = |(k, sample): (usize, &ClosureSample)| {
         let judged = threshold.filter(|_| converged_at.is_some_and(|settled| k >= settled));
         let verdict = match judged {
-            None => Verdict::WarmingUp,
-            Some(th) if growth[k] > th && near_peak.within[k] => Verdict::Contradiction,
-            Some(_) => Verdict::Consistent,
+            None => ResidualVerdict::WarmingUp,
+            Some(th) if growth[k] > th && near_peak.within[k] => ResidualVerdict::Contradiction,
+            Some(_) => ResidualVerdict::Consistent,
         };
         SeriesEntry {
             n: k + 1,
@@ -336,7 +326,10 @@ mod tests {
             (entry.n, entry.total, entry.mean, entry.smoothed),
             (1, 0.25, 0.25, 0.25)
         );
-        assert_eq!((entry.threshold, entry.verdict), (None, Verdict::WarmingUp));
+        assert_eq!(
+            (entry.threshold, entry.verdict),
+            (None, ResidualVerdict::WarmingUp)
+        );
         assert!((entry.p_value - 0.5).abs() < 1e-12);
     }
 
@@ -361,7 +354,7 @@ mod tests {
                 let found = series
                     .entries
                     .iter()
-                    .filter(|e| e.verdict == Verdict::Contradiction);
+                    .filter(|e| e.verdict == ResidualVerdict::Contradiction);
                 contradictions += found.count();
             }
             let seen = contradictions as f64 / judged as f64;
@@ -389,12 +382,14 @@ mod tests {
             .unwrap();
         assert_eq!(largest.n, 302);
         let at = &series.entries[301];
-        assert!(at.peak && at.verdict == Verdict::Contradiction && at.edge_id == EdgeId(801));
+        assert!(
+            at.peak && at.verdict == ResidualVerdict::Contradiction && at.edge_id == EdgeId(801)
+        );
         assert!(at.ratio.unwrap() > 5.0 && at.p_value < 1e-20);
         let early = series.entries[..298].iter();
         assert!(
             early
-                .filter(|e| e.verdict == Verdict::Contradiction)
+                .filter(|e| e.verdict == ResidualVerdict::Contradiction)
                 .count()
                 <= 2
         );
@@ -411,7 +406,7 @@ mod tests {
         let later = &series.entries[350..];
         let found = later
             .iter()
-            .filter(|e| e.verdict == Verdict::Contradiction)
+            .filter(|e| e.verdict == ResidualVerdict::Contradiction)
             .count();
         assert!(found > 100, "{found}");
         assert!(later.iter().all(|e| e.p_value < 1e-6));

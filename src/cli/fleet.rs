@@ -14,6 +14,7 @@ use super::plan::Plan;
 use super::progress::{Progress, say};
 use crate::client::{BatchReport, Gateway};
 use crate::ids::{BatchId, RouteId};
+use crate::model::BatchStatus;
 use crate::sim::{ChangeEvent, SimScan};
 use drive::{Drive, LapBatch, LapClock};
 
@@ -156,7 +157,7 @@ impl Fleet {
         for batch in self.drives.iter().flat_map(|d| &d.batches) {
             settled.scans += batch.scans;
             let report = gateway.batch(route, &batch.encoded.id).await?;
-            if report.status != "merged" {
+            if report.status != BatchStatus::Merged.name() {
                 let reason = report.reason.unwrap_or_default();
                 let id = &batch.encoded.id;
                 settled
@@ -196,13 +197,14 @@ async fn report_of(
 
 fn describe(batch: &LapBatch, report: &BatchReport) -> String {
     let LapBatch { scans, encoded, .. } = batch;
-    let became = match (report.status.as_str(), &report.reason) {
-        ("merged", _) => format!(
+    let status = report.status.as_str();
+    let became = match &report.reason {
+        _ if status == BatchStatus::Merged.name() => format!(
             "merged, {} nodes and {} loop closures more",
             report.nodes_added, report.loop_closures
         ),
-        (status, Some(reason)) => format!("{status}: {reason}"),
-        (status, None) => status.to_owned(),
+        Some(reason) => format!("{status}: {reason}"),
+        None => status.to_owned(),
     };
     format!("  {} ({scans} scans) {became}", encoded.id)
 }

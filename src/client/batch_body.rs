@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use crate::geometry::Pose2;
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
+use crate::model::BatchKind;
 use crate::scan::Lidar;
-use crate::store::BatchKind;
 
 /// How far a stated initial pose may be off, metres.
 const INITIAL_SIGMA_XY_M: f64 = 0.5;

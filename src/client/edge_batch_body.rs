@@ -8,7 +8,7 @@ use super::batch_body::{EncodedBatch, PoseJson, pose_json};
 use crate::graph::{Edge, EdgeKind, Node, PoseGraph};
 use crate::ids::{NodeId, TripId, VehicleId};
 use crate::ingest::edges_json::EDGES_MAX;
-use crate::store::BatchKind;
+use crate::model::BatchKind;
 
 /// A graph cut into batches.
 pub struct GraphParts {
@@ -91,7 +91,7 @@ struct EdgeJson {
     to: i64,
     measurement: PoseJson,
     information: [f64; 6],
-    kind: &'static str,
+    kind: EdgeKind,
 }
 
 fn node_json(node: &Node) -> NodeJson {
@@ -107,10 +107,7 @@ fn edge_json(edge: &Edge) -> EdgeJson {
         to: edge.to.0,
         measurement: pose_json(&edge.measurement),
         information: edge.information.upper(),
-        kind: match edge.kind {
-            EdgeKind::Odometry => "odometry",
-            EdgeKind::LoopClosure => "loop_closure",
-        },
+        kind: edge.kind,
     }
 }
 

@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use super::batch_body::EncodedBatch;
 use crate::http_client;
 use crate::ids::{BatchId, RouteId};
-use crate::store::BatchKind;
+use crate::model::BatchKind;
 
 use answers::AlertPage;
 pub use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};

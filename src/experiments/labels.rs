@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::change::ChangeKind;
 use crate::geometry::Vector2;
+use crate::model::TextEnum as _;
 
 /// A real change of an untouched recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -36,10 +37,10 @@ fn label_of(line: &str) -> anyhow::Result<Label> {
     let mut fields = line.splitn(4, ',').map(str::trim);
     let mut next = || fields.next().context("x, y, kind and what are needed");
     let (x, y): (f64, f64) = (next()?.parse()?, next()?.parse()?);
-    let kind = match next()? {
-        "appeared" => ChangeKind::Appeared,
-        "disappeared" => ChangeKind::Disappeared,
-        other => bail!("{other} is neither appeared nor disappeared"),
+    let kind = next()?;
+    let kind = match ChangeKind::of_text(kind) {
+        Ok(known) if known.is_of_state() => known,
+        _ => bail!("{kind} is neither appeared nor disappeared"),
     };
     Ok(Label {
         location: Vector2::new(x, y),

@@ -2,26 +2,7 @@
 
 use crate::geometry::{Information, Pose2};
 use crate::ids::{EdgeId, NodeId};
-
-/// What made an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EdgeKind {
-    /// Two keyframes of one drive, one after the other.
-    Odometry,
-    /// A place seen again.
-    LoopClosure,
-}
-
-/// Whether an edge takes part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EdgeStatus {
-    /// It is optimised.
-    Active,
-    /// It contradicts an accepted change; kept for the record.
-    Retired,
-    /// It contradicts the rest of the graph beyond belief; kept for the record.
-    Quarantined,
-}
+use crate::model::{EdgeKind, EdgeStatus};
 
 /// A pose of the base in the map.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -8,6 +8,7 @@ mod carry;
 mod edge;
 mod pose_graph;
 
+pub use crate::model::{EdgeKind, EdgeStatus};
 pub use blocks::{Block, BlockIndex, Blocks};
-pub use edge::{Edge, EdgeKind, EdgeStatus, Node};
+pub use edge::{Edge, Node};
 pub use pose_graph::{GraphError, PoseGraph};

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use super::blocks::{Block, Blocks};
-use super::edge::{Edge, EdgeStatus, Node};
+use super::edge::{Edge, Node};
 use crate::geometry::Pose2;
 use crate::ids::{EdgeId, NodeId};
+use crate::model::EdgeStatus;
 
 /// Why a node or an edge was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

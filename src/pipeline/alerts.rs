@@ -7,11 +7,12 @@ use uuid::Uuid;
 
 use super::engine::now;
 use super::workspace::Workspace;
-use crate::change::series::{ClosureSample, ResidualSeries, Verdict, residual_series};
+use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
 use crate::ids::{AlertId, EdgeId, VehicleId};
 use crate::mapping::Mending;
+use crate::model::ResidualVerdict;
 use crate::store::{AlertRecord, AlertResidual, ClaimedJob, HistoryEntry, SYSTEM};
 
 /// Alerts whose regions are this close tell of the same place, metres.
@@ -181,7 +182,7 @@ impl Residuals {
                 threshold: entry.threshold,
                 ratio: entry.ratio,
                 p_value: entry.p_value,
-                seed_rule: entry.verdict == Verdict::Contradiction,
+                seed_rule: entry.verdict == ResidualVerdict::Contradiction,
             };
             let weaker = |other: AlertResidual| {
                 (other.p_value, -other.delta_f) > (residual.p_value, -residual.delta_f)

@@ -11,7 +11,8 @@ use super::workspace::Workspace;
 use crate::ids::NodeId;
 use crate::ingest::edges_json::{self, NodeName, UploadedEdges};
 use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, RouteMap};
-use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult, Store, StoreError};
+use crate::model::BatchStatus;
+use crate::store::{BatchOutcome, ClaimedJob, JobResult, Store, StoreError};
 
 /// The batches of a job of edges, with what is known of the nodes that they name.
 pub(super) struct EdgeJob {

@@ -30,7 +30,7 @@ mod workspace;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use options::PipelineOptions;
-pub use residuals::{Measurement, ResidualReading, Residuals};
+pub use residuals::{ResidualReading, Residuals};
 
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;

@@ -16,7 +16,8 @@ use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
 };
-use crate::store::{BatchOutcome, BatchStatus, ClaimedJob, JobResult};
+use crate::model::{BatchFlag, BatchStatus};
+use crate::store::{BatchOutcome, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
@@ -58,7 +59,7 @@ pub(super) fn process(
             if is_lost(&workspace.map, &extension)
                 && let Some(newest) = outcomes.last_mut()
             {
-                newest.flags.push("not_localised".to_owned());
+                newest.flags.push(BatchFlag::NotLocalised.name().to_owned());
             }
             (added, outcomes)
         }
@@ -138,7 +139,7 @@ pub(super) fn conclude(
         );
     }
     if let Some(newest) = outcomes.last_mut().filter(|_| !mendings.is_empty()) {
-        newest.flags.push("map_mended".to_owned());
+        newest.flags.push(BatchFlag::MapMended.name().to_owned());
     }
     let mut result = of_added(&mut workspace, job, origins, &added)?;
     if is_news {
@@ -235,7 +236,7 @@ fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added) -> Vec<BatchOutco
     let outcomes = outcomes.map(|origin| outcome_of(origin, BatchStatus::Merged));
     let mut outcomes: Vec<BatchOutcome> = outcomes.collect();
     if job.after_gap {
-        outcomes[0].flags.push("gap".to_owned());
+        outcomes[0].flags.push(BatchFlag::Gap.name().to_owned());
     }
     count_added(&mut outcomes, added);
     outcomes

@@ -4,39 +4,30 @@
 use std::collections::BTreeMap;
 
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
-use crate::change::{Detector, RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
+use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
 use crate::ids::{EdgeId, RouteId, VehicleId};
+use crate::model::{Detector, ResidualMeasurement};
 use crate::store::{
     AcceptedChange, SeriesClosure, SeriesClosures, Store, StoreError, SubgraphSums,
 };
 
-/// Which residuals of closures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Measurement {
-    /// What each closure added to the optimum F.
-    Robust,
-    /// The residual of each closure's all-points estimate, which is watched and not optimised.
-    AllPoints,
+/// What of a closure a measurement takes.
+fn residual_of(measurement: ResidualMeasurement, closure: &SeriesClosure) -> Option<f64> {
+    match measurement {
+        ResidualMeasurement::Robust => Some(closure.delta_f),
+        ResidualMeasurement::AllPoints => closure.all_points_residual,
+    }
 }
 
-impl Measurement {
-    fn of(self, closure: &SeriesClosure) -> Option<f64> {
-        match self {
-            Self::Robust => Some(closure.delta_f),
-            Self::AllPoints => closure.all_points_residual,
-        }
-    }
-
-    /// How many closures sums hold, and what these add up to.
-    fn of_sums(self, sums: &SubgraphSums) -> Left {
-        let (closures, total) = match self {
-            Self::Robust => (sums.closures, sums.delta_f),
-            Self::AllPoints => (sums.scan_closures, sums.all_points),
-        };
-        Left {
-            closures: usize::try_from(closures).unwrap_or(0),
-            total,
-        }
+/// How many closures sums hold, and what these add up to.
+fn sum_of(measurement: ResidualMeasurement, sums: &SubgraphSums) -> Left {
+    let (closures, total) = match measurement {
+        ResidualMeasurement::Robust => (sums.closures, sums.delta_f),
+        ResidualMeasurement::AllPoints => (sums.scan_closures, sums.all_points),
+    };
+    Left {
+        closures: usize::try_from(closures).unwrap_or(0),
+        total,
     }
 }
 
@@ -53,7 +44,7 @@ pub struct ResidualReading {
     /// The sub-graph; `None` for the whole route.
     pub subgraph_id: Option<i64>,
     /// Which residuals.
-    pub measurement: Measurement,
+    pub measurement: ResidualMeasurement,
     /// The series. Where closures have left the active graph that it does not show, `n`, `total`
     /// and `mean` of the entries after them count them.
     pub series: ResidualSeries,
@@ -91,12 +82,16 @@ impl Residuals {
 
     /// The series of a sub-graph, or of the whole route. Of closures that have left the active
     /// graph only the first [`crate::store::SETTLED_CLOSURES_MAX`] of the route are entries.
-    pub fn read(&self, subgraph_id: Option<i64>, measurement: Measurement) -> ResidualReading {
-        let robust = self.series(subgraph_id, Measurement::Robust);
+    pub fn read(
+        &self,
+        subgraph_id: Option<i64>,
+        measurement: ResidualMeasurement,
+    ) -> ResidualReading {
+        let robust = self.series(subgraph_id, ResidualMeasurement::Robust);
         let baseline = robust.converged_at;
         let mut series = match measurement {
-            Measurement::Robust => robust,
-            Measurement::AllPoints => self.series(subgraph_id, measurement),
+            ResidualMeasurement::Robust => robust,
+            ResidualMeasurement::AllPoints => self.series(subgraph_id, measurement),
         };
         self.count_what_left(subgraph_id, measurement, &mut series);
         ResidualReading {
@@ -113,7 +108,7 @@ impl Residuals {
         let closures = &self.closures.closures;
         let found = closures.binary_search_by_key(&edge, |closure| closure.id);
         let subgraph_id = closures.get(found.ok()?)?.subgraph_id;
-        let mut reading = self.read(subgraph_id, Measurement::Robust);
+        let mut reading = self.read(subgraph_id, ResidualMeasurement::Robust);
         let entries = &mut reading.series.entries;
         let place = entries.iter().position(|entry| entry.edge_id == edge)?;
         entries.truncate(place + reach + 1);
@@ -129,11 +124,11 @@ impl Residuals {
         })
     }
 
-    fn series(&self, subgraph_id: Option<i64>, measurement: Measurement) -> ResidualSeries {
+    fn series(&self, subgraph_id: Option<i64>, measurement: ResidualMeasurement) -> ResidualSeries {
         let samples = self.counted(subgraph_id).filter_map(|closure| {
             Some(ClosureSample {
                 edge_id: closure.id,
-                delta_f: measurement.of(closure)?,
+                delta_f: residual_of(measurement, closure)?,
             })
         });
         let samples: Vec<ClosureSample> = samples.collect();
@@ -143,16 +138,12 @@ impl Residuals {
     /// Of a series that has settled after so many closures those are the baseline, and of the later
     /// ones those that are not flagged; before, all are.
     fn p_values(&self, subgraph_id: Option<i64>, settled: Option<usize>) -> BTreeMap<EdgeId, f64> {
-        let residual_of = |closure: &SeriesClosure| match closure.all_points_residual {
-            Some(residual) => residual,
-            None => closure.delta_f,
-        };
         let closures: Vec<&SeriesClosure> = self.counted(subgraph_id).collect();
         let residuals: Vec<VehicleResidual<&VehicleId>> = closures
             .iter()
             .map(|closure| VehicleResidual {
                 vehicle: &closure.vehicle_id,
-                residual: residual_of(closure),
+                residual: closure.all_points_residual.unwrap_or(closure.delta_f),
             })
             .collect();
         let baseline = settled.unwrap_or(residuals.len());
@@ -167,7 +158,7 @@ impl Residuals {
     fn count_what_left(
         &self,
         subgraph_id: Option<i64>,
-        measurement: Measurement,
+        measurement: ResidualMeasurement,
         series: &mut ResidualSeries,
     ) {
         let Some((after, left)) = self.left_out(subgraph_id, measurement) else {
@@ -184,11 +175,11 @@ impl Residuals {
     fn left_out(
         &self,
         subgraph_id: Option<i64>,
-        measurement: Measurement,
+        measurement: ResidualMeasurement,
     ) -> Option<(EdgeId, Left)> {
         let sums = self.closures.archive.iter();
         let sums = sums.filter(|(id, _)| subgraph_id.is_none() || **id == subgraph_id);
-        let all = sums.map(|(_, sums)| measurement.of_sums(sums));
+        let all = sums.map(|(_, sums)| sum_of(measurement, sums));
         let all = all.fold(Left::default(), |a, b| Left {
             closures: a.closures + b.closures,
             total: a.total + b.total,
@@ -197,7 +188,7 @@ impl Residuals {
         let last = archived.clone().map(|closure| closure.id).max()?;
         let shown = archived.filter(|closure| is_within(closure, subgraph_id));
         let shown: Vec<f64> = shown
-            .filter_map(|closure| measurement.of(closure))
+            .filter_map(|closure| residual_of(measurement, closure))
             .collect();
         let shown_total: f64 = shown.iter().map(|value| value.max(0.0)).sum();
         let closures = all.closures.checked_sub(shown.len()).filter(|n| *n > 0)?;

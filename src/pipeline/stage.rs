@@ -2,7 +2,7 @@
 
 use super::workspace::Workspace;
 use crate::change::series::residual_series;
-use crate::store::Stage;
+use crate::model::Stage;
 
 /// Passes over the route before its reference can be complete (paper, section 4.1: at least two
 /// laps).

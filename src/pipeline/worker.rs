@@ -16,7 +16,8 @@ use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::workspace::Workspace;
 use crate::calibration::TripCorrections;
 use crate::ids::RouteId;
-use crate::store::{Applied, BatchKind, ClaimedJob, JobResult, Store, StoreError};
+use crate::model::BatchKind;
+use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);

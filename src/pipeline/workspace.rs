@@ -10,10 +10,11 @@ use crate::change::series::ClosureSample;
 use crate::graph::Edge;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
 use crate::mapping::{Companion, IntermediateScan, Keyframe, RouteMap, Weighting};
+use crate::model::{Detector, Stage};
 use crate::scan::decode_scan;
 use crate::store::{
-    AcceptedChange, AlertRecord, Detector, EdgeChange, EdgeRecord, IntermediateRecord, NodeChange,
-    NodeWithScan, RouteGraph, SettledClosure, Stage, Store,
+    AcceptedChange, AlertRecord, EdgeChange, EdgeRecord, IntermediateRecord, NodeChange,
+    NodeWithScan, RouteGraph, SettledClosure, Store,
 };
 
 /// A route's map with what the store has of it.

@@ -9,7 +9,7 @@ mod text;
 #[cfg(test)]
 mod tests;
 
-use crate::change::{BeamVerdict, ChangeKind};
+use crate::change::BeamVerdict;
 
 pub use picture::{Curve, EvidencePicture, Look};
 use picture::{HEIGHT_PX, MARGIN_PX, WIDTH_PX};
@@ -39,13 +39,7 @@ pub fn to_svg(picture: &EvidencePicture<'_>) -> String {
 }
 
 fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
-    let what = match picture.kind {
-        ChangeKind::Appeared => "Appeared",
-        ChangeKind::Disappeared => "Disappeared",
-        ChangeKind::Residual => "Residual",
-        ChangeKind::MapMismatch => "Map mismatch",
-        ChangeKind::VehicleSuspect => "Vehicle suspect",
-    };
+    let what = heading(picture.kind.name());
     let at = picture.location;
     let title = format!("{what} at x {:.2} m, y {:.2} m", at.x, at.y);
     let times = |count: usize, one: &str| match count {
@@ -61,6 +55,13 @@ fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
         picture.status,
     );
     (title, subtitle)
+}
+
+/// A text of the model as people begin a line with it: `map_mismatch` as "Map mismatch".
+fn heading(text: &str) -> String {
+    let words = text.replace('_', " ");
+    let (first, rest) = words.split_at(words.len().min(1));
+    format!("{}{rest}", first.to_uppercase())
 }
 
 fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {

@@ -3,7 +3,7 @@
 use sqlx::SqliteConnection;
 
 use super::alert_records::{AlertRecord, HistoryEntry};
-use super::columns::{Text, json_text, micros, polygon_bytes};
+use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
 use super::webhook_deliveries::{Happened, queue};
 use crate::scan::HeightBand;
@@ -107,8 +107,8 @@ async fn upsert(
         .bind(route_key)
         .bind(alert.id.to_string())
         .bind(alert.revision)
-        .bind(evidence.kind.text())
-        .bind(alert.status.text())
+        .bind(evidence.kind.name())
+        .bind(alert.status.name())
         .bind(evidence.confidence)
         .bind(evidence.location.x)
         .bind(evidence.location.y)
@@ -134,8 +134,8 @@ async fn upsert(
         .bind(json_text(&alert.related)?)
         .bind(micros(alert.raised_at))
         .bind(micros(alert.updated_at))
-        .bind(evidence.tier.text())
-        .bind(counterpart.map(|counterpart| counterpart.kind.text()))
+        .bind(evidence.tier.name())
+        .bind(counterpart.map(|counterpart| counterpart.kind.name()))
         .bind(counterpart.map(|counterpart| polygon_bytes(&counterpart.region)))
         .bind(evidence.shift.map(|shift| shift.x))
         .bind(evidence.shift.map(|shift| shift.y))
@@ -199,7 +199,7 @@ async fn add_history(
         )
         .bind(alert_key)
         .bind(length(position))
-        .bind(entry.status.text())
+        .bind(entry.status.name())
         .bind(micros(entry.at))
         .bind(&entry.by)
         .bind(entry.note.as_deref())

@@ -6,11 +6,9 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 
-use super::alert_records::{
-    AlertEvent, AlertFilter, AlertRecord, AlertResidual, AlertStatus, HistoryEntry,
-};
+use super::alert_records::{AlertEvent, AlertFilter, AlertRecord, AlertResidual, HistoryEntry};
 use super::columns::{
-    Text, alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time,
+    alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
 };
 use super::error::StoreError;
 use crate::change::{Counterpart, Finding};
@@ -60,13 +58,13 @@ pub(super) async fn alert_page(
         query.push(" AND routes.id = ").push_bind(route.as_str());
     }
     if let Some(status) = filter.status {
-        query.push(" AND status = ").push_bind(status.text());
+        query.push(" AND status = ").push_bind(status.name());
     }
     if let Some(kind) = filter.kind {
-        query.push(" AND kind = ").push_bind(kind.text());
+        query.push(" AND kind = ").push_bind(kind.name());
     }
     if let Some(tier) = filter.tier {
-        query.push(" AND tier = ").push_bind(tier.text());
+        query.push(" AND tier = ").push_bind(tier.name());
     }
     if let Some(since) = filter.since {
         query
@@ -274,7 +272,7 @@ fn history_of(row: &SqliteRow) -> Result<Vec<HistoryEntry>, StoreError> {
     rows.sort_by_key(|(position, ..)| *position);
     let entry = |(_, status, at_us, by, note): Row| {
         Ok(HistoryEntry {
-            status: AlertStatus::parse(&status).ok_or_else(|| corrupt("history"))?,
+            status: value_of(&status, "history")?,
             at: Timestamp::from_microsecond(at_us).map_err(|_| corrupt("history"))?,
             by,
             note,

@@ -9,10 +9,10 @@ use sqlx::{Row, SqliteConnection};
 use super::columns::{micros, name, text};
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, job_of};
-use super::records::BatchKind;
 use super::request::Request;
 use super::trips::Place;
 use crate::ids::{BatchId, RouteId};
+use crate::model::BatchKind;
 
 /// Batches of edges without a tie to the map that a job takes along, at most.
 pub(super) const TAKEN_ALONG_MAX: i64 = 63;

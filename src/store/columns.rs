@@ -1,4 +1,4 @@
-//! How values stand in columns: the texts of enumerations, times, names, flags.
+//! How values stand in columns: enumerations, times, names, flags.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -7,94 +7,9 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::error::{Corruption, StoreError};
-use super::records::{BatchKind, BatchStatus, Detector, Stage};
-use crate::change::{AlertAction, AlertStatus, ChangeKind, Tier};
 use crate::geometry::{Information, Pose2, PoseSigma, Vector2};
-use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, BatchId, InvalidName, LidarId, RouteId, TripId, VehicleId};
-
-/// An enumeration that is stored as text.
-pub(super) trait Text: Sized {
-    /// What stands in the column.
-    fn text(self) -> &'static str;
-    /// The value of a column's text.
-    fn parse(text: &str) -> Option<Self>;
-}
-
-macro_rules! text_column {
-    ($type:ty { $($variant:ident = $text:literal),+ $(,)? }) => {
-        impl Text for $type {
-            fn text(self) -> &'static str {
-                match self { $(Self::$variant => $text),+ }
-            }
-            fn parse(text: &str) -> Option<Self> {
-                match text { $($text => Some(Self::$variant),)+ _ => None }
-            }
-        }
-    };
-}
-pub(super) use text_column;
-
-text_column!(Detector {
-    Fused = "fused",
-    Seed = "seed",
-});
-text_column!(Stage {
-    Mapping = "mapping",
-    Monitoring = "monitoring",
-});
-text_column!(BatchKind {
-    Scans = "scans",
-    Edges = "edges",
-});
-text_column!(BatchStatus {
-    Queued = "queued",
-    Processing = "processing",
-    Held = "held",
-    Merged = "merged",
-    Unanchored = "unanchored",
-    Quarantined = "quarantined",
-});
-text_column!(EdgeKind {
-    Odometry = "odometry",
-    LoopClosure = "loop_closure",
-});
-text_column!(EdgeStatus {
-    Active = "active",
-    Retired = "retired",
-    Quarantined = "quarantined",
-});
-
-text_column!(ChangeKind {
-    Appeared = "appeared",
-    Disappeared = "disappeared",
-    Residual = "residual",
-    MapMismatch = "map_mismatch",
-    VehicleSuspect = "vehicle_suspect",
-});
-text_column!(AlertStatus {
-    Open = "open",
-    Acknowledged = "acknowledged",
-    Accepted = "accepted",
-    Dismissed = "dismissed",
-    Resolved = "resolved",
-});
-text_column!(AlertAction {
-    Acknowledge = "acknowledge",
-    Accept = "accept",
-    Dismiss = "dismiss",
-    Reopen = "reopen",
-    Undo = "undo",
-});
-
-impl Text for Tier {
-    fn text(self) -> &'static str {
-        self.name()
-    }
-    fn parse(text: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|tier| tier.name() == text)
-    }
-}
+use crate::model::TextEnum;
 
 /// A client-chosen name that is stored as text.
 pub(super) trait Name: Sized {
@@ -119,9 +34,18 @@ pub(super) fn corrupt(column: &'static str) -> StoreError {
     StoreError::Corrupt(Corruption::Value { column })
 }
 
+/// The value of an enumeration's text.
+///
+/// # Errors
+/// [`StoreError::Corrupt`] for a text that this version of the program does not know.
+pub(super) fn value_of<T: TextEnum>(text: &str, column: &'static str) -> Result<T, StoreError> {
+    T::of_text(text)
+        .map_err(|unknown| StoreError::Corrupt(Corruption::UnknownText { column, unknown }))
+}
+
 /// An enumeration's column.
-pub(super) fn text<T: Text>(row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
-    T::parse(row.try_get(column)?).ok_or_else(|| corrupt(column))
+pub(super) fn text<T: TextEnum>(row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+    value_of(row.try_get(column)?, column)
 }
 
 /// A name's column.
@@ -266,18 +190,72 @@ pub(super) fn information(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{
+        AlertStatus, BatchKind, BatchStatus, ChangeKind, DeliveryStatus, EdgeKind, EdgeStatus,
+        WebhookEvent,
+    };
 
     #[test]
-    fn texts_are_read_back() {
-        use BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
-        for status in [Queued, Processing, Held, Merged, Unanchored, Quarantined] {
-            assert_eq!(BatchStatus::parse(status.text()), Some(status));
+    fn an_unknown_text_is_a_corrupt_value_that_says_what_is_known() {
+        assert_eq!(value_of("active", "status").ok(), Some(EdgeStatus::Active));
+        let error = value_of::<EdgeStatus>("Active", "status").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "a value of status (`Active` is none of active, retired, quarantined) is corrupt on the \
+             disk"
+        );
+    }
+
+    /// The texts that statements compare a column with, or put into it.
+    fn texts_of(statements: &str, column: &str) -> Vec<String> {
+        let mut texts = Vec::new();
+        for operator in [" = '", " <> '"] {
+            let before = format!("{column}{operator}");
+            let after = statements.split(&before).skip(1);
+            texts.extend(after.filter_map(|rest| Some(rest.split_once('\'')?.0.to_owned())));
         }
-        assert_eq!(EdgeKind::parse("loop_closure"), Some(EdgeKind::LoopClosure));
-        assert_eq!(EdgeStatus::parse("Active"), None);
-        for tier in Tier::ALL {
-            assert_eq!(Tier::parse(tier.text()), Some(tier));
+        let before = format!("{column} IN (");
+        let lists = statements.split(&before).skip(1);
+        for list in lists.filter_map(|rest| Some(rest.split_once(')')?.0)) {
+            let quoted = list.split('\'').skip(1).step_by(2);
+            texts.extend(quoted.map(str::to_owned));
         }
+        texts
+    }
+
+    fn has<T: TextEnum>(text: &str) -> bool {
+        T::of_text(text).is_ok()
+    }
+
+    #[test]
+    fn every_text_in_a_statement_is_one_of_the_model() {
+        let mut found = 0;
+        let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+        for file in std::fs::read_dir(sources).unwrap() {
+            let path = file.unwrap().path();
+            if path.is_dir() {
+                continue;
+            }
+            let source = std::fs::read_to_string(&path).unwrap();
+            let statements = source.split("#[cfg(test)]").next().unwrap();
+            let mut check = |column, is_one: fn(&str) -> bool| {
+                for text in texts_of(statements, column) {
+                    assert!(is_one(&text), "{}: {column} '{text}'", path.display());
+                    found += 1;
+                }
+            };
+            check("status", |text| {
+                has::<BatchStatus>(text)
+                    || has::<EdgeStatus>(text)
+                    || has::<AlertStatus>(text)
+                    || has::<DeliveryStatus>(text)
+            });
+            check("kind", |text| {
+                has::<BatchKind>(text) || has::<EdgeKind>(text) || has::<ChangeKind>(text)
+            });
+            check("event", has::<WebhookEvent>);
+        }
+        assert!(found > 30, "{found}");
     }
 
     #[test]

@@ -81,12 +81,25 @@ impl Database {
     }
 
     /// Brings the schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::Migration`] if a migration cannot be applied; those before it have been.
     pub(super) async fn migrate(
         &self,
         writer: &mut SqliteConnection,
     ) -> Result<Migrated, StoreError> {
         let had_rates_per_lap = has_migration(writer, RATES_PER_LAP).await?;
+        // A migration that rebuilds a table drops the old one. With foreign keys enforced that would
+        // delete every row that refers to it, and inside a migration's transaction it is too late to
+        // turn them off.
+        sqlx::query("PRAGMA foreign_keys = OFF")
+            .execute(&mut *writer)
+            .await?;
         MIGRATIONS.run(&mut *writer).await?;
+        sqlx::query("PRAGMA foreign_keys = ON")
+            .execute(&mut *writer)
+            .await?;
+        check_settings(writer).await?;
         archive::fill_if_missing(writer).await?;
         if had_rates_per_lap {
             return Ok(Migrated { rates_set: 0 });
@@ -203,6 +216,9 @@ async fn check_settings(connection: &mut SqliteConnection) -> Result<(), StoreEr
         .await?;
     check_setting("foreign_keys", foreign_keys.to_string(), "1")
 }
+
+#[cfg(test)]
+mod migration_tests;
 
 #[cfg(test)]
 mod tests {

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use crate::ids::{BatchId, NodeId, RouteId};
+use crate::model::UnknownText;
 
 /// Why the store could not do it.
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +87,13 @@ pub enum Corruption {
         /// Where it was read.
         column: &'static str,
     },
+    /// The text of an enumeration that this version of the program does not know.
+    UnknownText {
+        /// Where it was read.
+        column: &'static str,
+        /// The text, and those that are known.
+        unknown: UnknownText,
+    },
     /// The database file itself, as SQLite says.
     Database,
 }
@@ -100,6 +108,7 @@ impl fmt::Display for Corruption {
                 write!(f, "the scan of node {node_id} of route {route_id}")
             }
             Self::Value { column } => write!(f, "a value of {column}"),
+            Self::UnknownText { column, unknown } => write!(f, "a value of {column} ({unknown})"),
             Self::Database => f.write_str("the database"),
         }
     }

@@ -6,14 +6,14 @@ use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 use super::acceptances;
 use super::alerts;
 use super::body::checksum;
-use super::columns::{Text, information, json_text, name, optional_name, pose, pose_sigma, text};
+use super::columns::{information, json_text, name, optional_name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
 use super::{settled, vehicles};
 use crate::geometry::Pose2;
-use crate::graph::EdgeStatus;
+use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
 macro_rules! node_columns {
@@ -319,8 +319,8 @@ pub(super) async fn edge_page(
     let rows = sqlx::query(statement)
         .bind(route.as_str())
         .bind(after.map_or(-1, |id| id.0))
-        .bind(filter.kind.map(Text::text))
-        .bind(filter.status.map(Text::text))
+        .bind(filter.kind.map(EdgeKind::name))
+        .bind(filter.status.map(EdgeStatus::name))
         .bind(limit)
         .fetch_all(readers)
         .await?;

@@ -6,7 +6,6 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::archive;
 use super::body::checksum;
-use super::columns::Text;
 use super::error::StoreError;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
 use super::results::Members;
@@ -99,8 +98,8 @@ pub(super) async fn insert_edges(
                 .push_bind(edge.id.0)
                 .push_bind(edge.from.0)
                 .push_bind(edge.to.0)
-                .push_bind(edge.kind.text())
-                .push_bind(edge.status.text())
+                .push_bind(edge.kind.name())
+                .push_bind(edge.status.name())
                 .push_bind(batch_key(members, &edge.batch_id));
             push_pose(&mut values, &edge.measurement);
             push_information(&mut values, &edge.information);
@@ -196,7 +195,7 @@ pub(super) async fn update_edges(
         query.push_values(rows, |mut values, change| {
             values
                 .push_bind(change.id.0)
-                .push_bind(change.status.text())
+                .push_bind(change.status.name())
                 .push_bind(change.subgraph_id);
         });
         query.push(

@@ -4,12 +4,13 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 
 use super::body::{SealedBody, unseal};
-use super::columns::{Text, flags_text, micros, name, optional_time, parse_flags, text, time};
+use super::columns::{flags_text, micros, name, optional_time, parse_flags, text, time};
 use super::error::{Corruption, StoreError};
-use super::records::{BatchFilter, BatchRecord, BatchStatus, JournalEntry, Journaled, NewBatch};
+use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
 use crate::ids::{BatchId, RouteId};
+use crate::model::BatchStatus;
 
 macro_rules! select_batches {
     ($columns:literal, $rest:literal) => {
@@ -125,9 +126,9 @@ impl Journal {
         .bind(batch.id.as_str())
         .bind(batch.vehicle_id.as_str())
         .bind(batch.trip_id.as_str())
-        .bind(batch.content.kind().text())
+        .bind(batch.content.kind().name())
         .bind(placement.sequence)
-        .bind(placement.status.text())
+        .bind(placement.status.name())
         .bind(placement.reason.as_deref())
         .bind(flags_text(&batch.flags))
         .bind(batch.content.scans())
@@ -174,7 +175,7 @@ pub(super) async fn batches(
     }
     if let Some(status) = filter.status {
         query.push(" AND status = ");
-        query.push_bind(status.text());
+        query.push_bind(status.name());
     }
     if let Some(after) = after {
         query.push(

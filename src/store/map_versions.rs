@@ -5,7 +5,7 @@ use sqlx::{Row, SqliteConnection, SqlitePool};
 
 use super::alert_records::{MapPicture, MapVersionRecord, VersionCause};
 use super::body::{SealedBody, unseal};
-use super::columns::{Text, alert_id, corrupt, optional_time, text, time};
+use super::columns::{alert_id, corrupt, optional_time, text, time};
 use super::error::StoreError;
 use crate::change::AlertAction;
 use crate::ids::{AlertId, RouteId};
@@ -128,7 +128,7 @@ pub(super) async fn begin_next(
     .bind(route_key)
     .bind(next.at_us)
     .bind(next.alert_id.to_string())
-    .bind(next.action.text())
+    .bind(next.action.name())
     .execute(transaction)
     .await?;
     Ok(())

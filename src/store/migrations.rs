@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 17] = [
+const FILES: [(i64, &str, &str); 18] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -39,6 +39,7 @@ const FILES: [(i64, &str, &str); 17] = [
     file!(14, "lidars", "0014_lidars.sql"),
     file!(15, "alert bands", "0015_alert_bands.sql"),
     file!(16, "corrections", "0016_corrections.sql"),
+    file!(17, "open enumerations", "0017_open_enumerations.sql"),
     file!(18, "archive", "0018_archive.sql"),
 ];
 

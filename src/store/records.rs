@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use super::alert_records::{AcceptedChange, AlertRecord};
 use super::vehicles::TripCalibrationRecord;
 use crate::calibration::TripCorrections;
-pub use crate::change::Detector;
 use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{BatchId, EdgeId, LidarId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::mapping::LOST_DRIFT_M;
+use crate::model::{BatchKind, BatchStatus, Detector, Stage};
 use crate::scan::{CodecError, LaserScan, decode_scan};
 
 /// What a route's keeper can set.
@@ -48,15 +48,6 @@ pub struct GeoAnchor {
     pub longitude: f64,
     /// Degrees, 0 to 360.
     pub heading: f64,
-}
-
-/// How far a route's reference map has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// The reference is still being built.
-    Mapping,
-    /// New laps are judged against the reference.
-    Monitoring,
 }
 
 /// What a route holds.
@@ -118,32 +109,6 @@ pub struct RouteUpdate {
     pub geo_anchor: Option<GeoAnchor>,
     /// The whole of the settings.
     pub settings: Option<RouteSettings>,
-}
-
-/// What a batch holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BatchKind {
-    /// Scans, a part of a drive.
-    Scans,
-    /// Nodes and edges.
-    Edges,
-}
-
-/// Where a batch is on its way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum BatchStatus {
-    /// Stored; a worker will take it.
-    Queued,
-    /// A worker has it.
-    Processing,
-    /// Waits for its predecessor.
-    Held,
-    /// In the map.
-    Merged,
-    /// Its trip could not be placed in the map; tried again when the map or the trip grows.
-    Unanchored,
-    /// Processing failed for good; the reason says why.
-    Quarantined,
 }
 
 /// An upload to be stored.

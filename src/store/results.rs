@@ -5,17 +5,18 @@ use std::collections::BTreeMap;
 use sqlx::{Row, SqliteConnection};
 
 use super::alert_rows::write_alerts;
-use super::columns::{Text, flags_text, micros, name, parse_flags};
+use super::columns::{flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
 use super::intermediate_scans::insert_intermediate;
 use super::jobs::{Job, held_job};
-use super::records::{Applied, BatchOutcome, BatchStatus, JobResult};
+use super::records::{Applied, BatchOutcome, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
 use super::vehicles::{put_calibration, put_corrections};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
+use crate::model::BatchStatus;
 
 /// Applies a job's result if the fence lets it through.
 pub(super) struct ApplyResult(pub(super) JobResult);
@@ -142,7 +143,7 @@ fn check(
         if !matches!(status, Merged | Unanchored | Quarantined) {
             return invalid(format!(
                 "batch {batch_id} does not end as {}",
-                status.text()
+                status.name()
             ));
         }
         ends_its_batch |= member.batch_key == place.batch_key;
@@ -190,7 +191,7 @@ async fn raise_route(
          WHERE route_key = ?1 RETURNING nodes",
     )
     .bind(place.route_key)
-    .bind(result.stage.text())
+    .bind(result.stage.name())
     .bind(micros(result.processed_at))
     .bind(length(result.nodes.len()))
     .bind(length(result.edges.len()))
@@ -255,7 +256,7 @@ async fn end_batch(
         "UPDATE batches SET status = ?, reason = ?, flags = ?, nodes_added = ?, \
          loop_closures = ?, nodes_at_try = ?, processed_at_us = ? WHERE batch_key = ?",
     )
-    .bind(outcome.status.text())
+    .bind(outcome.status.name())
     .bind(outcome.reason.as_deref())
     .bind(flags_text(&flags))
     .bind(outcome.nodes_added)

@@ -5,11 +5,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
 use super::Put;
-use super::columns::{Text, micros, name, text, time};
+use super::columns::{micros, name, text, time};
 use super::error::StoreError;
-use super::records::{GeoAnchor, RouteCounts, RouteRecord, RouteSettings, RouteUpdate, Stage};
+use super::records::{GeoAnchor, RouteCounts, RouteRecord, RouteSettings, RouteUpdate};
 use super::request::Request;
 use crate::ids::RouteId;
+use crate::model::Stage;
 
 macro_rules! select_routes {
     ($rest:literal) => {
@@ -60,7 +61,7 @@ impl PutRoute {
         .bind(geo.map(|geo| geo.latitude))
         .bind(geo.map(|geo| geo.longitude))
         .bind(geo.map(|geo| geo.heading))
-        .bind(settings.map(|settings| settings.detector.text()))
+        .bind(settings.map(|settings| settings.detector.name()))
         .bind(settings.map(|settings| settings.false_alarm_rate))
         .bind(settings.map(|settings| settings.hold_s))
         .bind(micros(self.now))
@@ -84,10 +85,10 @@ impl PutRoute {
         .bind(geo.map(|geo| geo.latitude))
         .bind(geo.map(|geo| geo.longitude))
         .bind(geo.map(|geo| geo.heading))
-        .bind(settings.detector.text())
+        .bind(settings.detector.name())
         .bind(settings.false_alarm_rate)
         .bind(settings.hold_s)
-        .bind(Stage::Mapping.text())
+        .bind(Stage::Mapping.name())
         .bind(micros(self.now))
         .bind(micros(self.now))
         .execute(transaction)

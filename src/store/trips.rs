@@ -6,9 +6,9 @@
 
 use sqlx::SqliteConnection;
 
-use super::columns::Text;
 use super::error::StoreError;
-use super::records::{BatchContent, BatchKind, BatchStatus, NewBatch};
+use super::records::{BatchContent, NewBatch};
+use crate::model::{BatchKind, BatchStatus};
 
 /// Where a batch is put when it arrives.
 #[derive(Debug, PartialEq, Eq)]
@@ -123,7 +123,7 @@ async fn has_others(
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
-    .bind(batch.content.kind().text())
+    .bind(batch.content.kind().name())
     .fetch_one(transaction)
     .await?;
     Ok(has_others)

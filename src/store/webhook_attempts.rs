@@ -4,10 +4,11 @@ use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
 use super::Store;
-use super::columns::{Text, micros};
+use super::columns::micros;
 use super::error::StoreError;
 use super::request::Request;
-use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict, DeliveryStatus};
+use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict};
+use crate::model::DeliveryStatus;
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
 const DELETED_AT_ONCE: i64 = 500;
@@ -49,7 +50,7 @@ impl Request for Record {
         };
         let (answer, failure) = match attempt.end {
             AttemptEnd::Answer(status) => (Some(status), None),
-            AttemptEnd::Failure(failure) => (None, Some(failure.text())),
+            AttemptEnd::Failure(failure) => (None, Some(failure.name())),
         };
         let noted = sqlx::query(
             "UPDATE webhook_deliveries SET status = ?3, attempts = ?2, attempted_at_us = ?4, \
@@ -58,7 +59,7 @@ impl Request for Record {
         )
         .bind(attempt.delivery_key)
         .bind(attempt.attempts)
-        .bind(status.text())
+        .bind(status.name())
         .bind(micros(attempt.ended_at))
         .bind(next)
         .bind(answer)

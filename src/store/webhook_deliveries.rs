@@ -4,16 +4,14 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::{Text, alert_id, corrupt, micros, optional_time, text, time};
+use super::columns::{alert_id, corrupt, micros, optional_time, text, time, value_of};
 use super::error::StoreError;
 use super::request::Request;
-use super::webhook_records::{
-    AttemptEnd, DeliveryFailure, DeliveryRecord, NextDelivery, TestQueued, WebhookEvent,
-    WebhookSecret,
-};
+use super::webhook_records::{AttemptEnd, DeliveryRecord, NextDelivery, TestQueued, WebhookSecret};
 use super::webhooks::webhook_id;
 use super::{Store, named};
 use crate::ids::{AlertId, WebhookId};
+use crate::model::AlertEventKind;
 
 impl Store {
     /// Queues a test of an active webhook; while one waits, that one is handed back.
@@ -66,20 +64,20 @@ pub(super) struct Happened {
 
 impl Happened {
     /// What it is to a webhook that is sent tentative alerts as well.
-    fn event(&self) -> WebhookEvent {
+    fn event(&self) -> AlertEventKind {
         match self.revision {
-            1 => WebhookEvent::AlertRaised,
-            _ => WebhookEvent::AlertUpdated,
+            1 => AlertEventKind::Raised,
+            _ => AlertEventKind::Updated,
         }
     }
 
     /// What it is to a webhook for which an alert begins when it is confirmed: nothing before
     /// that. An alert that was confirmed once goes on being sent, also if it is tentative again.
-    fn event_if_confirmed(&self) -> Option<WebhookEvent> {
+    fn event_if_confirmed(&self) -> Option<AlertEventKind> {
         let confirmed_revision = self.confirmed_revision?;
         Some(match self.revision == confirmed_revision {
-            true => WebhookEvent::AlertRaised,
-            false => WebhookEvent::AlertUpdated,
+            true => AlertEventKind::Raised,
+            false => AlertEventKind::Updated,
         })
     }
 }
@@ -99,13 +97,13 @@ pub(super) async fn queue(
          WHERE happened IS NOT NULL \
          AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = happened) ORDER BY webhook_key",
     )
-    .bind(happened.event().text())
+    .bind(happened.event().name())
     .bind(happened.sequence)
     .bind(happened.alert_key)
     .bind(happened.at_us)
     .bind(happened.route_key)
     .bind(happened.revision)
-    .bind(happened.event_if_confirmed().map(Text::text))
+    .bind(happened.event_if_confirmed().map(AlertEventKind::name))
     .execute(transaction)
     .await?;
     Ok(())
@@ -250,8 +248,7 @@ fn last_end_of(row: &SqliteRow) -> Result<Option<AttemptEnd>, StoreError> {
         return Ok(Some(AttemptEnd::Answer(status)));
     }
     let failure: Option<&str> = row.try_get("failure")?;
-    let failure =
-        failure.map(|text| DeliveryFailure::parse(text).ok_or_else(|| corrupt("failure")));
+    let failure = failure.map(|text| value_of(text, "failure"));
     Ok(failure.transpose()?.map(AttemptEnd::Failure))
 }
 

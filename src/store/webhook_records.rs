@@ -4,8 +4,8 @@ use std::fmt;
 
 use jiff::Timestamp;
 
-use super::columns::{Text, text_column};
 use crate::ids::{AlertId, RouteId, WebhookId};
+use crate::model::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
 
 /// Most webhooks of a service: each costs a row for every event, and a connection.
 pub const WEBHOOKS_MAX: u32 = 100;
@@ -20,30 +20,6 @@ impl fmt::Debug for WebhookSecret {
     }
 }
 
-/// What a webhook tells of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum WebhookEvent {
-    /// An alert was raised.
-    AlertRaised,
-    /// An alert changed.
-    AlertUpdated,
-    /// Somebody tries the webhook out.
-    Test,
-}
-
-text_column!(WebhookEvent {
-    AlertRaised = "alert.raised",
-    AlertUpdated = "alert.updated",
-    Test = "webhook.test",
-});
-
-impl WebhookEvent {
-    /// Its name to the outside.
-    pub fn name(self) -> &'static str {
-        self.text()
-    }
-}
-
 /// A webhook to register.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewWebhook {
@@ -54,7 +30,7 @@ pub struct NewWebhook {
     /// What they are signed with.
     pub secret: WebhookSecret,
     /// Which ones; not empty.
-    pub events: Vec<WebhookEvent>,
+    pub events: Vec<AlertEventKind>,
     /// Of this route alone; `None` for all.
     pub route_id: Option<RouteId>,
     /// For people.
@@ -75,7 +51,7 @@ pub struct WebhookRecord {
     /// Where events are sent.
     pub url: String,
     /// Which ones.
-    pub events: Vec<WebhookEvent>,
+    pub events: Vec<AlertEventKind>,
     /// Of this route alone; `None` for all.
     pub route_id: Option<RouteId>,
     /// For people.
@@ -98,7 +74,7 @@ pub struct WebhookUpdate {
     /// Where events are sent.
     pub url: Option<String>,
     /// Which ones; not empty.
-    pub events: Option<Vec<WebhookEvent>>,
+    pub events: Option<Vec<AlertEventKind>>,
     /// For people.
     pub description: Option<String>,
     /// Whether alerts are sent also while they are tentative.
@@ -139,49 +115,6 @@ pub enum TestQueued {
     /// There is no such webhook.
     Unknown,
 }
-
-/// How far a delivery has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DeliveryStatus {
-    /// An attempt follows.
-    Pending,
-    /// The receiver took it.
-    Delivered,
-    /// No attempt follows.
-    Failed,
-}
-
-text_column!(DeliveryStatus {
-    Pending = "pending",
-    Delivered = "delivered",
-    Failed = "failed",
-});
-
-/// Why an attempt had no answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DeliveryFailure {
-    /// No answer in time.
-    Timeout,
-    /// No connection: refused, cut, or not trusted (TLS).
-    Connection,
-    /// The host's name has no address.
-    NameUnknown,
-    /// The host's addresses are none that webhooks are sent to.
-    AddressRefused,
-    /// The URL is none that webhooks are sent to, since settings changed.
-    UrlRefused,
-    /// What came back was not HTTP.
-    BrokenAnswer,
-}
-
-text_column!(DeliveryFailure {
-    Timeout = "timeout",
-    Connection = "connection",
-    NameUnknown = "name_unknown",
-    AddressRefused = "address_refused",
-    UrlRefused = "url_refused",
-    BrokenAnswer = "broken_answer",
-});
 
 /// An event on its way to a receiver.
 #[derive(Debug, Clone, PartialEq)]

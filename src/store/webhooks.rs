@@ -4,14 +4,15 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::{Text, corrupt, json, json_text, micros, name, optional_time, time};
+use super::columns::{corrupt, json, json_text, micros, name, optional_time, time, value_of};
 use super::error::StoreError;
 use super::request::Request;
 use super::webhook_records::{
-    Edited, NewWebhook, Registered, WEBHOOKS_MAX, WebhookEvent, WebhookRecord, WebhookUpdate,
+    Edited, NewWebhook, Registered, WEBHOOKS_MAX, WebhookRecord, WebhookUpdate,
 };
 use super::{Store, named};
 use crate::ids::WebhookId;
+use crate::model::AlertEventKind;
 
 impl Store {
     /// Registers a webhook. It is told of what happens from now on.
@@ -250,15 +251,12 @@ pub(super) fn webhook_id(row: &SqliteRow, column: &'static str) -> Result<Webhoo
     text.parse().map_err(|_| corrupt(column))
 }
 
-fn events_text(events: &[WebhookEvent]) -> Result<String, StoreError> {
-    let names: Vec<&str> = events.iter().map(|event| event.text()).collect();
+fn events_text(events: &[AlertEventKind]) -> Result<String, StoreError> {
+    let names: Vec<&str> = events.iter().map(|event| event.name()).collect();
     json_text(&names)
 }
 
-fn parse_events(row: &SqliteRow) -> Result<Vec<WebhookEvent>, StoreError> {
+fn parse_events(row: &SqliteRow) -> Result<Vec<AlertEventKind>, StoreError> {
     let names: Vec<String> = json(row, "events")?;
-    let events = names.iter().map(|name| WebhookEvent::parse(name));
-    events
-        .collect::<Option<_>>()
-        .ok_or_else(|| corrupt("events"))
+    names.iter().map(|name| value_of(name, "events")).collect()
 }

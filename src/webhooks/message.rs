@@ -3,7 +3,8 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
-use crate::store::{AlertRecord, NextDelivery, Store, StoreError, WebhookEvent};
+use crate::model::WebhookEvent;
+use crate::store::{AlertRecord, NextDelivery, Store, StoreError};
 
 /// Writes an alert as readers of the interface see it: a JSON object.
 pub type AlertForm = fn(AlertRecord) -> Result<String, serde_json::Error>;
@@ -74,11 +75,13 @@ fn envelope(event: WebhookEvent, at: Timestamp, data: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::AlertEventKind;
 
     #[test]
     fn the_envelope_is_json_and_leaves_the_data_alone() {
         let at = Timestamp::from_microsecond(1_795_154_409_000_250).unwrap();
-        let body = envelope(WebhookEvent::AlertUpdated, at, r#"{"b":1e-9,"a":"\"ü"}"#);
+        let event = WebhookEvent::Alert(AlertEventKind::Updated);
+        let body = envelope(event, at, r#"{"b":1e-9,"a":"\"ü"}"#);
         assert!(body.contains(r#"{"b":1e-9,"a":"\"ü"}"#));
         let value: serde_json::Value = serde_json::from_str(&body).unwrap();
         assert_eq!(value["type"], "alert.updated");

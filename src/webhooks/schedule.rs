@@ -5,7 +5,8 @@ use std::time::Duration;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
-use crate::store::{AttemptEnd, AttemptVerdict, NextDelivery, WebhookEvent};
+use crate::model::WebhookEvent;
+use crate::store::{AttemptEnd, AttemptVerdict, NextDelivery};
 
 /// Pauses after the first, second … attempt that failed: eight attempts within 28 hours, as
 /// Standard Webhooks recommends.
@@ -79,7 +80,8 @@ pub(super) fn asked_wait(text: &str, now: Timestamp) -> Option<Duration> {
 mod tests {
     use super::*;
     use crate::ids::WebhookId;
-    use crate::store::{DeliveryFailure, WebhookSecret};
+    use crate::model::{AlertEventKind, DeliveryFailure};
+    use crate::store::WebhookSecret;
 
     fn now() -> Timestamp {
         "2026-11-20T06:00:00Z".parse().unwrap()
@@ -93,7 +95,7 @@ mod tests {
             webhook_revision: 1,
             url: "https://example.com/".into(),
             secret: WebhookSecret([0; 32]),
-            event: WebhookEvent::AlertRaised,
+            event: WebhookEvent::Alert(AlertEventKind::Raised),
             alert_id: None,
             at: now(),
             attempts,

@@ -12,7 +12,8 @@ use super::resolver::{GuardedResolver, NameRefusal};
 use super::schedule::asked_wait;
 use super::signature::signature;
 use crate::http_client;
-use crate::store::{AttemptEnd, DeliveryFailure, NextDelivery};
+use crate::model::DeliveryFailure;
+use crate::store::{AttemptEnd, NextDelivery};
 
 /// How an attempt ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,7 +128,8 @@ mod tests {
 
     use super::*;
     use crate::ids::WebhookId;
-    use crate::store::{WebhookEvent, WebhookSecret};
+    use crate::model::WebhookEvent;
+    use crate::store::WebhookSecret;
 
     fn next(url: &str) -> NextDelivery {
         NextDelivery {

@@ -10,11 +10,12 @@ use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::model::{BatchStatus, Stage};
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
-    AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord,
-    EdgeRecord, GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan,
-    RouteUpdate, SYSTEM, Stage, Store, StoreOptions,
+    AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord,
+    GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, SYSTEM,
+    Store, StoreOptions,
 };
 use tempfile::TempDir;
 

@@ -220,6 +220,7 @@ async fn operations_and_documents_are_served() {
     for path in [
         "/page.js",
         "/alerts.js",
+        "/words.js",
         "/page.css",
         "/docs/swagger-ui-bundle.js",
         "/docs/swagger-initializer.js",

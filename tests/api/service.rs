@@ -11,12 +11,12 @@ use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::model::{BatchStatus, Stage};
 use mapshift::pipeline::PipelineOptions;
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
-    Applied, BatchContent, BatchOutcome, BatchStatus, ClosureRecord, EdgeRecord,
-    IntermediateRecord, JobResult, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
-    RouteUpdate, Stage, Store, StoreOptions,
+    Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord, IntermediateRecord, JobResult,
+    NewBatch, NewIntermediate, NodeRecord, NodeWithScan, RouteUpdate, Store, StoreOptions,
 };
 use mapshift::webhooks::DeliveryOptions;
 use tempfile::TempDir;

@@ -85,7 +85,10 @@ async fn sums_hold_while_nodes_leave_and_come_back() {
     store.recall_nodes(&route(), rest).await.unwrap();
     assert_sums_are_those_counted(store).await;
     let left = sums_of_archive(&fixture).await;
-    assert!(left.iter().all(|(_, nodes, edges)| (*nodes, *edges) == (0, 0)));
+    assert!(
+        left.iter()
+            .all(|(_, nodes, edges)| (*nodes, *edges) == (0, 0))
+    );
 }
 
 #[tokio::test]

@@ -2,8 +2,9 @@
 
 use mapshift::geometry::Pose2;
 use mapshift::ids::{NodeId, TripId};
+use mapshift::model::BatchStatus;
 use mapshift::store::{
-    Applied, BatchStatus, Corruption, IntermediateRecord, NewIntermediate, NodeChange, StoreError,
+    Applied, Corruption, IntermediateRecord, NewIntermediate, NodeChange, StoreError,
 };
 
 use crate::support::{Fixture, intermediate, route, upload};

@@ -2,7 +2,8 @@
 
 use mapshift::graph::EdgeKind;
 use mapshift::ids::VehicleId;
-use mapshift::store::{BatchContent, BatchStatus, ClaimedJob, RouteCounts};
+use mapshift::model::BatchStatus;
+use mapshift::store::{BatchContent, ClaimedJob, RouteCounts};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sqlx::SqliteConnection;

@@ -1,7 +1,8 @@
 //! Batches of edges in the journal and the queue.
 
 use mapshift::ids::VehicleId;
-use mapshift::store::{Applied, BatchContent, BatchKind, BatchStatus, NewBatch};
+use mapshift::model::{BatchKind, BatchStatus};
+use mapshift::store::{Applied, BatchContent, NewBatch};
 
 use crate::support::{Fixture, upload};
 

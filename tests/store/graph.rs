@@ -1,9 +1,10 @@
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
+use mapshift::model::Stage;
 use mapshift::store::{
-    Applied, BatchFilter, ClosureRecord, Corruption, EdgeChange, GeoAnchor, JobResult, NodeChange,
-    Put, RouteSettings, RouteUpdate, Stage, StoreError,
+    Applied, BatchFilter, ClosureRecord, Corruption, EdgeChange, EdgeFilter, GeoAnchor, JobResult,
+    NodeChange, Put, RouteSettings, RouteUpdate, StoreError,
 };
 
 use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload, with_residuals};
@@ -77,7 +78,10 @@ async fn a_graph_is_read_back_to_the_bit() {
 
     let edges = with_residuals(result.edges.clone(), &nodes);
     assert_eq!(store.edges(&route()).await.unwrap(), edges);
-    let page = store.edge_page(&route(), None, 2).await.unwrap();
+    let page = store
+        .edge_page(&route(), EdgeFilter::default(), None, 2)
+        .await
+        .unwrap();
     assert_eq!(page, edges[..2]);
     let one = store.edge(&route(), EdgeId(5_000)).await.unwrap();
     assert_eq!(one.as_ref(), edges.last());
@@ -235,7 +239,7 @@ async fn routes_are_put_listed_and_deleted() {
     let settings = RouteSettings {
         hold_s: 5,
         false_alarm_rate: 0.01,
-        detector: mapshift::store::Detector::Seed,
+        detector: mapshift::model::Detector::Seed,
     };
     let change = RouteUpdate {
         settings: Some(settings.clone()),

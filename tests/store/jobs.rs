@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use mapshift::ids::RouteId;
-use mapshift::store::BatchStatus::{Merged, Processing, Quarantined, Queued, Unanchored};
+use mapshift::model::BatchStatus::{Merged, Processing, Quarantined, Queued, Unanchored};
 use mapshift::store::{Applied, StoreError};
 
 use crate::support::{Fixture, LEASE, at, node, put_route, route, upload};

@@ -1,9 +1,8 @@
 use std::collections::BTreeMap;
 
 use mapshift::ids::{RouteId, VehicleId};
-use mapshift::store::{
-    BatchContent, BatchFilter, BatchStatus, Corruption, Journaled, Store, StoreError,
-};
+use mapshift::model::BatchStatus;
+use mapshift::store::{BatchContent, BatchFilter, Corruption, Journaled, Store, StoreError};
 use sqlx::SqliteConnection;
 use tokio::task::JoinSet;
 

@@ -1,8 +1,9 @@
 //! Opening, closing, dying.
 
 use mapshift::ids::{EdgeId, NodeId, TripId};
+use mapshift::model::BatchStatus;
 use mapshift::store::{
-    BatchFilter, BatchStatus, Journaled, RouteGraph, Store, StoreError, StoreOptions,
+    BatchFilter, EdgeFilter, Journaled, RouteGraph, Store, StoreError, StoreOptions,
 };
 use tokio::runtime::Runtime;
 
@@ -136,7 +137,13 @@ async fn every_statement_runs_on_a_fresh_database() {
     assert_eq!(store.trip_nodes(&route, &trip).await.unwrap(), vec![]);
     assert_eq!(store.trajectory(&route, &trip).await.unwrap(), vec![]);
     assert_eq!(store.edges(&route).await.unwrap(), vec![]);
-    assert_eq!(store.edge_page(&route, None, 5).await.unwrap(), vec![]);
+    assert_eq!(
+        store
+            .edge_page(&route, EdgeFilter::default(), None, 5)
+            .await
+            .unwrap(),
+        vec![]
+    );
     assert_eq!(store.edge(&route, EdgeId(1)).await.unwrap(), None);
     assert_eq!(store.routes(None, 5).await.unwrap().len(), 1);
     assert!(store.delete_route(&route).await.unwrap());

@@ -2,9 +2,8 @@
 
 use mapshift::graph::EdgeKind;
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
-use mapshift::store::{
-    Applied, BatchStatus, ClosureRecord, DeletedBodies, Journaled, NodeChange, Store,
-};
+use mapshift::model::BatchStatus;
+use mapshift::store::{Applied, ClosureRecord, DeletedBodies, Journaled, NodeChange, Store};
 use sqlx::Row;
 
 use crate::support::{Fixture, at, batch_id, edge, route, upload};

@@ -6,10 +6,11 @@ use jiff::Timestamp;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, LidarId, NodeId, RouteId, StampNs, TripId, VehicleId};
+use mapshift::model::{BatchStatus, Stage};
 use mapshift::store::{
-    BatchContent, BatchOutcome, BatchRecord, BatchStatus, ClaimedJob, EdgeRecord,
-    IntermediateRecord, JobResult, Journaled, NewBatch, NewIntermediate, NodeRecord, NodeWithScan,
-    RouteUpdate, Stage, Store, StoreOptions,
+    BatchContent, BatchOutcome, BatchRecord, ClaimedJob, EdgeRecord, IntermediateRecord, JobResult,
+    Journaled, NewBatch, NewIntermediate, NodeRecord, NodeWithScan, RouteUpdate, Store,
+    StoreOptions,
 };
 use sqlx::{Connection, SqliteConnection};
 use tempfile::TempDir;

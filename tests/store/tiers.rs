@@ -3,9 +3,10 @@
 use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::Vector2;
 use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
+use mapshift::model::{AlertEventKind, BatchStatus, WebhookEvent};
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, BatchStatus, HistoryEntry, NewWebhook, Registered, SYSTEM,
-    Store, StoreError, WebhookEvent, WebhookSecret, WebhookUpdate,
+    AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
+    StoreError, WebhookSecret, WebhookUpdate,
 };
 use uuid::Uuid;
 
@@ -19,7 +20,7 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
         id: WebhookId(Uuid::from_u128(number)),
         url: "https://example.com/".to_owned(),
         secret: WebhookSecret([7; 32]),
-        events: vec![WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated],
+        events: AlertEventKind::ALL.to_vec(),
         route_id: None,
         description: None,
         include_tentative,
@@ -91,13 +92,17 @@ async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<()
 }
 
 /// What a webhook is sent, the oldest first.
-async fn sent(store: &Store, webhook: u128) -> Vec<(u128, WebhookEvent)> {
+async fn sent(store: &Store, webhook: u128) -> Vec<(u128, AlertEventKind)> {
     let webhook = WebhookId(Uuid::from_u128(webhook));
     let mut sent = store.deliveries(webhook, None, 100).await.unwrap();
     sent.reverse();
     let alert = |id: Option<AlertId>| id.unwrap().0.as_u128();
+    let kind = |event| match event {
+        WebhookEvent::Alert(kind) => kind,
+        WebhookEvent::Test => panic!("nobody asked for a test"),
+    };
     sent.iter()
-        .map(|one| (alert(one.alert_id), one.event))
+        .map(|one| (alert(one.alert_id), kind(one.event)))
         .collect()
 }
 
@@ -175,7 +180,7 @@ async fn a_shift_is_read_back_to_the_bit() {
 
 #[tokio::test]
 async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
-    use WebhookEvent::{AlertRaised, AlertUpdated};
+    use AlertEventKind::{Raised, Updated};
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     register(store, PLAIN, false).await;
@@ -188,7 +193,7 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
     assert_eq!(sent(store, PLAIN).await, []);
     assert_eq!(
         sent(store, WITH_TENTATIVE).await,
-        [(1, AlertRaised), (1, AlertUpdated)]
+        [(1, Raised), (1, Updated)]
     );
 
     // Confirmed, less certain again, and confirmed once more: it begins once.
@@ -201,9 +206,9 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
         now = next(&now, tier);
         write(&fixture, batch, &now).await.unwrap();
     }
-    let updated = [(1, AlertUpdated), (1, AlertUpdated)];
+    let updated = [(1, Updated), (1, Updated)];
     let plain = sent(store, PLAIN).await;
-    assert_eq!((plain[0], &plain[1..]), ((1, AlertRaised), &updated[..]));
+    assert_eq!((plain[0], &plain[1..]), ((1, Raised), &updated[..]));
     assert_eq!(sent(store, WITH_TENTATIVE).await.len(), 5);
 
     // One that is raised confirmed is the same to both.
@@ -212,7 +217,7 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
         .unwrap();
     for webhook in [PLAIN, WITH_TENTATIVE] {
         let last = sent(store, webhook).await.last().copied();
-        assert_eq!(last, Some((2, AlertRaised)));
+        assert_eq!(last, Some((2, Raised)));
     }
     // Whoever asks for tentative ones is sent them from then on.
     let update = WebhookUpdate {
@@ -226,7 +231,7 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
         .unwrap();
     for webhook in [PLAIN, WITH_TENTATIVE] {
         let last = sent(store, webhook).await.last().copied();
-        assert_eq!(last, Some((3, AlertRaised)));
+        assert_eq!(last, Some((3, Raised)));
     }
     // Streams have all of it.
     let events = store.alert_events(None, 0, 100).await.unwrap();
@@ -257,5 +262,5 @@ async fn what_was_raised_before_there_were_tiers_is_confirmed() {
     write(&fixture, "b1", &next(&first, Tier::Confirmed))
         .await
         .unwrap();
-    assert_eq!(sent(store, PLAIN).await, [(1, WebhookEvent::AlertUpdated)]);
+    assert_eq!(sent(store, PLAIN).await, [(1, AlertEventKind::Updated)]);
 }

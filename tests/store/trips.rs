@@ -1,10 +1,10 @@
 use mapshift::ids::{RouteId, VehicleId};
-use mapshift::store::BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
+use mapshift::model::BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
 use mapshift::store::{Journaled, RouteSettings, RouteUpdate};
 
 use crate::support::{Fixture, at, put_route, route, upload};
 
-async fn finish(fixture: &Fixture, status: mapshift::store::BatchStatus) -> String {
+async fn finish(fixture: &Fixture, status: mapshift::model::BatchStatus) -> String {
     let job = fixture.claim(1).await.unwrap();
     let result = fixture.result(&job, status).await;
     let id = job.entries.last().unwrap().batch.id.to_string();

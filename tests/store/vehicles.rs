@@ -1,7 +1,8 @@
 //! The vehicles of a route.
 
 use mapshift::ids::{LidarId, StampNs, TripId, VehicleId};
-use mapshift::store::{Applied, BatchStatus, LidarRecord, TripCalibrationRecord};
+use mapshift::model::BatchStatus;
+use mapshift::store::{Applied, LidarRecord, TripCalibrationRecord};
 
 use crate::support::{Fixture, route, upload};
 

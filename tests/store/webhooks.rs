@@ -2,10 +2,10 @@
 
 use jiff::Timestamp;
 use mapshift::ids::WebhookId;
+use mapshift::model::{AlertEventKind, DeliveryFailure, DeliveryStatus};
 use mapshift::store::{
-    Attempt, AttemptEnd, AttemptVerdict, DeliveryFailure, DeliveryRecord, DeliveryStatus, Edited,
-    NewWebhook, NextDelivery, Registered, Store, TestQueued, WebhookEvent, WebhookSecret,
-    WebhookUpdate,
+    Attempt, AttemptEnd, AttemptVerdict, DeliveryRecord, Edited, NewWebhook, NextDelivery,
+    Registered, Store, TestQueued, WebhookSecret, WebhookUpdate,
 };
 
 use crate::support::{Fixture, at, open, route};
@@ -19,7 +19,7 @@ async fn register(store: &Store, number: u128) {
         id: id(number),
         url: format!("https://example.com/{number}"),
         secret: WebhookSecret([number as u8; 32]),
-        events: vec![WebhookEvent::AlertRaised],
+        events: vec![AlertEventKind::Raised],
         route_id: None,
         description: None,
         include_tentative: false,
@@ -261,7 +261,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
         id: id(number),
         url: "https://example.com/".into(),
         secret: WebhookSecret([0; 32]),
-        events: vec![WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated],
+        events: AlertEventKind::ALL.to_vec(),
         route_id: Some(mapshift::ids::RouteId::new(name).unwrap()),
         description: Some("of a route".into()),
         include_tentative: true,
@@ -275,10 +275,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
     let webhook = store.webhook(id(2)).await.unwrap().unwrap();
     assert_eq!(webhook.route_id, Some(route()));
     assert!(webhook.include_tentative);
-    assert_eq!(
-        webhook.events,
-        [WebhookEvent::AlertRaised, WebhookEvent::AlertUpdated]
-    );
+    assert_eq!(webhook.events, AlertEventKind::ALL);
     assert!(store.delete_route(&route()).await.unwrap());
     assert_eq!(store.webhooks(None, 10).await.unwrap(), []);
 }

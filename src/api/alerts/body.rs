@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::names::{AlertActionName, AlertKindName, AlertStatusName, AlertTierName};
 use super::suspect_body::SuspectBody;
 use crate::api::types::timestamp;
-use crate::change::{AlertAction, Counterpart};
+use crate::change::Counterpart;
 use crate::geometry::Vector2;
+use crate::model::{AlertAction, AlertStatus, ChangeKind, Tier};
 use crate::pipeline::is_allowed;
 use crate::scan::HeightBand;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
@@ -36,13 +36,13 @@ pub(super) struct AlertBody {
     /// Raised by every change of the alert; in quotes it is the ETag.
     revision: i64,
     /// What changed.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// What became of it.
-    status: AlertStatusName,
+    status: AlertStatus,
     /// How far it is to be believed.
-    tier: AlertTierName,
+    tier: Tier,
     /// What can be done with it now.
-    actions: Vec<AlertActionName>,
+    actions: Vec<AlertAction>,
     /// Probability that it is true.
     #[schema(minimum = 0, maximum = 1)]
     confidence: f64,
@@ -134,7 +134,7 @@ pub(super) struct LocationBody {
 #[schema(as = AlertCounterpart)]
 struct CounterpartBody {
     /// What the other side shows.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
@@ -175,7 +175,7 @@ struct AlertResidualBody {
 #[schema(as = AlertHistoryEntry)]
 struct HistoryBody {
     /// From then on.
-    status: AlertStatusName,
+    status: AlertStatus,
     /// When.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
@@ -221,10 +221,10 @@ impl From<AlertRecord> for AlertBody {
             id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
             revision: alert.revision,
-            kind: evidence.kind.into(),
-            status: alert.status.into(),
-            tier: evidence.tier.into(),
-            actions: actions.into_iter().map(AlertActionName::from).collect(),
+            kind: evidence.kind,
+            status: alert.status,
+            tier: evidence.tier,
+            actions,
             confidence: evidence.confidence,
             location,
             region: corners(&evidence.region),
@@ -264,7 +264,7 @@ impl From<&HeightBand> for AlertBandBody {
 impl From<Counterpart> for CounterpartBody {
     fn from(counterpart: Counterpart) -> Self {
         Self {
-            kind: counterpart.kind.into(),
+            kind: counterpart.kind,
             region: corners(&counterpart.region),
         }
     }
@@ -295,7 +295,7 @@ impl From<AlertResidual> for AlertResidualBody {
 impl From<HistoryEntry> for HistoryBody {
     fn from(entry: HistoryEntry) -> Self {
         Self {
-            status: entry.status.into(),
+            status: entry.status,
             at: entry.at,
             by: entry.by,
             note: entry.note,

@@ -12,7 +12,9 @@ use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::if_match::if_match;
+use crate::api::parameters::{AlertParam, IfAlertMatches};
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::DecisionProblems;
 use crate::api::upload::small_json;
 use crate::change::{AlertAction, ChangeKind};
 use crate::ids::AlertId;
@@ -160,12 +162,9 @@ async fn decide(
 /// Tells others that somebody looks at it. The map stays as it is.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/acknowledge", tag = "alerts",
-    params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
-        ("If-Match" = String, Header, description = "The alert's ETag, as it was read"),
-    ),
+    params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))))
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
 )]
 pub(in crate::api) async fn acknowledge_alert(
     State(state): State<ApiState>,
@@ -183,12 +182,9 @@ pub(in crate::api) async fn acknowledge_alert(
 /// version of the map. Answers when the new map stands.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/accept", tag = "alerts",
-    params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
-        ("If-Match" = String, Header, description = "The alert's ETag, as it was read"),
-    ),
+    params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))))
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
 )]
 pub(in crate::api) async fn accept_alert(
     State(state): State<ApiState>,
@@ -205,12 +201,9 @@ pub(in crate::api) async fn accept_alert(
 /// The same thing at the same place is not raised again.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/dismiss", tag = "alerts",
-    params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
-        ("If-Match" = String, Header, description = "The alert's ETag, as it was read"),
-    ),
+    params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))))
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
 )]
 pub(in crate::api) async fn dismiss_alert(
     State(state): State<ApiState>,
@@ -227,12 +220,9 @@ pub(in crate::api) async fn dismiss_alert(
 /// For what was acknowledged, dismissed or resolved too early.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/reopen", tag = "alerts",
-    params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
-        ("If-Match" = String, Header, description = "The alert's ETag, as it was read"),
-    ),
+    params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))))
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
 )]
 pub(in crate::api) async fn reopen_alert(
     State(state): State<ApiState>,
@@ -249,12 +239,9 @@ pub(in crate::api) async fn reopen_alert(
 /// The map shows the old state again, as its next version; the alert is what it was before.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/undo", tag = "alerts",
-    params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
-        ("If-Match" = String, Header, description = "The alert's ETag, as it was read"),
-    ),
+    params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))))
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
 )]
 pub(in crate::api) async fn undo_alert(
     State(state): State<ApiState>,

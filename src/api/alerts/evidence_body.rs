@@ -10,13 +10,15 @@ use utoipa::ToSchema;
 use super::body::{LocationBody, corners};
 use super::evidence::{Evidence, LookBack, gather};
 use super::known_alert;
-use super::names::{AlertKindName, BeamVerdictName};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::parameters::AlertParam;
 use crate::api::problem::Problem;
+use crate::api::problem_responses::AlertProblems;
 use crate::api::residuals::ResidualSeriesBody;
 use crate::api::types::{PoseBody, timestamp};
 use crate::ids::AlertId;
+use crate::model::{BeamVerdict, ChangeKind};
 use crate::observation::miss_tolerance;
 
 /// What an alert rests on, in the map as it stands now.
@@ -29,7 +31,7 @@ pub(in crate::api) struct EvidenceBody {
     /// The route.
     route_id: String,
     /// What changed.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// Where it is.
     location: LocationBody,
     /// The region, map frame, metres, counter-clockwise, not closed.
@@ -104,7 +106,7 @@ struct BeamBody {
     #[schema(required)]
     y: Option<f64>,
     /// What the other scan says.
-    verdict: BeamVerdictName,
+    verdict: BeamVerdict,
 }
 
 impl EvidenceScanBody {
@@ -112,7 +114,7 @@ impl EvidenceScanBody {
         let beams = look.beams.iter().map(|beam| BeamBody {
             x: beam.end.map(|end| end.x),
             y: beam.end.map(|end| end.y),
-            verdict: beam.verdict.into(),
+            verdict: beam.verdict,
         });
         Self {
             role,
@@ -141,7 +143,7 @@ impl From<&Evidence> for EvidenceBody {
         Self {
             alert_id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
-            kind: alert.evidence.kind.into(),
+            kind: alert.evidence.kind,
             location: LocationBody::of(alert),
             region: corners(&alert.evidence.region),
             edge_id: evidence.edge_id.map(|id| id.0),
@@ -164,8 +166,8 @@ impl From<&Evidence> for EvidenceBody {
 /// edges has no scans: `scans` is empty, and the series is all there is.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence", tag = "alerts",
-    params(("alert" = String, Path, format = "uuid", description = "Id of the alert")),
-    responses((status = 200, description = "The evidence", body = EvidenceBody))
+    params(AlertParam),
+    responses((status = 200, description = "The evidence", body = EvidenceBody), AlertProblems)
 )]
 pub(in crate::api) async fn get_evidence(
     State(state): State<ApiState>,

@@ -8,7 +8,9 @@ use super::evidence::{Evidence, LookBack, gather};
 use super::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::parameters::AlertParam;
 use crate::api::problem::Problem;
+use crate::api::problem_responses::AlertProblems;
 use crate::api::types::timestamp;
 use crate::ids::AlertId;
 use crate::render::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
@@ -23,12 +25,13 @@ const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbo
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence.svg", tag = "alerts",
     params(
-        ("alert" = String, Path, format = "uuid", description = "Id of the alert"),
+        AlertParam,
         ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the evidence still has this ETag"),
     ),
     responses(
         (status = 200, description = "The picture", body = String, content_type = "image/svg+xml", headers(("ETag" = String, description = "Changes with the evidence"))),
         (status = 304, description = "The evidence is as it was"),
+        AlertProblems,
     )
 )]
 pub(in crate::api) async fn get_evidence_svg(

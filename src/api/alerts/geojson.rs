@@ -10,16 +10,17 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::body::{AlertBandBody, ShiftBody};
-use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use super::page;
 use super::query::AlertQuery;
 use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
-use crate::api::extract::ApiQuery;
+use crate::api::extract::{ApiQuery, PageQuery};
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::AlertMapProblems;
 use crate::api::types::timestamp;
 use crate::geometry::Vector2;
 use crate::ids::RouteId;
+use crate::model::{AlertStatus, ChangeKind, Tier};
 use crate::store::{AlertRecord, RouteRecord};
 
 /// Alerts as GeoJSON (RFC 7946).
@@ -71,11 +72,11 @@ struct Properties {
     /// The route.
     route_id: String,
     /// What changed.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// What became of it.
-    status: AlertStatusName,
+    status: AlertStatus,
     /// How far it is to be believed.
-    tier: AlertTierName,
+    tier: Tier,
     /// The other side of the same event; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartProperty>,
@@ -103,7 +104,7 @@ struct Properties {
 #[schema(as = AlertPropertiesCounterpart)]
 struct CounterpartProperty {
     /// What the other side shows.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// Its region.
     region: Polygon,
 }
@@ -114,8 +115,8 @@ struct CounterpartProperty {
 /// without a usable anchor are left out; asked for by `route_id` they are refused. `bbox` is in
 /// the map frame, metres.
 #[utoipa::path(
-    get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery),
-    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"))
+    get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"), AlertMapProblems)
 )]
 pub(in crate::api) async fn list_alerts_geojson(
     State(state): State<ApiState>,
@@ -188,11 +189,11 @@ impl Feature {
             geometry: Polygon::of(&evidence.region, plane),
             properties: Properties {
                 route_id: alert.route_id.to_string(),
-                kind: evidence.kind.into(),
-                status: alert.status.into(),
-                tier: evidence.tier.into(),
+                kind: evidence.kind,
+                status: alert.status,
+                tier: evidence.tier,
                 counterpart: counterpart.map(|counterpart| CounterpartProperty {
-                    kind: counterpart.kind.into(),
+                    kind: counterpart.kind,
                     region: Polygon::of(&counterpart.region, plane),
                 }),
                 shift: evidence.shift.map(ShiftBody::from),

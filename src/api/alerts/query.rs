@@ -4,10 +4,10 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::names::{AlertKindName, AlertStatusName, AlertTierName};
 use crate::api::graph::BoundingBox;
 use crate::api::problem::Problem;
 use crate::ids::RouteId;
+use crate::model::{AlertStatus, ChangeKind, Tier};
 use crate::store::AlertFilter;
 
 /// Which alerts to list; every condition that is given holds.
@@ -20,13 +20,13 @@ pub(in crate::api) struct AlertQuery {
     route_id: Option<String>,
     /// Only in this state.
     #[param(nullable = false, inline)]
-    status: Option<AlertStatusName>,
+    status: Option<AlertStatus>,
     /// Only of this kind.
     #[param(nullable = false, inline)]
-    kind: Option<AlertKindName>,
+    kind: Option<ChangeKind>,
     /// Only of this tier.
     #[param(nullable = false, inline)]
-    tier: Option<AlertTierName>,
+    tier: Option<Tier>,
     /// Only changed at this time or later, RFC 3339.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
@@ -36,11 +36,11 @@ pub(in crate::api) struct AlertQuery {
     /// Only at least this confident.
     #[param(minimum = 0, maximum = 1, nullable = false)]
     min_confidence: Option<f64>,
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     pub limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
+    /// As `PageQuery` declares it.
+    #[param(ignore)]
     pub cursor: Option<String>,
 }
 
@@ -60,9 +60,9 @@ impl AlertQuery {
         }
         Ok(AlertFilter {
             route_id: checked_route(self.route_id.as_deref())?,
-            status: self.status.map(Into::into),
-            kind: self.kind.map(Into::into),
-            tier: self.tier.map(Into::into),
+            status: self.status,
+            kind: self.kind,
+            tier: self.tier,
             since: self.since.as_deref().map(checked_time).transpose()?,
             bbox: bbox.map(|bbox| bbox.bounds()),
             min_confidence: self.min_confidence,

@@ -19,7 +19,9 @@ use super::query::checked_route;
 use crate::api::ApiState;
 use crate::api::extract::ApiQuery;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::AlertListProblems;
 use crate::ids::RouteId;
+use crate::model::AlertEventKind;
 use crate::store::{AlertEvent, StoreError};
 
 /// Streams open at once; they hold their connections.
@@ -53,7 +55,7 @@ pub(in crate::api) struct StreamQuery {
         StreamQuery,
         ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event that was seen; 0 for all that is known"),
     ),
-    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"))
+    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"), AlertListProblems)
 )]
 pub(in crate::api) async fn stream_alerts(
     State(state): State<ApiState>,
@@ -154,10 +156,12 @@ impl Reader {
 }
 
 fn sent(event: &AlertEvent, alert: &AlertBody) -> Option<Event> {
-    let name = match event.revision {
-        1 => "alert.raised",
-        _ => "alert.updated",
+    let kind = match event.revision {
+        1 => AlertEventKind::Raised,
+        _ => AlertEventKind::Updated,
     };
-    let sent = Event::default().id(event.sequence.to_string()).event(name);
+    let sent = Event::default()
+        .id(event.sequence.to_string())
+        .event(kind.name());
     sent.json_data(alert).ok()
 }

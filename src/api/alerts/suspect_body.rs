@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::names::AlertKindName;
 use crate::api::types::timestamp;
 use crate::api::vehicles::field_of;
 use crate::calibration::{Estimate, VehicleFault};
 use crate::change::{SilencedChange, SuspectEvidence};
+use crate::model::ChangeKind;
 
 /// What is off of a vehicle, and what that explains.
 #[derive(Debug, Serialize, ToSchema)]
@@ -58,7 +58,7 @@ struct FaultValueBody {
 #[schema(as = SilencedChange)]
 struct SilencedChangeBody {
     /// What it would have been.
-    kind: AlertKindName,
+    kind: ChangeKind,
     /// Its centre, map frame, metres.
     x: f64,
     /// Its centre, map frame, metres.
@@ -100,7 +100,7 @@ impl From<SilencedChange> for SilencedChangeBody {
     fn from(change: SilencedChange) -> Self {
         let [x, y] = change.at_m;
         Self {
-            kind: change.kind.into(),
+            kind: change.kind,
             x,
             y,
             since: timestamp(change.since),

@@ -1,16 +1,12 @@
 // The list of alerts, their places on the map, and what is decided about them.
 
+import { ACTIONS, DOUBTS, KINDS, STATUSES } from "/words.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 const byId = (id) => document.getElementById(id);
 // Alerts on the page by id: their item, and the revision and map version it shows.
 const shown = new Map();
 let chosen = null;
-
-const WORDS = {
-  appeared: "Something appeared", disappeared: "Something disappeared", residual: "Closures contradict the map",
-  map_mismatch: "The map does not fit", vehicle_suspect: "Something is off with a vehicle",
-};
-const BUTTONS = { acknowledge: "Acknowledge", accept: "Accept into the map", dismiss: "Dismiss", reopen: "Reopen", undo: "Undo" };
 
 function element(name, className, text) {
   const made = document.createElement(name);
@@ -20,7 +16,8 @@ function element(name, className, text) {
 }
 
 // What is said of alerts that one pass alone shows so far.
-const doubt = (alert) => (alert.tier === "tentative" ? " · tentative, seen in one pass" : "");
+const doubt = (alert) => (DOUBTS.get(alert.tier) ? " · " + DOUBTS.get(alert.tier) : "");
+const words = (kind) => KINDS.get(kind) || kind;
 const time = (stamp) => new Date(stamp).toLocaleString();
 const plural = (count, word) => count + " " + word + (count === 1 ? "" : "s");
 
@@ -36,7 +33,7 @@ function facts(alert) {
 // What left one place and stands at another, as a door does: the kind and the middle of its region.
 function otherSide({ kind, region }) {
   const middle = (k) => region.reduce((sum, corner) => sum + corner[k], 0) / Math.max(region.length, 1);
-  return WORDS[kind].toLowerCase() + " at x " + middle(0).toFixed(2) + " m, y " + middle(1).toFixed(2) + " m";
+  return words(kind).toLowerCase() + " at x " + middle(0).toFixed(2) + " m, y " + middle(1).toFixed(2) + " m";
 }
 
 // The vector by which what was observed would have to be moved to lie on the map.
@@ -75,7 +72,7 @@ function form(alert, refresh) {
   answer.setAttribute("role", "status");
   made.append(note);
   for (const action of alert.actions) {
-    const button = element("button", "", BUTTONS[action] || action);
+    const button = element("button", "", ACTIONS.get(action) || action);
     button.type = "button";
     button.addEventListener("click", async () => {
       const buttons = made.querySelectorAll("button");
@@ -98,7 +95,7 @@ function form(alert, refresh) {
 function item(alert, refresh) {
   const made = element("li", "alert " + alert.status);
   made.id = "alert-" + alert.id;
-  made.append(element("h4", "", WORDS[alert.kind] + " · " + alert.status + doubt(alert)), element("p", "", facts(alert)));
+  made.append(element("h4", "", words(alert.kind) + " · " + alert.status + doubt(alert)), element("p", "", facts(alert)));
   const until = alert.until === null ? "" : ", until " + time(alert.until);
   made.append(element("p", "", "seen " + time(alert.since) + " to " + time(alert.last_seen) + until + "; map version " + alert.map_version));
   if (alert.counterpart !== null) made.append(element("p", "", "Other side: " + otherSide(alert.counterpart)));
@@ -119,6 +116,12 @@ function item(alert, refresh) {
   made.append(link, ...form(alert, refresh), history(alert));
   return made;
 }
+
+// A choice of texts, each with its words.
+export function offer(select, choices) {
+  for (const [value, label] of choices) select.append(new Option(label, value));
+}
+offer(byId("alert-status"), STATUSES);
 
 // Items that have not changed stay as they are, with the note that is being written in them.
 export function showAlerts(page, refresh) {
@@ -169,7 +172,7 @@ export function showRegions(alerts, map, place) {
     const names = [pending ? "" : "settled", alert.tier, alert.id === chosen ? "chosen" : ""].filter(Boolean).join(" ");
     const points = alert.region.map(([x, y]) => at(x, y).map((v) => v.toFixed(2)).join(","));
     const polygon = draw(svg, "polygon", { id: "region-" + alert.id, class: names, points: points.join(" ") });
-    draw(polygon, "title", {}).textContent = WORDS[alert.kind] + ", " + alert.status + doubt(alert);
+    draw(polygon, "title", {}).textContent = words(alert.kind) + ", " + alert.status + doubt(alert);
     polygon.addEventListener("click", () => choose(alert));
     const [cx, cy] = at(alert.location.x, alert.location.y);
     draw(svg, "circle", { class: names, cx: cx.toFixed(2), cy: cy.toFixed(2), r: (0.02 * Math.max(width, height)).toFixed(2) });

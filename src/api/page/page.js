@@ -1,4 +1,5 @@
-import { showAlerts, showRegions } from "/alerts.js";
+import { offer, showAlerts, showRegions } from "/alerts.js";
+import { MEASUREMENTS } from "/words.js";
 
 const REFRESH_MS = 2000;
 const SVG = "http://www.w3.org/2000/svg";
@@ -175,6 +176,7 @@ async function keepFresh() {
   setTimeout(keepFresh, REFRESH_MS);
 }
 
+offer(byId("measurement"), MEASUREMENTS);
 byId("measurement").addEventListener("change", refresh);
 byId("alert-status").addEventListener("change", refresh);
 window.addEventListener("hashchange", () => {

@@ -1,11 +1,12 @@
 //! A webhook as clients see it.
 
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::api::problem::{Problem, ProblemKind};
-use crate::store::{WebhookEvent, WebhookRecord};
+use crate::model::AlertEventKind;
+use crate::store::WebhookRecord;
 
 const DESCRIPTION_CHARS_MAX: usize = 200;
 
@@ -25,7 +26,7 @@ pub(super) struct WebhookBody {
     #[schema(format = "uri")]
     url: String,
     /// Which ones.
-    events: Vec<WebhookEventName>,
+    events: Vec<AlertEventKind>,
     /// Only of alerts of this route; null for all routes.
     #[schema(required)]
     route_id: Option<String>,
@@ -52,41 +53,12 @@ pub(super) struct WebhookBody {
     updated_at: Timestamp,
 }
 
-/// What a webhook can tell of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
-pub(super) enum WebhookEventName {
-    /// An alert was raised.
-    #[serde(rename = "alert.raised")]
-    AlertRaised,
-    /// An alert changed.
-    #[serde(rename = "alert.updated")]
-    AlertUpdated,
-}
-
-impl From<WebhookEventName> for WebhookEvent {
-    fn from(name: WebhookEventName) -> Self {
-        match name {
-            WebhookEventName::AlertRaised => Self::AlertRaised,
-            WebhookEventName::AlertUpdated => Self::AlertUpdated,
-        }
-    }
-}
-
-/// The name of an event that can be asked for: all but tests.
-fn event_name(event: WebhookEvent) -> Option<WebhookEventName> {
-    match event {
-        WebhookEvent::AlertRaised => Some(WebhookEventName::AlertRaised),
-        WebhookEvent::AlertUpdated => Some(WebhookEventName::AlertUpdated),
-        WebhookEvent::Test => None,
-    }
-}
-
 impl From<WebhookRecord> for WebhookBody {
     fn from(webhook: WebhookRecord) -> Self {
         Self {
             id: webhook.id.to_string(),
             url: webhook.url,
-            events: webhook.events.into_iter().filter_map(event_name).collect(),
+            events: webhook.events,
             route_id: webhook.route_id.map(|route| route.to_string()),
             description: webhook.description,
             include_tentative: webhook.include_tentative,
@@ -109,15 +81,15 @@ pub(super) fn etag(webhook: &WebhookRecord) -> String {
 /// # Errors
 /// 422 for none at all: that would be a webhook that is never called.
 pub(super) fn checked_events(
-    mut names: Vec<WebhookEventName>,
-) -> Result<Vec<WebhookEvent>, Problem> {
-    names.sort_unstable();
-    names.dedup();
-    if names.is_empty() {
+    mut events: Vec<AlertEventKind>,
+) -> Result<Vec<AlertEventKind>, Problem> {
+    events.sort_unstable();
+    events.dedup();
+    if events.is_empty() {
         let detail = "name an event, or leave events out for all of them";
         return Err(Problem::new(ProblemKind::OutOfRange, detail).at("/events"));
     }
-    Ok(names.into_iter().map(WebhookEvent::from).collect())
+    Ok(events)
 }
 
 /// A description for people.

@@ -2,6 +2,8 @@
 
 use serde_json::{Value, json};
 
+use crate::model::AlertEventKind;
+
 /// Adds what receivers are sent to a document that has the schema of alerts.
 pub(in crate::api) fn add_calls(document: &mut Value) {
     document["webhooks"] = json!({"alert": {"post": call()}});
@@ -44,7 +46,7 @@ fn message() -> Value {
         "required": ["type", "timestamp", "data"],
         "properties": {
             "type": {
-                "type": "string", "enum": ["alert.raised", "alert.updated"],
+                "type": "string", "enum": AlertEventKind::ALL,
                 "description": "What happened. To a webhook without `include_tentative` an alert is raised when it is first confirmed."
             },
             "timestamp": {

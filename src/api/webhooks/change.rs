@@ -8,13 +8,16 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::body::{WebhookBody, WebhookEventName, check_description, checked_events};
+use super::body::{WebhookBody, check_description, checked_events};
 use super::{check_edited, known_webhook, url_refused, wanted_revision, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::parameters::WebhookParam;
 use crate::api::problem::Problem;
+use crate::api::problem_responses::WebhookChangeProblems;
 use crate::api::upload::small_json;
 use crate::ids::WebhookId;
+use crate::model::AlertEventKind;
 use crate::store::WebhookUpdate;
 
 /// What to change of a webhook; what is left out stays as it is.
@@ -27,7 +30,7 @@ pub(in crate::api) struct WebhookChange {
     url: Option<String>,
     /// Which ones.
     #[schema(min_items = 1)]
-    events: Option<Vec<WebhookEventName>>,
+    events: Option<Vec<AlertEventKind>>,
     /// For people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,
@@ -59,11 +62,11 @@ impl WebhookChange {
 #[utoipa::path(
     patch, path = "/v1/webhooks/{webhook}", tag = "webhooks",
     params(
-        ("webhook" = String, Path, format = "uuid", description = "Id of the webhook"),
+        WebhookParam,
         ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the change unless the webhook has this ETag"),
     ),
     request_body(content = WebhookChange, description = "What to change"),
-    responses((status = 200, description = "The webhook as it is now", body = WebhookBody, headers(("ETag" = String, description = "Changes with every edit"))))
+    responses((status = 200, description = "The webhook as it is now", body = WebhookBody, headers(("ETag" = String, description = "Changes with every edit"))), WebhookChangeProblems)
 )]
 pub(in crate::api) async fn change_webhook(
     State(state): State<ApiState>,

@@ -12,11 +12,12 @@ use super::{known_webhook, unknown_webhook};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use crate::api::paging::{checked_limit, cut_page, key_of_cursor};
+use crate::api::parameters::WebhookParam;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::{WebhookProblems, WebhookTestProblems};
 use crate::ids::WebhookId;
-use crate::store::{
-    AttemptEnd, DeliveryFailure, DeliveryRecord, DeliveryStatus, TestQueued, WebhookEvent,
-};
+use crate::model::{DeliveryFailure, DeliveryStatus, WebhookEvent};
+use crate::store::{AttemptEnd, DeliveryRecord, TestQueued};
 
 /// An event on its way to a receiver.
 #[derive(Debug, Serialize, ToSchema)]
@@ -27,7 +28,7 @@ pub(in crate::api) struct DeliveryBody {
     id: String,
     /// What it tells of.
     #[serde(rename = "type")]
-    event: DeliveryEventName,
+    event: WebhookEvent,
     /// The event's `id` in the stream of alerts; null for a test.
     #[schema(required)]
     event_id: Option<i64>,
@@ -38,7 +39,7 @@ pub(in crate::api) struct DeliveryBody {
     #[schema(value_type = String, format = DateTime)]
     timestamp: Timestamp,
     /// How far it has come.
-    status: DeliveryStatusName,
+    status: DeliveryStatus,
     /// Attempts so far.
     attempts: i64,
     /// When the last one ended; null before the first.
@@ -49,54 +50,10 @@ pub(in crate::api) struct DeliveryBody {
     last_status_code: Option<u16>,
     /// Why there was no answer last; null if there was one.
     #[schema(required)]
-    last_failure: Option<DeliveryFailureName>,
+    last_failure: Option<DeliveryFailure>,
     /// When the next attempt follows, at the earliest; null if none follows.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     next_attempt_at: Option<Timestamp>,
-}
-
-/// What a delivery tells of.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-enum DeliveryEventName {
-    /// An alert was raised.
-    #[serde(rename = "alert.raised")]
-    AlertRaised,
-    /// An alert changed.
-    #[serde(rename = "alert.updated")]
-    AlertUpdated,
-    /// Somebody tries the webhook out.
-    #[serde(rename = "webhook.test")]
-    Test,
-}
-
-/// How far a delivery has come.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum DeliveryStatusName {
-    /// An attempt follows, as long as the webhook is active.
-    Pending,
-    /// The receiver answered 2xx.
-    Delivered,
-    /// No attempt follows.
-    Failed,
-}
-
-/// Why an attempt had no answer.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum DeliveryFailureName {
-    /// No answer in time.
-    Timeout,
-    /// No connection: refused, cut, or its certificate is not trusted.
-    Connection,
-    /// The host's name has no address.
-    NameUnknown,
-    /// The host's name has only addresses that webhooks are not sent to.
-    AddressRefused,
-    /// Webhooks are not sent to such a URL any more: the service runs with other settings.
-    UrlRefused,
-    /// What came back was not HTTP.
-    BrokenAnswer,
 }
 
 /// A part of the list of deliveries.
@@ -115,41 +72,20 @@ impl From<DeliveryRecord> for DeliveryBody {
         let (last_status_code, last_failure) = match delivery.last_end {
             None => (None, None),
             Some(AttemptEnd::Answer(status)) => (Some(status), None),
-            Some(AttemptEnd::Failure(failure)) => (None, Some(failure.into())),
+            Some(AttemptEnd::Failure(failure)) => (None, Some(failure)),
         };
         Self {
             id: delivery.id,
-            event: match delivery.event {
-                WebhookEvent::AlertRaised => DeliveryEventName::AlertRaised,
-                WebhookEvent::AlertUpdated => DeliveryEventName::AlertUpdated,
-                WebhookEvent::Test => DeliveryEventName::Test,
-            },
+            event: delivery.event,
             event_id: delivery.event_sequence,
             alert_id: delivery.alert_id.map(|id| id.to_string()),
             timestamp: delivery.at,
-            status: match delivery.status {
-                DeliveryStatus::Pending => DeliveryStatusName::Pending,
-                DeliveryStatus::Delivered => DeliveryStatusName::Delivered,
-                DeliveryStatus::Failed => DeliveryStatusName::Failed,
-            },
+            status: delivery.status,
             attempts: delivery.attempts,
             last_attempt_at: delivery.attempted_at,
             last_status_code,
             last_failure,
             next_attempt_at: delivery.next_attempt_at,
-        }
-    }
-}
-
-impl From<DeliveryFailure> for DeliveryFailureName {
-    fn from(failure: DeliveryFailure) -> Self {
-        match failure {
-            DeliveryFailure::Timeout => Self::Timeout,
-            DeliveryFailure::Connection => Self::Connection,
-            DeliveryFailure::NameUnknown => Self::NameUnknown,
-            DeliveryFailure::AddressRefused => Self::AddressRefused,
-            DeliveryFailure::UrlRefused => Self::UrlRefused,
-            DeliveryFailure::BrokenAnswer => Self::BrokenAnswer,
         }
     }
 }
@@ -160,8 +96,8 @@ impl From<DeliveryFailure> for DeliveryFailureName {
 /// 1,000. What receivers answer beside a status is neither kept nor shown.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}/deliveries", tag = "webhooks",
-    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook"), PageQuery),
-    responses((status = 200, description = "A part of the list", body = DeliveryPage))
+    params(WebhookParam, PageQuery),
+    responses((status = 200, description = "A part of the list", body = DeliveryPage), WebhookProblems)
 )]
 pub(in crate::api) async fn list_deliveries(
     State(state): State<ApiState>,
@@ -185,8 +121,8 @@ pub(in crate::api) async fn list_deliveries(
 /// time; the list of deliveries says what became of it. While a test waits, no other is queued.
 #[utoipa::path(
     post, path = "/v1/webhooks/{webhook}/test", tag = "webhooks",
-    params(("webhook" = String, Path, format = "uuid", description = "Id of the webhook")),
-    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody))
+    params(WebhookParam),
+    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody), WebhookTestProblems)
 )]
 pub(in crate::api) async fn test_webhook(
     State(state): State<ApiState>,

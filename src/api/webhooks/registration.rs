@@ -10,13 +10,15 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::body::{WebhookBody, WebhookEventName, check_description, checked_events, etag};
+use super::body::{WebhookBody, check_description, checked_events, etag};
 use super::{known_webhook, url_refused};
 use crate::api::ApiState;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem_responses::WebhookRegistrationProblems;
 use crate::api::upload::small_json;
 use crate::ids::{RouteId, WebhookId};
+use crate::model::AlertEventKind;
 use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
 use crate::webhooks::{generate_secret, secret_text};
 
@@ -30,7 +32,7 @@ pub(in crate::api) struct WebhookRegistration {
     url: String,
     /// Which ones; all of them if left out.
     #[schema(min_items = 1)]
-    events: Option<Vec<WebhookEventName>>,
+    events: Option<Vec<AlertEventKind>>,
     /// Only of alerts of this route; of all routes if left out.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", value_type = Option<String>)]
     route_id: Option<RouteId>,
@@ -46,16 +48,12 @@ pub(in crate::api) struct WebhookRegistration {
 impl WebhookRegistration {
     fn check(self, state: &ApiState) -> Result<NewWebhook, Problem> {
         let url = state.receivers.check_url(&self.url).map_err(url_refused)?;
-        let all = vec![
-            WebhookEventName::AlertRaised,
-            WebhookEventName::AlertUpdated,
-        ];
         check_description(self.description.as_deref())?;
         Ok(NewWebhook {
             id: WebhookId(Uuid::now_v7()),
             url,
             secret: generate_secret().map_err(Problem::internal)?,
-            events: checked_events(self.events.unwrap_or(all))?,
+            events: checked_events(self.events.unwrap_or(AlertEventKind::ALL.to_vec()))?,
             route_id: self.route_id,
             description: self.description,
             include_tentative: self.include_tentative,
@@ -77,7 +75,7 @@ impl WebhookRegistration {
     responses((status = 201, description = "Registered; with its secret", body = WebhookBody, headers(
         ("ETag" = String, description = "Changes with every edit"),
         ("Location" = String, description = "Path of the webhook"),
-    )))
+    )), WebhookRegistrationProblems)
 )]
 pub(in crate::api) async fn register_webhook(
     State(state): State<ApiState>,

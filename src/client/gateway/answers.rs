@@ -3,6 +3,8 @@
 use reqwest::StatusCode;
 use serde::Deserialize;
 
+use crate::model::{BatchStatus, TextEnum as _};
+
 /// What the service says about a route.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RouteReport {
@@ -32,7 +34,7 @@ pub struct BatchReport {
 impl BatchReport {
     /// Whether the service still means to work on it without being asked.
     pub fn is_under_way(&self) -> bool {
-        matches!(self.status.as_str(), "queued" | "processing" | "held")
+        BatchStatus::of_text(&self.status).is_ok_and(BatchStatus::is_pending)
     }
 }
 

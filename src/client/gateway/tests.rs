@@ -25,7 +25,7 @@ async fn scripted(answers: &'static [&'static str]) -> (String, Arc<Mutex<Vec<Ve
 
 fn batch() -> EncodedBatch {
     EncodedBatch {
-        kind: crate::store::BatchKind::Scans,
+        kind: crate::model::BatchKind::Scans,
         id: BatchId::new("t-00000").unwrap(),
         gzip: vec![0x1f, 0x8b, 1, 2, 3],
     }

@@ -6,7 +6,8 @@ use super::laps::Laps;
 use super::mapped::{MadeClosure, Mapped};
 use super::method::{Judged, raised_by};
 use crate::change::paper::{PaperParams, paper_changes};
-use crate::change::series::{ClosureSample, ResidualSeries, Verdict, residual_series};
+use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
+use crate::model::ResidualVerdict;
 
 /// The series of a map of all-points estimates with Ω = I, at a multiple of th.
 pub(super) fn series(mapped: &Mapped, factor: f64) -> ResidualSeries {
@@ -31,8 +32,12 @@ pub(super) fn judge(mapped: &Mapped, factor: f64) -> Judged {
     let verdicts = || series.entries.iter().map(|entry| entry.verdict);
     Judged {
         scores: Some(series.entries.iter().map(|entry| entry.delta_f).collect()),
-        judged: verdicts().map(|v| v != Verdict::WarmingUp).collect(),
-        told: verdicts().map(|v| v == Verdict::Contradiction).collect(),
+        judged: verdicts()
+            .map(|v| v != ResidualVerdict::WarmingUp)
+            .collect(),
+        told: verdicts()
+            .map(|v| v == ResidualVerdict::Contradiction)
+            .collect(),
         raised: changes
             .iter()
             .map(|change| raised_by(&mapped.closures[change.first.n - 1]))

@@ -1,7 +1,8 @@
 //! Finding all blocks at once.
 
 use super::{Block, BlockIndex, Blocks};
-use crate::graph::edge::{Edge, EdgeStatus};
+use crate::graph::edge::Edge;
+use crate::model::EdgeStatus;
 
 impl Blocks {
     /// The blocks of a graph's edges, given with the places of their ends and, for each node, the

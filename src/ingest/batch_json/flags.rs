@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 
 use crate::mapping::DriveScan;
+use crate::model::BatchFlag;
 
 /// Faster than any vehicle on a route, m/s.
 const SPEED_MAX_M_PER_S: f64 = 50.0;
@@ -15,16 +16,22 @@ const LATE_MIN_NS: i128 = 30 * SKEW_MAX_NS;
 pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> {
     let age_ns = |scan: &DriveScan| received_at.as_nanosecond() - i128::from(scan.stamp.0);
     let flags = [
-        ("clock_skew", scans.iter().any(|s| age_ns(s) < -SKEW_MAX_NS)),
         (
-            "empty_scans",
+            BatchFlag::ClockSkew,
+            scans.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
+        ),
+        (
+            BatchFlag::EmptyScans,
             scans.iter().any(|s| s.scan.return_count() == 0),
         ),
-        ("late", scans.iter().any(|s| age_ns(s) > LATE_MIN_NS)),
-        ("wild_odometry", scans.windows(2).any(is_wild)),
+        (
+            BatchFlag::Late,
+            scans.iter().any(|s| age_ns(s) > LATE_MIN_NS),
+        ),
+        (BatchFlag::WildOdometry, scans.windows(2).any(is_wild)),
     ];
     let raised = flags.iter().filter(|(_, raised)| *raised);
-    raised.map(|(name, _)| (*name).to_owned()).collect()
+    raised.map(|(flag, _)| flag.name().to_owned()).collect()
 }
 
 /// Those of them that stamps alone raise.
@@ -32,13 +39,16 @@ pub(in crate::ingest) fn clock_flags(stamps: &[Timestamp], received_at: Timestam
     let age_ns = |stamp: &Timestamp| received_at.as_nanosecond() - stamp.as_nanosecond();
     let flags = [
         (
-            "clock_skew",
+            BatchFlag::ClockSkew,
             stamps.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
         ),
-        ("late", stamps.iter().any(|s| age_ns(s) > LATE_MIN_NS)),
+        (
+            BatchFlag::Late,
+            stamps.iter().any(|s| age_ns(s) > LATE_MIN_NS),
+        ),
     ];
     let raised = flags.iter().filter(|(_, raised)| *raised);
-    raised.map(|(name, _)| (*name).to_owned()).collect()
+    raised.map(|(flag, _)| flag.name().to_owned()).collect()
 }
 
 fn is_wild(pair: &[DriveScan]) -> bool {

@@ -11,6 +11,7 @@ use super::uploaded::{EDGES_MAX, NODES_MAX};
 use crate::ids::{TripId, VehicleId};
 use crate::ingest::batch_json::Pose;
 use crate::ingest::json::Object;
+use crate::model::EdgeKind;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,14 +37,7 @@ pub(super) struct Edge {
     pub to: Name,
     pub measurement: Object<Pose>,
     pub information: [f64; 6],
-    pub kind: Kind,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Kind {
-    Odometry,
-    LoopClosure,
+    pub kind: EdgeKind,
 }
 
 /// A node's name: a text, or a whole number as its digits.

@@ -9,7 +9,6 @@ use super::uploaded::{
     EDGES_MAX, MAP_PREFIX, NODES_MAX, NodeName, UploadedEdge, UploadedEdges, UploadedNode,
 };
 use crate::geometry::{Information, Pose2};
-use crate::graph::EdgeKind;
 use crate::ids::{InvalidName, NodeId, StampNs, validate_name};
 use crate::ingest::batch_json::{COORDINATE_MAX_M, HEADING_MAX_RAD, Pose, clock_flags, stamp};
 use crate::ingest::body_error::{BatchProblem, Checked, refuse};
@@ -92,10 +91,7 @@ fn edge(k: usize, raw: raw::Edge) -> Checked<UploadedEdge> {
         to,
         measurement: pose(raw.measurement, &format!("/edges/{k}/measurement"))?,
         information: information(raw.information, format!("/edges/{k}/information"))?,
-        kind: match raw.kind {
-            raw::Kind::Odometry => EdgeKind::Odometry,
-            raw::Kind::LoopClosure => EdgeKind::LoopClosure,
-        },
+        kind: raw.kind,
     })
 }
 

@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 
 use super::bench::{Bench, at, route};
 use crate::ids::{BatchId, TripId, VehicleId};
-use crate::store::{BatchContent, BatchRecord, BatchStatus, NewBatch, NodeRecord};
+use crate::model::BatchStatus;
+use crate::store::{BatchContent, BatchRecord, NewBatch, NodeRecord};
 
 /// So many stretches stay.
 const STRETCHES: usize = 3;

@@ -6,7 +6,8 @@ use super::bench::{Bench, route, upload, upload_part, upload_spaced};
 use crate::change::{AlertAction, AlertStatus};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, TripId};
-use crate::store::{BatchContent, BatchStatus, NewBatch, NodeRecord};
+use crate::model::BatchStatus;
+use crate::store::{BatchContent, NewBatch, NodeRecord};
 
 /// So many stretches stay.
 const STRETCHES: usize = 3;

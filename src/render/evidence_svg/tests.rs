@@ -1,4 +1,5 @@
 use super::*;
+use crate::change::ChangeKind;
 use crate::change::JudgedBeam;
 use crate::change::series::{ClosureSample, SeriesEntry, SeriesParams, residual_series};
 use crate::geometry::{Pose2, Vector2};

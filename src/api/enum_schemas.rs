@@ -1,0 +1,62 @@
+//! The OpenAPI schemas of the enumerations in [`model`](crate::model): their values come from its
+//! tables, and the descriptions for people stand here.
+
+use std::borrow::Cow;
+
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
+
+use crate::model::{
+    AlertAction, AlertEventKind, AlertStatus, BatchKind, BatchStatus, BeamVerdict, ChangeKind,
+    DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, ResidualMeasurement,
+    ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
+};
+
+/// The schema of one text of a list.
+pub(super) fn one_of(
+    texts: impl IntoIterator<Item = &'static str>,
+    description: &str,
+) -> RefOr<Schema> {
+    ObjectBuilder::new()
+        .schema_type(Type::String)
+        .enum_values(Some(texts))
+        .description(Some(description))
+        .into()
+}
+
+macro_rules! enum_schemas {
+    ($($type:ident as $name:literal: $description:literal;)+) => { $(
+        impl PartialSchema for $type {
+            fn schema() -> RefOr<Schema> {
+                one_of(Self::TABLE.iter().map(|(_, text)| *text), $description)
+            }
+        }
+
+        impl ToSchema for $type {
+            fn name() -> Cow<'static, str> {
+                Cow::Borrowed($name)
+            }
+        }
+    )+ };
+}
+
+enum_schemas! {
+    AlertAction as "AlertActionName": "What can be done with an alert: the last part of a path.";
+    AlertEventKind as "WebhookEventName": "What a webhook can tell of.";
+    AlertStatus as "AlertStatusName": "What became of an alert.";
+    BatchKind as "BatchKindName": "What a batch holds.";
+    BatchStatus as "BatchStatusName": "Where a batch is on its way.";
+    BeamVerdict as "BeamVerdictName": "What one scan says of a point of another.";
+    ChangeKind as "AlertKindName": "What changed.";
+    DeliveryFailure as "DeliveryFailureName": "Why an attempt had no answer.";
+    DeliveryStatus as "DeliveryStatusName": "How far a delivery has come.";
+    Detector as "DetectorName": "Which rule decides that something changed.";
+    EdgeKind as "EdgeKindName": "What made an edge.";
+    EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
+    ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
+    ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
+    Stage as "RouteStage": "How far a route's reference map has come.";
+    Tier as "AlertTierName": "How far an alert is to be believed.";
+    WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
+}

@@ -1,0 +1,104 @@
+//! Parameters that several operations have, as the OpenAPI document tells them. Handlers read them
+//! from the path and the headers themselves; those of queries are declared where they are read.
+
+// Only what is derived is used, never a value.
+#![allow(dead_code)]
+
+use utoipa::IntoParams;
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct RouteParam {
+    /// Name of the route
+    #[param(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    route: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct BatchParam {
+    /// Name of the batch, chosen by the client
+    #[param(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    batch: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct TripParam {
+    /// Name of the trip
+    #[param(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    trip: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct VehicleParam {
+    /// Name of the vehicle
+    #[param(pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    vehicle: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct NodeParam {
+    /// Id of the node
+    node: i64,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct EdgeParam {
+    /// Id of the edge
+    edge: i64,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct VersionParam {
+    /// A version that another one has followed
+    version: i64,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct AlertParam {
+    /// Id of the alert
+    #[param(format = "uuid")]
+    alert: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct WebhookParam {
+    /// Id of the webhook
+    #[param(format = "uuid")]
+    webhook: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct IfAlertMatches {
+    /// The alert's ETag, as it was read
+    #[param(rename = "If-Match")]
+    if_match: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct IfMapChanged {
+    /// Send nothing if the map still has this ETag
+    #[param(rename = "If-None-Match", nullable = false)]
+    if_none_match: Option<String>,
+}
+
+/// How the body of an upload is sent.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct UploadHeaders {
+    /// `gzip`, `zstd` or `identity`
+    #[param(rename = "Content-Encoding", nullable = false)]
+    content_encoding: Option<String>,
+    /// `sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)
+    #[param(rename = "Content-Digest", nullable = false)]
+    content_digest: Option<String>,
+}

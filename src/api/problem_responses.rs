@@ -1,0 +1,127 @@
+//! The problems that operations can end in, as the OpenAPI document tells them: one set for each kind of
+//! operation, which its `responses` name.
+
+use std::collections::BTreeMap;
+
+use utoipa::IntoResponses;
+use utoipa::openapi::header::HeaderBuilder;
+use utoipa::openapi::schema::Type;
+use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Response, ResponseBuilder};
+
+use super::problem::{ProblemKind, ProblemKind as K};
+
+/// What every operation can end in.
+const ANY: &[ProblemKind] = &[
+    K::InvalidParameter,
+    K::Internal,
+    K::Overloaded,
+    K::ShuttingDown,
+];
+/// … and one that reads a body and keeps what is in it.
+const BODY: &[ProblemKind] = &[
+    K::MalformedJson,
+    K::InvalidField,
+    K::BodyTimeout,
+    K::TooLarge,
+    K::UnsupportedMediaType,
+    K::UnsupportedEncoding,
+    K::OutOfRange,
+    K::DiskFull,
+];
+/// … and an upload of a batch.
+const UPLOAD: &[ProblemKind] = &[
+    K::UnknownRoute,
+    K::BadEncoding,
+    K::DigestMismatch,
+    K::BatchIdReused,
+];
+
+macro_rules! problem_responses {
+    ($($(#[$doc:meta])* $name:ident = $set:expr $(, with $also:ident)*;)+) => { $(
+        $(#[$doc])*
+        pub(super) struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> BTreeMap<String, RefOr<Response>> {
+                let set: &[ProblemKind] = &$set;
+                responses_of(&[ANY, set $(, $also)*].concat())
+            }
+        }
+    )+ };
+}
+
+problem_responses! {
+    /// Of an operation that names nothing.
+    AnyProblems = [];
+    /// Of the question whether the service is ready.
+    ReadinessProblems = [K::NotReady];
+
+    /// Of reading a route, or a list of it.
+    RouteProblems = [K::InvalidField, K::UnknownRoute];
+    /// Of reading a part of a route.
+    RoutePartProblems = [K::InvalidField, K::UnknownRoute, K::NotFound];
+    /// Of putting a route.
+    RoutePutProblems = [K::PreconditionFailed, K::DetectorFixed], with BODY;
+    /// Of deleting a route.
+    RouteDeletionProblems = [K::InvalidField, K::UnknownRoute, K::PreconditionFailed, K::DiskFull];
+    /// Of uploading scans.
+    ScanUploadProblems = [K::ScanGeometry, K::TimestampOrder], with UPLOAD, with BODY;
+    /// Of uploading edges.
+    EdgeUploadProblems = [K::EdgeGraph], with UPLOAD, with BODY;
+
+    /// Of listing alerts, or following them: of one route, if the query names it.
+    AlertListProblems = [K::UnknownRoute];
+    /// Of listing alerts on the Earth.
+    AlertMapProblems = [K::UnknownRoute, K::NoGeoAnchor];
+    /// Of reading an alert, or what belongs to it.
+    AlertProblems = [K::InvalidField, K::NotFound];
+    /// Of deciding about an alert.
+    DecisionProblems = [
+        K::NotFound,
+        K::PreconditionRequired,
+        K::PreconditionFailed,
+        K::TransitionNotAllowed,
+    ], with BODY;
+
+    /// Of reading a webhook, or what belongs to it.
+    WebhookProblems = [K::InvalidField, K::NotFound];
+    /// Of registering a webhook.
+    WebhookRegistrationProblems = [K::UnknownRoute, K::TooManyWebhooks, K::WebhookUrlRefused], with BODY;
+    /// Of changing a webhook.
+    WebhookChangeProblems = [K::NotFound, K::PreconditionFailed, K::WebhookUrlRefused], with BODY;
+    /// Of deleting a webhook.
+    WebhookDeletionProblems = [K::InvalidField, K::NotFound, K::PreconditionFailed, K::DiskFull];
+    /// Of trying a webhook out.
+    WebhookTestProblems = [K::InvalidField, K::NotFound, K::WebhookDisabled, K::DiskFull];
+}
+
+/// A response for each status, with all problems of that status.
+fn responses_of(kinds: &[ProblemKind]) -> BTreeMap<String, RefOr<Response>> {
+    let mut by_status: BTreeMap<u16, Vec<ProblemKind>> = BTreeMap::new();
+    for kind in K::ALL.iter().filter(|kind| kinds.contains(kind)) {
+        let status = kind.status().as_u16();
+        by_status.entry(status).or_default().push(*kind);
+    }
+    by_status
+        .into_iter()
+        .map(|(status, kinds)| (status.to_string(), response(status, &kinds).into()))
+        .collect()
+}
+
+fn response(status: u16, kinds: &[ProblemKind]) -> Response {
+    let sentence = |kind: &ProblemKind| format!("`{}`: {}", kind.name(), kind.title());
+    let description: Vec<_> = kinds.iter().map(sentence).collect();
+    let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem")));
+    let response = ResponseBuilder::new()
+        .description(description.join(". "))
+        .content("application/problem+json", problem.build());
+    if ![503, 507].contains(&status) {
+        return response.build();
+    }
+    let retry_after = HeaderBuilder::new()
+        .description(Some(
+            "Seconds to wait before the same request is sent again",
+        ))
+        .schema(Some(ObjectBuilder::new().schema_type(Type::String)));
+    response.header("Retry-After", retry_after.build()).build()
+}

@@ -1,0 +1,132 @@
+//! What the maintainers' page calls the values of enumerations: a script that it loads. A new value has
+//! no words until somebody gives it some here.
+
+use crate::model::{AlertAction, AlertStatus, ChangeKind, ResidualMeasurement, TextEnum, Tier};
+
+/// The script: one constant for each enumeration that the page shows, of pairs of a text as the API has
+/// it and the page's words for it, in the order of the model.
+///
+/// # Errors
+/// If a table has no JSON.
+pub(super) fn script() -> Result<String, serde_json::Error> {
+    Ok([
+        constant("KINDS", kind_words)?,
+        constant("ACTIONS", action_words)?,
+        constant("STATUSES", AlertStatus::name)?,
+        constant("DOUBTS", doubt_words)?,
+        constant("MEASUREMENTS", measurement_words)?,
+    ]
+    .concat())
+}
+
+fn constant<T: TextEnum>(
+    name: &str,
+    words: impl Fn(T) -> &'static str,
+) -> Result<String, serde_json::Error> {
+    let pairs = T::TABLE.iter().map(|(value, text)| (*text, words(*value)));
+    let pairs = serde_json::to_string(&pairs.collect::<Vec<_>>())?;
+    Ok(format!("export const {name} = new Map({pairs});\n"))
+}
+
+/// What happened.
+fn kind_words(kind: ChangeKind) -> &'static str {
+    match kind {
+        ChangeKind::Appeared => "Something appeared",
+        ChangeKind::Disappeared => "Something disappeared",
+        ChangeKind::Residual => "Closures contradict the map",
+        ChangeKind::MapMismatch => "The map does not fit",
+        ChangeKind::VehicleSuspect => "Something is off with a vehicle",
+    }
+}
+
+/// What stands on a button.
+fn action_words(action: AlertAction) -> &'static str {
+    match action {
+        AlertAction::Acknowledge => "Acknowledge",
+        AlertAction::Accept => "Accept into the map",
+        AlertAction::Dismiss => "Dismiss",
+        AlertAction::Reopen => "Reopen",
+        AlertAction::Undo => "Undo",
+    }
+}
+
+/// What is said of alerts that are not certain.
+fn doubt_words(tier: Tier) -> &'static str {
+    match tier {
+        Tier::Tentative => "tentative, seen in one pass",
+        Tier::Confirmed => "",
+    }
+}
+
+/// What stands in a choice.
+fn measurement_words(measurement: ResidualMeasurement) -> &'static str {
+    match measurement {
+        ResidualMeasurement::Robust => "robust",
+        ResidualMeasurement::AllPoints => "all points",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::model::{BatchStatus, ResidualVerdict};
+
+    const ALERTS: &str = include_str!("page/alerts.js");
+    const PAGE: &str = include_str!("page/page.js");
+    const STYLE: &str = include_str!("page/page.css");
+
+    fn has<T: TextEnum>(text: &str) -> bool {
+        T::of_text(text).is_ok()
+    }
+
+    /// What follows each `before` in a text, as long as it is of an enumeration's letters.
+    fn named<'a>(text: &'a str, before: &str) -> Vec<&'a str> {
+        let is_letter = |c: char| c.is_ascii_lowercase() || c == '_';
+        let after = text.split(before).skip(1);
+        let named = after.map(|rest| rest.split(|c| !is_letter(c)).next().unwrap_or_default());
+        named.filter(|name| !name.is_empty()).collect()
+    }
+
+    #[test]
+    fn the_script_has_every_value_with_its_words() {
+        let script = script().unwrap();
+        let first = "export const KINDS = new Map([[\"appeared\",\"Something appeared\"],";
+        assert!(script.starts_with(first), "{script}");
+        assert!(script.contains("[\"undo\",\"Undo\"]]);\n"), "{script}");
+        for name in ["KINDS", "ACTIONS", "STATUSES", "DOUBTS", "MEASUREMENTS"] {
+            assert!(script.contains(&format!("export const {name} = ")));
+            assert!(
+                [ALERTS, PAGE].concat().contains(name),
+                "nobody reads {name}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_text_that_the_page_names_is_one() {
+        let mut found = BTreeSet::new();
+        let mut check = |text, before, is_one: fn(&str) -> bool| {
+            for name in named(text, before) {
+                assert!(is_one(name), "{before}{name}");
+                found.insert(name);
+            }
+        };
+        for script in [ALERTS, PAGE] {
+            check(script, "status === \"", has::<AlertStatus>);
+            check(script, "action === \"", has::<AlertAction>);
+            check(script, "kind === \"", has::<ChangeKind>);
+            check(script, "tier === \"", has::<Tier>);
+        }
+        check(STYLE, ".status-", has::<BatchStatus>);
+        check(STYLE, ".bar.", has::<ResidualVerdict>);
+        check(STYLE, ".alert.", |name| {
+            has::<AlertStatus>(name) || name == "chosen"
+        });
+        check(STYLE, ".map svg .", |name| {
+            has::<Tier>(name) || ["chosen", "settled"].contains(&name)
+        });
+        assert!(found.len() >= 8, "the page was not read: {found:?}");
+    }
+}

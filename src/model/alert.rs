@@ -1,0 +1,84 @@
+//! What alerts are about, and their life.
+
+use super::text_enum;
+
+text_enum! {
+    /// What kind of contradiction between the map and the world was found.
+    ChangeKind {
+        /// Something stands where earlier looks saw free space.
+        Appeared = "appeared",
+        /// Free space is seen where earlier looks saw something.
+        Disappeared = "disappeared",
+        /// Closures contradict the map, without scans that say what changed.
+        Residual = "residual",
+        /// So much differs, or so many closures are missing, that the map does not fit the place.
+        MapMismatch = "map_mismatch",
+        /// A vehicle has changed, or is off in a way that cannot be corrected.
+        VehicleSuspect = "vehicle_suspect",
+    }
+}
+
+impl ChangeKind {
+    /// Whether a place is free that was occupied, or the reverse.
+    pub fn is_of_state(self) -> bool {
+        matches!(self, Self::Appeared | Self::Disappeared)
+    }
+}
+
+text_enum! {
+    /// How far an alert is to be believed: one pass is a hint, two are evidence.
+    Tier {
+        /// One pass by one vehicle shows the new state so far: shown, not sent.
+        Tentative = "tentative",
+        /// Two passes, or two vehicles, show the new state.
+        Confirmed = "confirmed",
+    }
+}
+
+text_enum! {
+    /// Where an alert is in its life.
+    AlertStatus {
+        /// Raised; nobody has looked at it.
+        Open = "open",
+        /// Somebody has taken it up.
+        Acknowledged = "acknowledged",
+        /// The map shows the new state.
+        Accepted = "accepted",
+        /// The map is right as it is; what was dismissed is not raised again while it lasts.
+        Dismissed = "dismissed",
+        /// Later looks show the old state, or refute it.
+        Resolved = "resolved",
+    }
+}
+
+text_enum! {
+    /// What somebody may do with an alert.
+    AlertAction {
+        /// Take it up.
+        Acknowledge = "acknowledge",
+        /// Take the change into the map.
+        Accept = "accept",
+        /// Keep the map, and do not raise the same thing again.
+        Dismiss = "dismiss",
+        /// Put it back among the open ones.
+        Reopen = "reopen",
+        /// Take an acceptance back.
+        Undo = "undo",
+    }
+}
+
+text_enum! {
+    /// What another scan says of a beam.
+    BeamVerdict {
+        /// The other scan has a surface where the beam ended.
+        Agrees = "agrees",
+        /// The other scan saw through the place where the beam ended.
+        Contradicts = "contradicts",
+        /// Something nearer hid the place from the other scan.
+        Occluded = "occluded",
+        /// The other scan did not look there, or its beam has no return.
+        Unseen = "unseen",
+        /// The beam itself has no return: nothing to judge, and no evidence of free space (REP-117).
+        NoReturn = "no_return",
+    }
+}

@@ -1,0 +1,59 @@
+//! Uploads.
+
+use super::text_enum;
+
+text_enum! {
+    /// What a batch holds.
+    BatchKind {
+        /// Scans, a part of a drive.
+        Scans = "scans",
+        /// Nodes and edges.
+        Edges = "edges",
+    }
+}
+
+text_enum! {
+    /// Where a batch is on its way.
+    BatchStatus {
+        /// Stored; a worker will take it.
+        Queued = "queued",
+        /// A worker has it.
+        Processing = "processing",
+        /// Waits for its predecessor.
+        Held = "held",
+        /// In the map.
+        Merged = "merged",
+        /// Its trip could not be placed in the map; tried again when the map or the trip grows.
+        Unanchored = "unanchored",
+        /// Processing failed for good; the reason says why.
+        Quarantined = "quarantined",
+    }
+}
+
+impl BatchStatus {
+    /// Whether it is still to be processed.
+    pub fn is_pending(self) -> bool {
+        matches!(self, Self::Queued | Self::Processing | Self::Held)
+    }
+}
+
+text_enum! {
+    /// What was noticed about a batch, and is no reason to refuse it. Readers take texts that are not
+    /// listed here as well.
+    BatchFlag {
+        /// Stamps lie far in the future.
+        ClockSkew = "clock_skew",
+        /// Scans without any return.
+        EmptyScans = "empty_scans",
+        /// Batches before it never came.
+        Gap = "gap",
+        /// Stamps lie far in the past.
+        Late = "late",
+        /// With it a segment of the map was put right.
+        MapMended = "map_mended",
+        /// At its end nobody knew where the vehicle was.
+        NotLocalised = "not_localised",
+        /// The odometry is faster than any vehicle.
+        WildOdometry = "wild_odometry",
+    }
+}
