@@ -21,7 +21,9 @@ use super::problem_responses::{
 use super::upload::small_json;
 use crate::ids::RouteId;
 use crate::model::{Detector, Stage};
-use crate::store::{GeoAnchor, Put, RouteRecord, RouteSettings, RouteUpdate};
+use crate::store::{
+    Deleted, GeoAnchor, Put, RouteEdition, RouteRecord, RouteUpdate, SettingsUpdate,
+};
 
 const DISPLAY_NAME_CHARS_MAX: usize = 200;
 const FALSE_ALARM_RATE_MAX: f64 = 1.0;
@@ -118,7 +120,7 @@ pub(super) struct RoutePut {
 }
 
 /// Settings to change; what is left out stays as it is.
-#[derive(Debug, Deserialize, ToSchema)]
+#[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct RouteSettingsPut {
     /// The rule that decides that something changed.
@@ -179,7 +181,7 @@ impl From<RouteRecord> for RouteBody {
 }
 
 impl RoutePut {
-    fn check(self, current: RouteSettings) -> Result<RouteUpdate, Problem> {
+    fn check(self) -> Result<RouteUpdate, Problem> {
         let refuse = |pointer: &str, detail: &str| {
             Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer))
         };
@@ -202,27 +204,17 @@ impl RoutePut {
                 }
             }
         }
-        let settings = match self.settings {
-            None => None,
-            Some(put) => {
-                let rate = put.false_alarm_rate.unwrap_or(current.false_alarm_rate);
-                if !(rate > 0.0 && rate <= FALSE_ALARM_RATE_MAX) {
-                    return refuse(
-                        "/settings/false_alarm_rate",
-                        "a number of false alerts per lap is in (0, 1]",
-                    );
-                }
-                let hold_s = put.hold_s.unwrap_or(current.hold_s);
-                if hold_s > HOLD_S_MAX {
-                    return refuse("/settings/hold_s", "a batch is held for a week at most");
-                }
-                Some(RouteSettings {
-                    detector: put.detector.unwrap_or(current.detector),
-                    false_alarm_rate: rate,
-                    hold_s,
-                })
-            }
-        };
+        let settings = self.settings.unwrap_or_default();
+        let is_rate = |rate: f64| rate > 0.0 && rate <= FALSE_ALARM_RATE_MAX;
+        if settings.false_alarm_rate.is_some_and(|rate| !is_rate(rate)) {
+            return refuse(
+                "/settings/false_alarm_rate",
+                "a number of false alerts per lap is in (0, 1]",
+            );
+        }
+        if settings.hold_s.is_some_and(|hold_s| hold_s > HOLD_S_MAX) {
+            return refuse("/settings/hold_s", "a batch is held for a week at most");
+        }
         Ok(RouteUpdate {
             display_name: self.display_name,
             geo_anchor: self.geo_anchor.map(|anchor| GeoAnchor {
@@ -230,7 +222,12 @@ impl RoutePut {
                 longitude: anchor.longitude,
                 heading: anchor.heading,
             }),
-            settings,
+            settings: SettingsUpdate {
+                detector: settings.detector,
+                false_alarm_rate: settings.false_alarm_rate,
+                hold_s: settings.hold_s,
+            },
+            expected: None,
         })
     }
 }
@@ -246,31 +243,29 @@ fn with_etag(status: StatusCode, route: RouteRecord) -> Response {
     (status, [(header::ETAG, tag)], Json(RouteBody::from(route))).into_response()
 }
 
-/// Whether `If-Match` allows a write to the route as it is.
-fn check_if_match(headers: &HeaderMap, current: Option<&RouteRecord>) -> Result<(), Problem> {
-    let allowed = match current {
-        Some(route) => if_match(headers, &etag(route)).unwrap_or(true),
-        None => !headers.contains_key(header::IF_MATCH),
-    };
-    if allowed {
-        return Ok(());
+/// The route that `If-Match` allows to be written; `None` without the header.
+///
+/// # Errors
+/// [`ProblemKind::PreconditionFailed`] if the route is another, or not there.
+async fn expected(
+    state: &ApiState,
+    headers: &HeaderMap,
+    id: &RouteId,
+) -> Result<Option<RouteEdition>, Problem> {
+    if !headers.contains_key(header::IF_MATCH) {
+        return Ok(None);
     }
-    Err(Problem::new(
-        ProblemKind::PreconditionFailed,
-        "the route is not as If-Match says: read it again",
-    ))
+    let current = state.store.route(id).await?;
+    let is_meant = |route: &RouteRecord| if_match(headers, &etag(route)).unwrap_or(true);
+    let route = current.filter(is_meant).ok_or_else(not_as_if_match_says)?;
+    Ok(Some(route.edition()))
 }
 
-/// A map that is made by one detector's rule cannot go on by another's.
-fn check_detector(current: Option<&RouteRecord>, update: &RouteUpdate) -> Result<(), Problem> {
-    let (Some(current), Some(wanted)) = (current, &update.settings) else {
-        return Ok(());
-    };
-    if current.counts.batches == 0 || current.settings.detector == wanted.detector {
-        return Ok(());
-    }
-    let detail = "choose the detector before the first batch, or make another route";
-    Err(Problem::new(ProblemKind::DetectorFixed, detail).at("/settings/detector"))
+fn not_as_if_match_says() -> Problem {
+    Problem::new(
+        ProblemKind::PreconditionFailed,
+        "the route is not as If-Match says: read it again",
+    )
 }
 
 /// Create or change a route.
@@ -297,14 +292,20 @@ pub(super) async fn put_route(
     body: Body,
 ) -> Result<Response, Problem> {
     let put: RoutePut = small_json(&state, &headers, body).await?;
-    let current = state.store.route(&id).await?;
-    check_if_match(&headers, current.as_ref())?;
-    let settings = current.as_ref().map(|route| route.settings.clone());
-    let update = put.check(settings.unwrap_or_default())?;
-    check_detector(current.as_ref(), &update)?;
+    let update = RouteUpdate {
+        expected: expected(&state, &headers, &id).await?,
+        ..put.check()?
+    };
     let status = match state.store.put_route(&id, update, Timestamp::now()).await? {
         Put::Created => StatusCode::CREATED,
         Put::Updated => StatusCode::OK,
+        Put::Stale => return Err(not_as_if_match_says()),
+        // A map that is made by one detector's rule cannot go on by another's.
+        Put::DetectorFixed => {
+            let detail = "choose the detector before the first batch, or make another route";
+            let problem = Problem::new(ProblemKind::DetectorFixed, detail);
+            return Err(problem.at("/settings/detector"));
+        }
     };
     let route = state.known_route(&id).await?;
     Ok(with_etag(status, route))
@@ -366,11 +367,12 @@ pub(super) async fn delete_route(
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     if headers.contains_key(header::IF_MATCH) {
-        check_if_match(&headers, Some(&state.known_route(&id).await?))?;
+        state.known_route(&id).await?;
     }
-    if state.store.delete_route(&id).await? {
-        Ok(StatusCode::NO_CONTENT)
-    } else {
-        Err(Problem::unknown_route())
+    let expected = expected(&state, &headers, &id).await?;
+    match state.store.delete_route(&id, expected).await? {
+        Deleted::Done => Ok(StatusCode::NO_CONTENT),
+        Deleted::NotThere => Err(Problem::unknown_route()),
+        Deleted::Stale => Err(not_as_if_match_says()),
     }
 }

@@ -7,7 +7,30 @@ use super::alert_records::{Acceptance, AcceptedChange};
 use super::body::{SealedBody, unseal};
 use super::columns::{alert_id, corrupt, json, json_text, polygon, polygon_bytes};
 use super::error::StoreError;
+use super::{Store, named};
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs};
+
+impl Store {
+    /// The changes that a route's map has taken in, in the order of acceptance.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn accepted_changes(
+        &self,
+        route: &RouteId,
+    ) -> Result<Vec<AcceptedChange>, StoreError> {
+        let mut reader = self.shared.readers.acquire().await?;
+        named(accepted_changes(&mut reader, route).await)
+    }
+
+    /// An accepted change with what takes it back; `None` if the alert's is not in the map.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] if what takes it back has lost its checksum.
+    pub async fn acceptance(&self, alert: AlertId) -> Result<Option<Acceptance>, StoreError> {
+        named(acceptance(&self.shared.readers, alert).await)
+    }
+}
 
 macro_rules! select_accepted {
     ($columns:literal, $rest:literal) => {

@@ -11,10 +11,80 @@ use super::columns::{
     alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
 };
 use super::error::StoreError;
+use super::{Store, named};
 use crate::change::{Counterpart, Finding};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
 use crate::scan::HeightBand;
+
+impl Store {
+    /// One alert.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert(&self, id: AlertId) -> Result<Option<AlertRecord>, StoreError> {
+        named(alert(&self.shared.readers, id).await)
+    }
+
+    /// The newest first, raised before `before`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert_page(
+        &self,
+        filter: &AlertFilter,
+        before: Option<AlertId>,
+        limit: u32,
+    ) -> Result<Vec<AlertRecord>, StoreError> {
+        named(alert_page(&self.shared.readers, filter, before, limit).await)
+    }
+
+    /// The alerts with a node or an edge that came with a batch, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn batch_alerts(
+        &self,
+        route: &RouteId,
+        batch: &BatchId,
+    ) -> Result<Vec<AlertId>, StoreError> {
+        named(batch_alerts(&self.shared.readers, route, batch).await)
+    }
+
+    /// The alerts of each of some batches, by id; batches without any are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alerts_by_batch(
+        &self,
+        route: &RouteId,
+        batches: &[BatchId],
+    ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
+        named(alerts_by_batch(&self.shared.readers, route, batches).await)
+    }
+
+    /// What happened to alerts after the event `after` (0 for the first), in order, at most
+    /// `limit`; of one route, or of all.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alert_events(
+        &self,
+        route: Option<&RouteId>,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<AlertEvent>, StoreError> {
+        named(alert_events(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// The sequence of the last event; 0 before the first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn last_alert_event(&self) -> Result<i64, StoreError> {
+        named(last_alert_event(&self.shared.readers).await)
+    }
+}
 
 /// An alert's history comes along as JSON, so that one statement reads a whole alert.
 macro_rules! select_alerts {

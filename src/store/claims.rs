@@ -7,12 +7,66 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::columns::{micros, name, text};
+use super::error::Corruption;
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, job_of};
+use super::records::ClaimedJob;
 use super::request::Request;
 use super::trips::Place;
+use super::{Store, failures};
 use crate::ids::{BatchId, RouteId};
 use crate::model::BatchKind;
+
+impl Store {
+    /// The oldest job whose time has come on a route that no live lease holds; its batch is
+    /// `processing` from now on. A batch whose body has rotted is quarantined on the way.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn claim_job(
+        &self,
+        now: Timestamp,
+        lease: Duration,
+    ) -> Result<Option<ClaimedJob>, StoreError> {
+        while let Some(claim) = self.work(ClaimJob { now, lease }).await? {
+            let (job_id, generation) = (claim.job_id, claim.generation);
+            match self.load_entries(claim).await {
+                Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id })) => {
+                    tracing::error!(%route_id, %batch_id, "a stored body is corrupt");
+                    let request = failures::QuarantineRotten {
+                        job_id,
+                        generation,
+                        batch_id,
+                        now,
+                    };
+                    self.work(request).await?;
+                }
+                Err(error) => {
+                    self.return_job(job_id, generation, now).await?;
+                    return Err(error);
+                }
+                Ok(job) => return Ok(Some(job)),
+            }
+        }
+        Ok(None)
+    }
+
+    async fn load_entries(&self, claim: Claim) -> Result<ClaimedJob, StoreError> {
+        let mut entries = Vec::with_capacity(claim.batch_ids.len());
+        for batch_id in &claim.batch_ids {
+            // Gone only if the route was deleted a moment ago; the fence will say so.
+            entries.extend(self.journal_entry(&claim.route_id, batch_id).await?);
+        }
+        Ok(ClaimedJob {
+            job_id: claim.job_id,
+            generation: claim.generation,
+            attempts: claim.attempts,
+            route_id: claim.route_id,
+            entries,
+            after_gap: claim.after_gap,
+        })
+    }
+}
 
 /// Batches of edges without a tie to the map that a job takes along, at most.
 pub(super) const TAKEN_ALONG_MAX: i64 = 63;

@@ -4,7 +4,23 @@ use sqlx::{Row, SqlitePool};
 
 use super::columns::json_text;
 use super::error::StoreError;
+use super::{Store, named};
 use crate::ids::{NodeId, RouteId, VehicleId};
+
+impl Store {
+    /// The nodes of a vehicle's uploads of edges that it calls by some names, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn client_nodes(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+        names: &[String],
+    ) -> Result<Vec<(String, NodeId)>, StoreError> {
+        named(client_nodes(&self.shared.readers, route, vehicle, names).await)
+    }
+}
 
 /// The nodes of a vehicle's uploads of edges that it calls by some names, by name.
 pub(super) async fn client_nodes(

@@ -2,6 +2,7 @@
 
 use sqlx::SqliteConnection;
 
+use super::Store;
 use super::acceptances;
 use super::alert_records::{
     AcceptanceChange, AcceptedChange, AlertAction, AlertRecord, Decided, Decision,
@@ -15,6 +16,18 @@ use super::map_versions::{Beginning, SealedPicture, begin_next};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
 use super::results::count_blocks;
+
+impl Store {
+    /// Writes a decision, all or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError::InvalidResult`] if the decision contradicts itself or the store.
+    pub async fn apply_decision(&self, decision: Decision) -> Result<Decided, StoreError> {
+        let sealed = tokio::task::spawn_blocking(|| ApplyDecision::seal(decision));
+        let request = sealed.await.map_err(|_| StoreError::Unavailable)??;
+        self.work(request).await
+    }
+}
 
 /// Applies a decision if neither the route nor the alert has moved on.
 pub(super) struct ApplyDecision {

@@ -3,11 +3,55 @@
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
+use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, held_job, put_back, quarantine};
 use super::request::Request;
 use crate::ids::BatchId;
+
+impl Store {
+    /// Puts a failed job back with a delay (1, 4, 16, 64 s), or quarantines its batch after the
+    /// fifth try. A job that this worker does not hold any more is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn fail_job(
+        &self,
+        job_id: i64,
+        generation: i64,
+        reason: &str,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let reason = reason.to_owned();
+        let request = FailJob {
+            job_id,
+            generation,
+            reason,
+            now,
+        };
+        self.work(request).await
+    }
+
+    /// Puts a job back for a second later without counting a try: the store or the machine was
+    /// in the way, not the batch.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn return_job(
+        &self,
+        job_id: i64,
+        generation: i64,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let request = ReturnJob {
+            job_id,
+            generation,
+            now,
+        };
+        self.work(request).await
+    }
+}
 
 const MICROS_PER_SECOND: i64 = 1_000_000;
 

@@ -3,10 +3,21 @@
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
+use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
 use super::request::Request;
 use super::trips::{Place, skip_gap};
+
+impl Store {
+    /// Queues held batches whose `hold_s` is over, at most 256 of them; returns how many.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn release_overdue(&self, now: Timestamp) -> Result<u64, StoreError> {
+        self.work(ReleaseOverdue { now }).await
+    }
+}
 
 /// Held batches that one sweep lets go: a bounded write.
 const RELEASED_MAX: i64 = 256;

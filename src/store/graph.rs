@@ -11,10 +11,145 @@ use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
+use super::{Store, named};
 use super::{settled, vehicles};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
+
+impl Store {
+    /// A route's active graph, read at one instant.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
+    pub async fn load_graph(&self, route: &RouteId) -> Result<Option<RouteGraph>, StoreError> {
+        named(load(&self.shared.readers, route).await)
+    }
+
+    /// Every node, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn nodes(&self, route: &RouteId) -> Result<Vec<NodeRecord>, StoreError> {
+        named(nodes(&self.shared.readers, route).await)
+    }
+
+    /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn node_page(
+        &self,
+        route: &RouteId,
+        after: Option<NodeId>,
+        limit: u32,
+    ) -> Result<Vec<NodeRecord>, StoreError> {
+        named(node_page(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// Those of some nodes that are there, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn nodes_named(
+        &self,
+        route: &RouteId,
+        ids: &[NodeId],
+    ) -> Result<Vec<NodeRecord>, StoreError> {
+        named(nodes_named(&self.shared.readers, route, ids).await)
+    }
+
+    /// One node.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn node(
+        &self,
+        route: &RouteId,
+        id: NodeId,
+    ) -> Result<Option<NodeRecord>, StoreError> {
+        named(node(&self.shared.readers, route, id).await)
+    }
+
+    /// Every active node with its scan and those behind it, by id: what a map picture is drawn
+    /// from.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
+    pub async fn nodes_with_scans(&self, route: &RouteId) -> Result<Vec<NodeWithScan>, StoreError> {
+        named(nodes_with_scans(&self.shared.readers, route).await)
+    }
+
+    /// The scan of a node: the bytes of [`crate::scan::encode_scan`].
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if it has lost its checksum.
+    pub async fn node_scan(
+        &self,
+        route: &RouteId,
+        id: NodeId,
+    ) -> Result<Option<Vec<u8>>, StoreError> {
+        named(node_scan(&self.shared.readers, route, id).await)
+    }
+
+    /// The nodes of a trip, active or not, in the order of their scans.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn trip_nodes(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+    ) -> Result<Vec<NodeRecord>, StoreError> {
+        named(trip_nodes(&self.shared.readers, route, trip).await)
+    }
+
+    /// Every edge, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edges(&self, route: &RouteId) -> Result<Vec<EdgeRecord>, StoreError> {
+        named(edges(&self.shared.readers, route).await)
+    }
+
+    /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edge_page(
+        &self,
+        route: &RouteId,
+        filter: EdgeFilter,
+        after: Option<EdgeId>,
+        limit: u32,
+    ) -> Result<Vec<EdgeRecord>, StoreError> {
+        named(edge_page(&self.shared.readers, route, filter, after, limit).await)
+    }
+
+    /// Those of some edges that are there, by id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edges_named(
+        &self,
+        route: &RouteId,
+        ids: &[EdgeId],
+    ) -> Result<Vec<EdgeRecord>, StoreError> {
+        named(edges_named(&self.shared.readers, route, ids).await)
+    }
+
+    /// One edge.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn edge(
+        &self,
+        route: &RouteId,
+        id: EdgeId,
+    ) -> Result<Option<EdgeRecord>, StoreError> {
+        named(edge(&self.shared.readers, route, id).await)
+    }
+}
 
 macro_rules! node_columns {
     () => {

@@ -11,7 +11,23 @@ use super::error::StoreError;
 use super::graph::scan_of;
 use super::graph_rows::{ROWS_MAX, push_pose};
 use super::records::{IntermediateRecord, NewIntermediate, TrajectoryPose};
+use super::{Store, named};
 use crate::ids::{LidarId, NodeId, RouteId, StampNs, TripId};
+
+impl Store {
+    /// Where a trip was at each of its scans, keyframes and those between them, active or not, in
+    /// the order of time.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn trajectory(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+    ) -> Result<Vec<TrajectoryPose>, StoreError> {
+        named(trajectory(&self.shared.readers, route, trip).await)
+    }
+}
 
 /// Inserts scans between keyframes; their keyframes are there already.
 ///

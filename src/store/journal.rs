@@ -9,8 +9,67 @@ use super::error::{Corruption, StoreError};
 use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
+use super::{Store, body, named, outcome};
 use crate::ids::{BatchId, RouteId};
 use crate::model::BatchStatus;
+
+impl Store {
+    /// Stores an upload and, if it is its turn in its trip, its job. Returns after the commit has
+    /// reached the disk. What is wrong with its place in its trip becomes its status.
+    ///
+    /// # Errors
+    /// [`StoreError::UnknownRoute`], [`StoreError::Full`], [`StoreError::Unavailable`].
+    pub async fn journal_batch(&self, mut batch: NewBatch) -> Result<Journaled, StoreError> {
+        let body = std::mem::take(&mut batch.body);
+        // Compressing a large body takes milliseconds: not on the async threads, not in the
+        // writer.
+        let body = tokio::task::spawn_blocking(move || body::SealedBody::seal(&body))
+            .await
+            .map_err(|_| StoreError::Unavailable)??;
+        let request = Journal { batch, body };
+        let reply = self.shared.outbox.send_upload(request).await?;
+        let journaled = outcome::<Journal>(reply).await?;
+        journaled.ok_or(StoreError::UnknownRoute)
+    }
+
+    /// One upload.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn batch(
+        &self,
+        route: &RouteId,
+        id: &BatchId,
+    ) -> Result<Option<BatchRecord>, StoreError> {
+        named(batch(&self.shared.readers, route, id).await)
+    }
+
+    /// One upload with its body; `None` also if the body was deleted when its time was over.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] with [`Corruption::Body`] if the body has lost its checksum.
+    pub async fn journal_entry(
+        &self,
+        route: &RouteId,
+        id: &BatchId,
+    ) -> Result<Option<JournalEntry>, StoreError> {
+        named(entry(&self.shared.readers, route, id).await)
+    }
+
+    /// In the order of arrival, after `after`, at most `limit`; none if `after` is not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn batches(
+        &self,
+        route: &RouteId,
+        filter: &BatchFilter,
+        after: Option<&BatchId>,
+        limit: u32,
+    ) -> Result<Vec<BatchRecord>, StoreError> {
+        named(batches(&self.shared.readers, route, filter, after, limit).await)
+    }
+}
 
 macro_rules! select_batches {
     ($columns:literal, $rest:literal) => {

@@ -7,8 +7,37 @@ use super::alert_records::{MapPicture, MapVersionRecord, VersionCause};
 use super::body::{SealedBody, unseal};
 use super::columns::{alert_id, corrupt, optional_time, text, time};
 use super::error::StoreError;
+use super::{Store, named};
 use crate::change::AlertAction;
 use crate::ids::{AlertId, RouteId};
+
+impl Store {
+    /// The versions of a route's map after `after`, the oldest first, at most `limit`; the
+    /// present one is the last.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn map_versions(
+        &self,
+        route: &RouteId,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<MapVersionRecord>, StoreError> {
+        named(map_versions(&self.shared.readers, route, after, limit).await)
+    }
+
+    /// The picture of a version that another one has followed.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] if it has lost its checksum.
+    pub async fn map_version_picture(
+        &self,
+        route: &RouteId,
+        version: i64,
+    ) -> Result<Option<MapPicture>, StoreError> {
+        named(picture(&self.shared.readers, route, version).await)
+    }
+}
 
 /// Versions after `after`, the oldest first.
 pub(super) async fn map_versions(

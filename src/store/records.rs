@@ -107,8 +107,40 @@ pub struct RouteUpdate {
     pub display_name: Option<String>,
     /// Where the map lies on the Earth.
     pub geo_anchor: Option<GeoAnchor>,
-    /// The whole of the settings.
-    pub settings: Option<RouteSettings>,
+    /// The settings.
+    pub settings: SettingsUpdate,
+    /// Change the route only if it is still this one, and do not create it.
+    pub expected: Option<RouteEdition>,
+}
+
+/// What of a route's settings a PUT changes; `None` leaves a field as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SettingsUpdate {
+    /// As [`RouteSettings::detector`]; refused once the route has batches.
+    pub detector: Option<Detector>,
+    /// As [`RouteSettings::false_alarm_rate`].
+    pub false_alarm_rate: Option<f64>,
+    /// As [`RouteSettings::hold_s`].
+    pub hold_s: Option<u32>,
+}
+
+/// What changes with every result of a route and with every edit of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RouteEdition {
+    /// As [`RouteRecord::revision`].
+    pub revision: i64,
+    /// As [`RouteRecord::updated_at`].
+    pub updated_at: Timestamp,
+}
+
+impl RouteRecord {
+    /// The route as it was read.
+    pub fn edition(&self) -> RouteEdition {
+        RouteEdition {
+            revision: self.revision,
+            updated_at: self.updated_at,
+        }
+    }
 }
 
 /// An upload to be stored.

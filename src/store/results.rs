@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::alert_rows::write_alerts;
 use super::columns::{flags_text, micros, name, parse_flags};
 use super::error::StoreError;
@@ -17,6 +18,18 @@ use super::vehicles::{put_calibration, put_corrections};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 use crate::model::BatchStatus;
+
+impl Store {
+    /// Writes a job's result, ends its batches, and queues what their end lets run: all or
+    /// nothing. After [`Applied::Stale`] the job is still held if the route alone has moved on:
+    /// it may be computed again from [`Store::load_graph`].
+    ///
+    /// # Errors
+    /// [`StoreError::InvalidResult`] if the result contradicts itself or the store.
+    pub async fn apply_result(&self, result: JobResult) -> Result<Applied, StoreError> {
+        self.work(ApplyResult(result)).await
+    }
+}
 
 /// Applies a job's result if the fence lets it through.
 pub(super) struct ApplyResult(pub(super) JobResult);

@@ -3,10 +3,22 @@
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
+use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
 use super::records::DeletedBodies;
 use super::request::Request;
+
+impl Store {
+    /// Deletes the bodies of batches that were merged before a time, at most a few of them. Bodies
+    /// of batches that are not in the map are kept.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_bodies(&self, before: Timestamp) -> Result<DeletedBodies, StoreError> {
+        self.work(DeleteBodies { before }).await
+    }
+}
 
 /// Most bodies of one step: other writes wait as long as it takes.
 const STEP_MAX: i64 = 32;

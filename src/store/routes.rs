@@ -4,13 +4,65 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::Put;
 use super::columns::{micros, name, text, time};
 use super::error::StoreError;
-use super::records::{GeoAnchor, RouteCounts, RouteRecord, RouteSettings, RouteUpdate};
+use super::records::{
+    GeoAnchor, RouteCounts, RouteEdition, RouteRecord, RouteSettings, RouteUpdate,
+};
 use super::request::Request;
+use super::{Deleted, Put};
+use super::{Store, named};
 use crate::ids::RouteId;
-use crate::model::Stage;
+use crate::model::{Detector, Stage};
+
+impl Store {
+    /// Creates a route or changes it.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn put_route(
+        &self,
+        id: &RouteId,
+        update: RouteUpdate,
+        now: Timestamp,
+    ) -> Result<Put, StoreError> {
+        let id = id.clone();
+        self.work(PutRoute { id, update, now }).await
+    }
+
+    /// One route.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn route(&self, id: &RouteId) -> Result<Option<RouteRecord>, StoreError> {
+        named(route(&self.shared.readers, id).await)
+    }
+
+    /// By id, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn routes(
+        &self,
+        after: Option<&RouteId>,
+        limit: u32,
+    ) -> Result<Vec<RouteRecord>, StoreError> {
+        named(routes(&self.shared.readers, after, limit).await)
+    }
+
+    /// Deletes a route with its uploads, jobs and graph; where an edition is expected, only that.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_route(
+        &self,
+        id: &RouteId,
+        expected: Option<RouteEdition>,
+    ) -> Result<Deleted, StoreError> {
+        let id = id.clone();
+        self.work(DeleteRoute { id, expected }).await
+    }
+}
 
 macro_rules! select_routes {
     ($rest:literal) => {
@@ -40,32 +92,51 @@ impl Request for PutRoute {
         if self.change(transaction).await? {
             return Ok(Put::Updated);
         }
-        self.create(transaction).await?;
-        Ok(Put::Created)
+        let detector: Option<String> =
+            sqlx::query_scalar("SELECT detector FROM routes WHERE id = $1")
+                .bind(self.id.as_str())
+                .fetch_optional(&mut *transaction)
+                .await?;
+        let wanted = self.update.settings.detector;
+        match detector {
+            None if self.update.expected.is_none() => {
+                self.create(transaction).await?;
+                Ok(Put::Created)
+            }
+            Some(present) if wanted.is_some_and(|wanted| wanted.name() != present) => {
+                Ok(Put::DetectorFixed)
+            }
+            None | Some(_) => Ok(Put::Stale),
+        }
     }
 }
 
 impl PutRoute {
     async fn change(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
         let geo = self.update.geo_anchor;
-        let settings = self.update.settings.as_ref();
+        let settings = &self.update.settings;
+        let expected = self.update.expected;
         let changed = sqlx::query(
-            "UPDATE routes SET display_name = coalesce(?, display_name), \
-             geo_latitude = coalesce(?, geo_latitude), \
-             geo_longitude = coalesce(?, geo_longitude), \
-             geo_heading = coalesce(?, geo_heading), detector = coalesce(?, detector), \
-             false_alarm_rate = coalesce(?, false_alarm_rate), hold_s = coalesce(?, hold_s), \
-             updated_at_us = ? WHERE id = ?",
+            "UPDATE routes SET display_name = coalesce($2, display_name), \
+                 geo_latitude = coalesce($3, geo_latitude), \
+                 geo_longitude = coalesce($4, geo_longitude), \
+                 geo_heading = coalesce($5, geo_heading), detector = coalesce($6, detector), \
+                 false_alarm_rate = coalesce($7, false_alarm_rate), \
+                 hold_s = coalesce($8, hold_s), updated_at_us = $9 \
+             WHERE id = $1 AND ($6 IS NULL OR detector = $6 OR batches = 0) \
+                 AND ($10 IS NULL OR revision = $10 AND updated_at_us = $11)",
         )
+        .bind(self.id.as_str())
         .bind(self.update.display_name.as_deref())
         .bind(geo.map(|geo| geo.latitude))
         .bind(geo.map(|geo| geo.longitude))
         .bind(geo.map(|geo| geo.heading))
-        .bind(settings.map(|settings| settings.detector.name()))
-        .bind(settings.map(|settings| settings.false_alarm_rate))
-        .bind(settings.map(|settings| settings.hold_s))
+        .bind(settings.detector.map(Detector::name))
+        .bind(settings.false_alarm_rate)
+        .bind(settings.hold_s)
         .bind(micros(self.now))
-        .bind(self.id.as_str())
+        .bind(expected.map(|expected| expected.revision))
+        .bind(expected.map(|expected| micros(expected.updated_at)))
         .execute(transaction)
         .await?;
         Ok(changed.rows_affected() > 0)
@@ -73,7 +144,8 @@ impl PutRoute {
 
     async fn create(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let geo = self.update.geo_anchor;
-        let settings = self.update.settings.clone().unwrap_or_default();
+        let default = RouteSettings::default();
+        let settings = self.update.settings;
         sqlx::query(
             "INSERT INTO routes (id, display_name, geo_latitude, geo_longitude, geo_heading, \
              detector, false_alarm_rate, hold_s, stage, map_version, epoch, revision, \
@@ -85,9 +157,13 @@ impl PutRoute {
         .bind(geo.map(|geo| geo.latitude))
         .bind(geo.map(|geo| geo.longitude))
         .bind(geo.map(|geo| geo.heading))
-        .bind(settings.detector.name())
-        .bind(settings.false_alarm_rate)
-        .bind(settings.hold_s)
+        .bind(settings.detector.unwrap_or(default.detector).name())
+        .bind(
+            settings
+                .false_alarm_rate
+                .unwrap_or(default.false_alarm_rate),
+        )
+        .bind(settings.hold_s.unwrap_or(default.hold_s))
         .bind(Stage::Mapping.name())
         .bind(micros(self.now))
         .bind(micros(self.now))
@@ -98,18 +174,37 @@ impl PutRoute {
 }
 
 /// Deletes a route with everything in it.
-pub(super) struct DeleteRoute(pub(super) RouteId);
+pub(super) struct DeleteRoute {
+    pub(super) id: RouteId,
+    pub(super) expected: Option<RouteEdition>,
+}
 
 impl Request for DeleteRoute {
-    type Outcome = bool;
+    type Outcome = Deleted;
     const QUEUES_JOBS: bool = false;
 
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
-        let deleted = sqlx::query("DELETE FROM routes WHERE id = ?")
-            .bind(self.0.as_str())
-            .execute(transaction)
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Deleted, StoreError> {
+        let deleted = sqlx::query(
+            "DELETE FROM routes WHERE id = $1 \
+                 AND ($2 IS NULL OR revision = $2 AND updated_at_us = $3)",
+        )
+        .bind(self.id.as_str())
+        .bind(self.expected.map(|expected| expected.revision))
+        .bind(self.expected.map(|expected| micros(expected.updated_at)))
+        .execute(&mut *transaction)
+        .await?;
+        if deleted.rows_affected() > 0 {
+            return Ok(Deleted::Done);
+        }
+        let is_there = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM routes WHERE id = $1)")
+            .bind(self.id.as_str())
+            .fetch_one(transaction)
             .await?;
-        Ok(deleted.rows_affected() > 0)
+        Ok(if is_there {
+            Deleted::Stale
+        } else {
+            Deleted::NotThere
+        })
     }
 }
 

@@ -9,7 +9,58 @@ use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
 use super::records::{EdgeRecord, SETTLED_CLOSURES_MAX, SettledClosure};
 use super::request::Request;
+use super::{Store, named};
 use crate::ids::{EdgeId, NodeId, RouteId, TripId};
+
+impl Store {
+    /// The nodes that have left the active graph among the last `length` of a trip.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn settled_tail(
+        &self,
+        route: &RouteId,
+        trip: &TripId,
+        length: usize,
+    ) -> Result<Vec<NodeId>, StoreError> {
+        named(tail(&self.shared.readers, route, trip, length).await)
+    }
+
+    /// The nodes that have left the active graph among some nodes and the ends of some edges.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn settled_among(
+        &self,
+        route: &RouteId,
+        nodes: &[NodeId],
+        edges: &[EdgeId],
+    ) -> Result<Vec<NodeId>, StoreError> {
+        named(among(&self.shared.readers, route, nodes, edges).await)
+    }
+
+    /// Takes nodes back into the active graph, where they were, with their edges to other active
+    /// nodes. The route's revision is raised if any had left.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn recall_nodes(
+        &self,
+        route: &RouteId,
+        nodes: Vec<NodeId>,
+    ) -> Result<(), StoreError> {
+        let route = route.clone();
+        self.work(Recall { route, nodes }).await
+    }
+
+    /// How many nodes a route's active graph has.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn active_nodes(&self, route: &RouteId) -> Result<i64, StoreError> {
+        named(count_active(&self.shared.readers, route).await)
+    }
+}
 
 /// The edges between active nodes, by id.
 pub(super) async fn active_edges(

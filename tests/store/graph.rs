@@ -3,8 +3,9 @@ use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};
 use mapshift::model::Stage;
 use mapshift::store::{
-    Applied, BatchFilter, ClosureRecord, Corruption, EdgeChange, EdgeFilter, GeoAnchor, JobResult,
-    NodeChange, Put, RouteSettings, RouteUpdate, StoreError,
+    Applied, BatchFilter, ClosureRecord, Corruption, Deleted, EdgeChange, EdgeFilter, GeoAnchor,
+    JobResult, NodeChange, Put, RouteEdition, RouteSettings, RouteUpdate, SettingsUpdate,
+    StoreError,
 };
 
 use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload, with_residuals};
@@ -231,7 +232,7 @@ async fn routes_are_put_listed_and_deleted() {
             longitude: 19.04,
             heading: 12.0,
         }),
-        settings: None,
+        ..RouteUpdate::default()
     };
     let line = RouteId::new("line-4").unwrap();
     let put = store.put_route(&line, update.clone(), at(1)).await.unwrap();
@@ -242,7 +243,11 @@ async fn routes_are_put_listed_and_deleted() {
         detector: mapshift::model::Detector::Seed,
     };
     let change = RouteUpdate {
-        settings: Some(settings.clone()),
+        settings: SettingsUpdate {
+            detector: Some(settings.detector),
+            false_alarm_rate: Some(settings.false_alarm_rate),
+            hold_s: Some(settings.hold_s),
+        },
         ..RouteUpdate::default()
     };
     let put = store.put_route(&line, change, at(2)).await.unwrap();
@@ -273,8 +278,16 @@ async fn routes_are_put_listed_and_deleted() {
     fixture.journal(upload("c", "t", 1)).await;
     let job = fixture.claim(0).await.unwrap();
     let late = fixture.chain(&job, 3).await;
-    assert!(store.delete_route(&route()).await.unwrap());
-    assert!(!store.delete_route(&route()).await.unwrap());
+    let before = RouteEdition {
+        revision: 1,
+        updated_at: at(0),
+    };
+    let deletion = store.delete_route(&route(), Some(before)).await;
+    assert_eq!(deletion.unwrap(), Deleted::Stale);
+    for expected in [Deleted::Done, Deleted::NotThere] {
+        let deletion = store.delete_route(&route(), None).await;
+        assert_eq!(deletion.unwrap(), expected);
+    }
     assert_eq!(store.apply_result(late).await.unwrap(), Applied::Stale);
     assert!(store.load_graph(&route()).await.unwrap().is_none());
     let mut raw = fixture.raw().await;
@@ -318,4 +331,59 @@ async fn ids_are_not_used_again_after_their_rows_are_gone() {
     }
     let graph = fixture.store.load_graph(&route()).await.unwrap().unwrap();
     assert_eq!((graph.next_node_id.0, graph.next_edge_id.0), (11, 10));
+}
+
+#[tokio::test]
+async fn two_who_edit_a_route_do_not_undo_each_other() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    let rate = |rate, expected| RouteUpdate {
+        settings: SettingsUpdate {
+            false_alarm_rate: Some(rate),
+            ..SettingsUpdate::default()
+        },
+        expected,
+        ..RouteUpdate::default()
+    };
+    let hold = RouteUpdate {
+        settings: SettingsUpdate {
+            hold_s: Some(7),
+            ..SettingsUpdate::default()
+        },
+        ..RouteUpdate::default()
+    };
+    let seen = store.route(&route()).await.unwrap().unwrap().edition();
+    let id = route();
+    let (one, other) = tokio::join!(
+        store.put_route(&id, hold, at(1)),
+        store.put_route(&id, rate(0.5, None), at(1)),
+    );
+    assert_eq!([one.unwrap(), other.unwrap()], [Put::Updated; 2]);
+    let now = store.route(&route()).await.unwrap().unwrap();
+    assert_eq!(
+        (now.settings.hold_s, now.settings.false_alarm_rate),
+        (7, 0.5)
+    );
+
+    let late = store
+        .put_route(&route(), rate(0.1, Some(seen)), at(2))
+        .await;
+    assert_eq!(late.unwrap(), Put::Stale);
+    let in_time = rate(0.2, Some(now.edition()));
+    let in_time = store.put_route(&route(), in_time, at(2)).await;
+    assert_eq!(in_time.unwrap(), Put::Updated);
+    let none = RouteId::new("none").unwrap();
+    let put = store.put_route(&none, rate(0.1, Some(seen)), at(2)).await;
+    assert_eq!(put.unwrap(), Put::Stale);
+
+    fixture.journal(upload("b", "t", 0)).await;
+    let seed = RouteUpdate {
+        settings: SettingsUpdate {
+            detector: Some(mapshift::model::Detector::Seed),
+            ..SettingsUpdate::default()
+        },
+        ..RouteUpdate::default()
+    };
+    let put = store.put_route(&route(), seed, at(3)).await;
+    assert_eq!(put.unwrap(), Put::DetectorFixed);
 }

@@ -3,7 +3,7 @@
 use mapshift::ids::{EdgeId, NodeId, TripId};
 use mapshift::model::BatchStatus;
 use mapshift::store::{
-    BatchFilter, EdgeFilter, Journaled, RouteGraph, Store, StoreError, StoreOptions,
+    BatchFilter, Deleted, EdgeFilter, Journaled, RouteGraph, Store, StoreError, StoreOptions,
 };
 use tokio::runtime::Runtime;
 
@@ -146,7 +146,10 @@ async fn every_statement_runs_on_a_fresh_database() {
     );
     assert_eq!(store.edge(&route, EdgeId(1)).await.unwrap(), None);
     assert_eq!(store.routes(None, 5).await.unwrap().len(), 1);
-    assert!(store.delete_route(&route).await.unwrap());
+    assert_eq!(
+        store.delete_route(&route, None).await.unwrap(),
+        Deleted::Done
+    );
     assert!(store.route(&route).await.unwrap().is_none());
     store.close().await.unwrap();
     // Opening again runs the statements of the recovery.

@@ -1,6 +1,6 @@
 use mapshift::ids::{RouteId, VehicleId};
 use mapshift::model::BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
-use mapshift::store::{Journaled, RouteSettings, RouteUpdate};
+use mapshift::store::{Journaled, RouteUpdate, SettingsUpdate};
 
 use crate::support::{Fixture, at, put_route, route, upload};
 
@@ -91,12 +91,11 @@ async fn each_route_has_its_own_patience() {
     let fixture = Fixture::new().await;
     put_route(&fixture.store, "hasty").await;
     let hasty = RouteId::new("hasty").unwrap();
-    let settings = RouteSettings {
-        hold_s: 0,
-        ..RouteSettings::default()
-    };
     let update = RouteUpdate {
-        settings: Some(settings),
+        settings: SettingsUpdate {
+            hold_s: Some(0),
+            ..SettingsUpdate::default()
+        },
         ..RouteUpdate::default()
     };
     let put = fixture.store.put_route(&hasty, update, at(0)).await;

@@ -276,6 +276,9 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
     assert_eq!(webhook.route_id, Some(route()));
     assert!(webhook.include_tentative);
     assert_eq!(webhook.events, AlertEventKind::ALL);
-    assert!(store.delete_route(&route()).await.unwrap());
+    assert_eq!(
+        store.delete_route(&route(), None).await.unwrap(),
+        mapshift::store::Deleted::Done
+    );
     assert_eq!(store.webhooks(None, 10).await.unwrap(), []);
 }
