@@ -148,11 +148,15 @@ impl Answer {
             let (name, value) = line.split_once(':').unwrap();
             (name.to_ascii_lowercase(), value.trim().to_owned())
         });
-        Self {
+        let mut answer = Self {
             status: status.parse().unwrap(),
             headers: headers.collect(),
             body: bytes[end + 4..].to_vec(),
+        };
+        if answer.header("transfer-encoding") == Some("chunked") {
+            answer.body = unchunked(&answer.body);
         }
+        answer
     }
 
     pub fn header(&self, name: &str) -> Option<&str> {
@@ -180,5 +184,23 @@ impl Answer {
         assert_eq!(problem["instance"].as_str(), self.header("x-request-id"));
         let kind = problem["type"].as_str().unwrap();
         kind.strip_prefix("/problems/").unwrap().to_owned()
+    }
+}
+
+/// A body without the framing of its chunks (RFC 9112, section 7.1).
+///
+/// # Panics
+/// If it was cut off before its last chunk.
+fn unchunked(mut framed: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    loop {
+        let end = framed.windows(2).position(|w| w == b"\r\n").unwrap();
+        let length = std::str::from_utf8(&framed[..end]).unwrap();
+        let length = usize::from_str_radix(length, 16).unwrap();
+        if length == 0 {
+            return body;
+        }
+        body.extend_from_slice(&framed[end + 2..end + 2 + length]);
+        framed = &framed[end + 2 + length + 2..];
     }
 }

@@ -91,23 +91,24 @@ async fn sums_hold_while_nodes_leave_and_come_back() {
     );
 }
 
+async fn reopened(fixture: Fixture) -> Fixture {
+    let Fixture { store, directory } = fixture;
+    store.close().await.unwrap();
+    let store = open(&directory).await;
+    Fixture { store, directory }
+}
+
 #[tokio::test]
 async fn what_left_before_there_were_sums_is_summed_up_at_the_start() {
     let fixture = settled().await;
     let before = sums_of_archive(&fixture).await;
-    let Fixture { store, directory } = fixture;
-    store.close().await.unwrap();
-    let store = open(&directory).await;
-    let fixture = Fixture { store, directory };
+    let fixture = reopened(fixture).await;
     assert_eq!(sums_of_archive(&fixture).await, before, "not twice");
-    fixture.store.clone().close().await.unwrap();
     sqlx::query("DELETE FROM archive_sums")
         .execute(&mut fixture.raw().await)
         .await
         .unwrap();
-    let Fixture { directory, .. } = fixture;
-    let store = open(&directory).await;
-    let fixture = Fixture { store, directory };
+    let fixture = reopened(fixture).await;
     assert_eq!(sums_of_archive(&fixture).await, before);
     assert_sums_are_those_counted(&fixture.store).await;
 }
