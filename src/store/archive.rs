@@ -113,7 +113,8 @@ async fn read_all(
     let edges = settled::active_edges(&mut snapshot, route).await?;
     let nodes: Vec<(i64, i64)> = sqlx::query_as(
         "SELECT subgraph_id, count(*) FROM routes \
-         CROSS JOIN nodes ON nodes.route_key = routes.route_key AND nodes.active = 1 \
+         CROSS JOIN nodes INDEXED BY nodes_active \
+             ON nodes.route_key = routes.route_key AND nodes.active = 1 \
          WHERE routes.id = $1 AND subgraph_id IS NOT NULL GROUP BY subgraph_id",
     )
     .bind(route.as_str())
@@ -279,9 +280,9 @@ async fn sums_at(
         "CROSS JOIN edges USING (route_key)",
         "ORDER BY edges.edge_id",
         "routes.route_key = $1 AND a.active AND b.active AND edges.edge_id IN ( \
-             SELECT edge_id FROM edges WHERE route_key = $1 \
+             SELECT edge_id FROM edges INDEXED BY edges_by_from WHERE route_key = $1 \
                  AND from_node IN (SELECT value FROM json_each($2)) \
-             UNION SELECT edge_id FROM edges WHERE route_key = $1 \
+             UNION SELECT edge_id FROM edges INDEXED BY edges_by_to WHERE route_key = $1 \
                  AND to_node IN (SELECT value FROM json_each($2)))"
     ))
     .bind(route_key)

@@ -176,7 +176,7 @@ async fn send_graph(
             ),
             select_edges!(
                 "CROSS JOIN nodes AS inside USING (route_key) CROSS JOIN edges \
-                 ON edges.route_key = inside.route_key AND edges.from_node = inside.node_id",
+                 INDEXED BY edges_by_from ON edges.route_key = inside.route_key AND edges.from_node = inside.node_id",
                 concat!(
                     "AND ",
                     within!("inside"),

@@ -161,11 +161,16 @@ macro_rules! node_columns {
 
 macro_rules! select_nodes {
     ($columns:literal, $joins:expr, $rest:expr) => {
+        select_nodes!($columns, "JOIN nodes", $joins, $rest)
+    };
+    ($columns:literal, $from:literal, $joins:expr, $rest:expr) => {
         concat!(
             "SELECT ",
             node_columns!(),
             $columns,
-            " FROM routes JOIN nodes USING (route_key) \
+            " FROM routes ",
+            $from,
+            " USING (route_key) \
              JOIN batches ON batches.batch_key = nodes.batch_key ",
             $joins,
             " WHERE routes.id = $1 ",
@@ -180,6 +185,7 @@ macro_rules! select_nodes_with_scans {
     ($join:literal, $rest:literal) => {
         select_nodes!(
             ", scan, scan_sha256, lidar",
+            "CROSS JOIN nodes INDEXED BY nodes_active",
             concat!(
                 $join,
                 " node_scans ON node_scans.route_key = nodes.route_key \
@@ -381,7 +387,7 @@ pub(super) async fn nodes_with_scans(
     let mut snapshot = readers.begin().await?;
     let rows = sqlx::query(select_nodes_with_scans!(
         "JOIN",
-        "AND active ORDER BY nodes.node_id"
+        "AND nodes.active = 1 ORDER BY nodes.node_id"
     ))
     .bind(route.as_str())
     .fetch_all(&mut *snapshot)

@@ -101,7 +101,8 @@ pub(super) async fn active_intermediate(
         "SELECT intermediate.node_id, place, intermediate.stamp_ns, intermediate.x, \
              intermediate.y, intermediate.theta, intermediate.odom_x, intermediate.odom_y, \
              intermediate.odom_theta, companion, lends, scan_sha256, scan \
-         FROM routes CROSS JOIN nodes ON nodes.route_key = routes.route_key AND nodes.active = 1 \
+         FROM routes CROSS JOIN nodes INDEXED BY nodes_active \
+             ON nodes.route_key = routes.route_key AND nodes.active = 1 \
          CROSS JOIN intermediate_scans AS intermediate \
              ON intermediate.route_key = nodes.route_key \
              AND intermediate.node_id = nodes.node_id \

@@ -74,8 +74,9 @@ const ARCHIVED: &str = select_closures!(
 // By their newer nodes: a reference is the older node of every lap's closures, most of which
 // have left.
 const ACTIVE: &str = select_closures!(
-    "CROSS JOIN nodes AS newer ON newer.route_key = routes.route_key AND newer.active = 1 \
-     CROSS JOIN edges ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
+    "CROSS JOIN nodes AS newer INDEXED BY nodes_active \
+         ON newer.route_key = routes.route_key AND newer.active = 1 \
+     CROSS JOIN edges INDEXED BY edges_by_to ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
      JOIN nodes AS older ON older.route_key = edges.route_key \
          AND older.node_id = edges.from_node AND older.active = 1",
     "ORDER BY edges.edge_id"

@@ -70,8 +70,9 @@ pub(super) async fn active_edges(
     // By their newer nodes: a reference is the older node of every lap's closures, most of which
     // have left.
     let rows = sqlx::query(select_edges!(
-        "CROSS JOIN nodes AS newer ON newer.route_key = routes.route_key AND newer.active = 1 \
-         CROSS JOIN edges ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
+        "CROSS JOIN nodes AS newer INDEXED BY nodes_active \
+             ON newer.route_key = routes.route_key AND newer.active = 1 \
+         CROSS JOIN edges INDEXED BY edges_by_to ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
          JOIN nodes AS older ON older.route_key = edges.route_key \
              AND older.node_id = edges.from_node AND older.active = 1",
         "ORDER BY edges.edge_id"
@@ -174,8 +175,9 @@ pub(super) async fn among(
 /// How many nodes take part in the optimisation.
 pub(super) async fn count_active(readers: &SqlitePool, route: &RouteId) -> Result<i64, StoreError> {
     let count = sqlx::query_scalar(
-        "SELECT count(*) FROM routes JOIN nodes USING (route_key) \
-         WHERE routes.id = ? AND nodes.active = 1",
+        "SELECT count(*) FROM routes \
+         CROSS JOIN nodes INDEXED BY nodes_active USING (route_key) \
+         WHERE routes.id = $1 AND nodes.active = 1",
     )
     .bind(route.as_str())
     .fetch_one(readers)
