@@ -13,7 +13,6 @@ use super::problem::Problem;
 use super::problem_responses::RouteProblems;
 use crate::change::series::ResidualSeries;
 use crate::ids::RouteId;
-use crate::model::ResidualMeasurement;
 use crate::pipeline::Residuals;
 use crate::store::SubgraphSums;
 
@@ -81,10 +80,7 @@ pub(super) async fn list_subgraphs(
         .filter(move |(id, _)| after.is_none_or(|after| *id > after));
     let page = state.rendering.run(move || {
         let page = wanted.take(limit as usize + 1);
-        let bodies = page.map(|(id, sums)| {
-            let reading = residuals.read(Some(id), ResidualMeasurement::Robust);
-            SubgraphBody::new(id, &sums, &reading.series)
-        });
+        let bodies = page.map(|(id, sums)| SubgraphBody::new(id, &sums, &residuals.settled(id)));
         bodies.collect::<Vec<_>>()
     });
     let mut items = page.await?;

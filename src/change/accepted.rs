@@ -45,6 +45,14 @@ impl AcceptedChange {
     }
 }
 
+/// Whether a closure is in the baseline of its residual series: none of the accepted changes has
+/// taken it out, as [`AcceptedChange::leaves_baseline`] says.
+pub fn is_in_baseline(accepted: &[AcceptedChange], edge: EdgeId, ends: [NodeId; 2]) -> bool {
+    let [from, to] = ends;
+    let has_left = |change: &AcceptedChange| change.leaves_baseline(edge, from, to);
+    !accepted.iter().any(has_left)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

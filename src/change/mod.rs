@@ -37,7 +37,7 @@ pub mod threshold;
 mod vehicle;
 
 pub use crate::model::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, Detector, Tier};
-pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange};
+pub use accepted::{ACCEPTED_MARGIN_M, AcceptedChange, is_in_baseline};
 pub use beam_verdict::{JudgedBeam, judge_beams};
 pub use calibration::{VehicleResidual, calibrated_p_values};
 pub use common_shift::explain_by_shift;

@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
-use crate::change::{RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, p_values_in_order};
+use crate::change::{
+    RESIDUAL_FALSE_ALARM_RATE, VehicleResidual, is_in_baseline, p_values_in_order,
+};
 use crate::ids::{EdgeId, RouteId, VehicleId};
 use crate::model::{Detector, ResidualMeasurement};
 use crate::store::{
@@ -116,11 +118,16 @@ impl Residuals {
         Some(reading)
     }
 
+    /// What a sub-graph's robust series has settled at: its entries count only what they show.
+    pub fn settled(&self, subgraph_id: i64) -> ResidualSeries {
+        self.series(Some(subgraph_id), ResidualMeasurement::Robust)
+    }
+
     /// The closures of a sub-graph that its baseline counts.
     fn counted(&self, subgraph_id: Option<i64>) -> impl Iterator<Item = &SeriesClosure> {
         self.closures.closures.iter().filter(move |closure| {
-            let left = |a: &AcceptedChange| a.leaves_baseline(closure.id, closure.from, closure.to);
-            is_within(closure, subgraph_id) && !self.accepted.iter().any(left)
+            is_within(closure, subgraph_id)
+                && is_in_baseline(&self.accepted, closure.id, [closure.from, closure.to])
         })
     }
 

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, anyhow};
 
 use super::vehicles::Calibrations;
+use crate::change::is_in_baseline;
 use crate::change::series::ClosureSample;
 use crate::graph::Edge;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId, VehicleId};
@@ -126,7 +127,7 @@ impl Workspace {
         let mut closures: BTreeMap<i64, Vec<ClosureSample>> = BTreeMap::new();
         for settled in &self.settled_closures {
             if let Some(subgraph) = settled.subgraph_id
-                && self.is_in_baseline(settled.id, settled.from, settled.to)
+                && is_in_baseline(&self.accepted, settled.id, [settled.from, settled.to])
             {
                 closures.entry(subgraph).or_default().push(ClosureSample {
                     edge_id: settled.id,
@@ -137,7 +138,7 @@ impl Workspace {
         for closure in &self.closures {
             if let Some(&subgraph) = subgraphs.get(&closure.edge_id)
                 && let Some(edge) = self.map.graph().edge(closure.edge_id)
-                && self.is_in_baseline(edge.id, edge.from, edge.to)
+                && is_in_baseline(&self.accepted, edge.id, [edge.from, edge.to])
             {
                 closures.entry(subgraph).or_default().push(*closure);
             }
@@ -146,11 +147,6 @@ impl Workspace {
             samples.sort_by_key(|sample| sample.edge_id);
         }
         closures
-    }
-
-    fn is_in_baseline(&self, edge: EdgeId, from: NodeId, to: NodeId) -> bool {
-        let has_left = |a: &AcceptedChange| a.leaves_baseline(edge, from, to);
-        !self.accepted.iter().any(has_left)
     }
 
     /// About how much memory it takes, bytes.

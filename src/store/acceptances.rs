@@ -19,7 +19,7 @@ impl Store {
         &self,
         route: &RouteId,
     ) -> Result<Vec<AcceptedChange>, StoreError> {
-        let mut reader = self.shared.readers.acquire().await?;
+        let mut reader = self.reader().await?;
         named(accepted_changes(&mut reader, route).await)
     }
 

@@ -10,7 +10,7 @@ use super::columns::json_text;
 use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
 use super::records::EdgeRecord;
-use super::{Store, named, settled};
+use super::{Store, of_snapshot, settled};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, RouteId};
 
@@ -94,13 +94,9 @@ impl Store {
         &self,
         route: &RouteId,
     ) -> Result<BTreeMap<i64, SubgraphSums>, StoreError> {
-        let mut reader = self.shared.readers.acquire().await?;
+        let mut reader = self.reader().await?;
         let sums = read_all(&mut reader, route).await;
-        if sums.is_err() {
-            // The driver may think that the connection is still in a transaction.
-            reader.close_on_drop();
-        }
-        named(sums)
+        of_snapshot(reader, sums)
     }
 }
 

@@ -11,8 +11,7 @@ use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
-use super::{Store, named};
-use super::{settled, vehicles};
+use super::{Store, named, of_snapshot, series_closures, settled, vehicles};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
@@ -23,7 +22,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
     pub async fn load_graph(&self, route: &RouteId) -> Result<Option<RouteGraph>, StoreError> {
-        named(load(&self.shared.readers, route).await)
+        let mut reader = self.reader().await?;
+        let graph = load_snapshot(&mut reader, route).await;
+        of_snapshot(reader, graph)
     }
 
     /// Every node, by id.
@@ -197,10 +198,10 @@ macro_rules! select_nodes_with_scans {
 }
 
 macro_rules! select_edges {
-    ($from:literal, $rest:expr) => {
+    ($from:expr, $rest:expr) => {
         select_edges!($from, $rest, "routes.id = $1")
     };
-    ($from:literal, $rest:expr, $which:literal) => {
+    ($from:expr, $rest:expr, $which:literal) => {
         concat!(
             "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
@@ -231,20 +232,6 @@ macro_rules! select_edges {
 pub(super) use select_edges;
 
 /// A route's graph, read at one instant.
-pub(super) async fn load(
-    readers: &SqlitePool,
-    route: &RouteId,
-) -> Result<Option<RouteGraph>, StoreError> {
-    let mut reader = readers.acquire().await?;
-    let graph = load_snapshot(&mut reader, route).await;
-    if graph.is_err() {
-        // SQLite may have rolled back by itself, which the driver does not notice: a connection
-        // is not trusted with a transaction again after an error.
-        reader.close_on_drop();
-    }
-    graph
-}
-
 async fn load_snapshot(
     reader: &mut SqliteConnection,
     route: &RouteId,
@@ -267,7 +254,7 @@ async fn load_snapshot(
     .await?;
     let mut intermediate = active_intermediate(&mut snapshot, route).await?;
     let edges = settled::active_edges(&mut snapshot, route).await?;
-    let settled_closures = settled::first_closures(&mut snapshot, route).await?;
+    let settled_closures = series_closures::first_archived(&mut snapshot, route).await?;
     let alerts = alerts::route_alerts(&mut snapshot, route).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     let calibrations = vehicles::route_calibrations(&mut snapshot, route).await?;
@@ -285,7 +272,7 @@ async fn load_snapshot(
         next_edge_id: EdgeId(row.try_get("next_edge_id")?),
         nodes: nodes.iter().map(with_scans).collect::<Result<_, _>>()?,
         edges,
-        settled_closures,
+        settled_closures: settled_closures.into_iter().map(Into::into).collect(),
         map_version: row.try_get("map_version")?,
         alerts,
         accepted,

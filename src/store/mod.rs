@@ -56,7 +56,8 @@ pub use webhook_records::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use sqlx::SqlitePool;
+use sqlx::pool::PoolConnection;
+use sqlx::{Sqlite, SqlitePool};
 use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -212,6 +213,17 @@ impl Store {
         self.shared.database.file_bytes()
     }
 
+    /// A connection for a read of several statements.
+    async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
+        named(
+            self.shared
+                .readers
+                .acquire()
+                .await
+                .map_err(StoreError::from),
+        )
+    }
+
     async fn work<R: request::Request>(&self, request: R) -> Result<R::Outcome, StoreError> {
         outcome::<R>(self.shared.outbox.send_work(request).await?).await
     }
@@ -225,4 +237,17 @@ async fn outcome<R: request::Request>(reply: Reply<R>) -> Result<R::Outcome, Sto
 
 fn named<T>(read: Result<T, StoreError>) -> Result<T, StoreError> {
     read.map_err(StoreError::named)
+}
+
+/// What came of a read of several statements in one transaction. SQLite may have rolled back by
+/// itself, which the driver does not notice: after an error a connection is not trusted with a
+/// transaction again.
+fn of_snapshot<T>(
+    mut reader: PoolConnection<Sqlite>,
+    read: Result<T, StoreError>,
+) -> Result<T, StoreError> {
+    if read.is_err() {
+        reader.close_on_drop();
+    }
+    named(read)
 }

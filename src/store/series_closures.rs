@@ -9,8 +9,9 @@ use sqlx::{Connection, Row, SqliteConnection};
 use super::archive::{self, SubgraphSums};
 use super::columns::name;
 use super::error::StoreError;
-use super::records::SETTLED_CLOSURES_MAX;
-use super::{Store, named};
+use super::records::{SETTLED_CLOSURES_MAX, SettledClosure};
+use super::settled::join_active_edges;
+use super::{Store, of_snapshot};
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 
 /// A closure with what residual series are made of.
@@ -35,6 +36,20 @@ pub struct SeriesClosure {
     pub archived: bool,
 }
 
+impl From<SeriesClosure> for SettledClosure {
+    fn from(closure: SeriesClosure) -> Self {
+        Self {
+            id: closure.id,
+            from: closure.from,
+            to: closure.to,
+            subgraph_id: closure.subgraph_id,
+            delta_f: closure.delta_f,
+            vehicle_id: closure.vehicle_id,
+            given: closure.all_points_residual.is_none(),
+        }
+    }
+}
+
 /// The closures of a route that residual series are read from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeriesClosures {
@@ -46,7 +61,7 @@ pub struct SeriesClosures {
 }
 
 macro_rules! select_closures {
-    ($from:literal, $rest:literal) => {
+    ($from:expr, $rest:literal) => {
         concat!(
             "SELECT edges.edge_id, from_node, to_node, edges.subgraph_id, delta_f, vehicle_id, \
                  all_points_residual \
@@ -71,16 +86,7 @@ const ARCHIVED: &str = select_closures!(
     "AND NOT (older.active AND newer.active) ORDER BY edges.edge_id LIMIT $2"
 );
 
-// By their newer nodes: a reference is the older node of every lap's closures, most of which
-// have left.
-const ACTIVE: &str = select_closures!(
-    "CROSS JOIN nodes AS newer INDEXED BY nodes_active \
-         ON newer.route_key = routes.route_key AND newer.active = 1 \
-     CROSS JOIN edges INDEXED BY edges_by_to ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
-     JOIN nodes AS older ON older.route_key = edges.route_key \
-         AND older.node_id = edges.from_node AND older.active = 1",
-    "ORDER BY edges.edge_id"
-);
+const ACTIVE: &str = select_closures!(join_active_edges!(), "ORDER BY edges.edge_id");
 
 impl Store {
     /// The closures that a route's residual series are read from, at one instant.
@@ -88,14 +94,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn series_closures(&self, route: &RouteId) -> Result<SeriesClosures, StoreError> {
-        let mut reader = self.shared.readers.acquire().await?;
+        let mut reader = self.reader().await?;
         let closures = read(&mut reader, route).await;
-        if closures.is_err() {
-            // As with every read of several statements: after an error the driver may think that
-            // the connection is still in a transaction.
-            reader.close_on_drop();
-        }
-        named(closures)
+        of_snapshot(reader, closures)
     }
 }
 
@@ -104,22 +105,31 @@ async fn read(
     route: &RouteId,
 ) -> Result<SeriesClosures, StoreError> {
     let mut snapshot = reader.begin().await?;
-    let archived = sqlx::query(ARCHIVED)
-        .bind(route.as_str())
-        .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
-        .fetch_all(&mut *snapshot)
-        .await?;
+    let mut closures = first_archived(&mut snapshot, route).await?;
     let active = sqlx::query(ACTIVE)
         .bind(route.as_str())
         .fetch_all(&mut *snapshot)
         .await?;
     let archive = archive::of_route(&mut snapshot, route).await?;
     snapshot.commit().await?;
-    let archived = archived.iter().map(|row| closure_of(row, true));
-    let active = active.iter().map(|row| closure_of(row, false));
-    let mut closures: Vec<SeriesClosure> = archived.chain(active).collect::<Result<_, _>>()?;
+    for row in &active {
+        closures.push(closure_of(row, false)?);
+    }
     closures.sort_unstable_by_key(|closure| closure.id);
     Ok(SeriesClosures { closures, archive })
+}
+
+/// Of the closures that have left the active graph the first [`SETTLED_CLOSURES_MAX`], by id.
+pub(super) async fn first_archived(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<Vec<SeriesClosure>, StoreError> {
+    let rows = sqlx::query(ARCHIVED)
+        .bind(route.as_str())
+        .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
+        .fetch_all(reader)
+        .await?;
+    rows.iter().map(|row| closure_of(row, true)).collect()
 }
 
 fn closure_of(row: &SqliteRow, archived: bool) -> Result<SeriesClosure, StoreError> {

@@ -1,13 +1,12 @@
 //! Nodes that have left the active graph: what of them is still asked for, and their way back.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{SqliteConnection, SqlitePool};
 
 use super::archive;
-use super::columns::{json_text, name};
+use super::columns::json_text;
 use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
-use super::records::{EdgeRecord, SETTLED_CLOSURES_MAX, SettledClosure};
+use super::records::EdgeRecord;
 use super::request::Request;
 use super::{Store, named};
 use crate::ids::{EdgeId, NodeId, RouteId, TripId};
@@ -62,63 +61,34 @@ impl Store {
     }
 }
 
+/// Joins the edges between active nodes to `routes`, as `edges` from `older` to `newer`: by their
+/// newer nodes, since a reference is the older node of every lap's closures, most of which have
+/// left. Left to itself SQLite reads every edge of the route for each active node.
+macro_rules! join_active_edges {
+    () => {
+        "CROSS JOIN nodes AS newer INDEXED BY nodes_active \
+             ON newer.route_key = routes.route_key AND newer.active = 1 \
+         CROSS JOIN edges INDEXED BY edges_by_to \
+             ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
+         JOIN nodes AS older ON older.route_key = edges.route_key \
+             AND older.node_id = edges.from_node AND older.active = 1"
+    };
+}
+pub(super) use join_active_edges;
+
 /// The edges between active nodes, by id.
 pub(super) async fn active_edges(
     reader: &mut SqliteConnection,
     route: &RouteId,
 ) -> Result<Vec<EdgeRecord>, StoreError> {
-    // By their newer nodes: a reference is the older node of every lap's closures, most of which
-    // have left.
     let rows = sqlx::query(select_edges!(
-        "CROSS JOIN nodes AS newer INDEXED BY nodes_active \
-             ON newer.route_key = routes.route_key AND newer.active = 1 \
-         CROSS JOIN edges INDEXED BY edges_by_to ON edges.route_key = newer.route_key AND edges.to_node = newer.node_id \
-         JOIN nodes AS older ON older.route_key = edges.route_key \
-             AND older.node_id = edges.from_node AND older.active = 1",
+        join_active_edges!(),
         "ORDER BY edges.edge_id"
     ))
     .bind(route.as_str())
     .fetch_all(reader)
     .await?;
     rows.iter().map(edge_of).collect()
-}
-
-/// The first closures that have left, by id.
-pub(super) async fn first_closures(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<Vec<SettledClosure>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT edges.edge_id, from_node, to_node, edges.subgraph_id, delta_f, vehicle_id, \
-             closures.edge_id IS NULL AS given \
-         FROM routes CROSS JOIN edges USING (route_key) \
-         LEFT JOIN closures ON closures.route_key = edges.route_key \
-             AND closures.edge_id = edges.edge_id \
-         JOIN nodes AS older ON older.route_key = edges.route_key \
-             AND older.node_id = edges.from_node \
-         JOIN nodes AS newer ON newer.route_key = edges.route_key \
-             AND newer.node_id = edges.to_node \
-         JOIN batches ON batches.batch_key = \
-             iif(edges.to_node > edges.from_node, newer.batch_key, older.batch_key) \
-         WHERE routes.id = $1 AND delta_f IS NOT NULL AND NOT (older.active AND newer.active) \
-         ORDER BY edges.edge_id LIMIT $2",
-    )
-    .bind(route.as_str())
-    .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
-    .fetch_all(reader)
-    .await?;
-    let closure = |row: &SqliteRow| {
-        Ok(SettledClosure {
-            id: EdgeId(row.try_get("edge_id")?),
-            from: NodeId(row.try_get("from_node")?),
-            to: NodeId(row.try_get("to_node")?),
-            subgraph_id: row.try_get("subgraph_id")?,
-            delta_f: row.try_get("delta_f")?,
-            vehicle_id: name(row, "vehicle_id")?,
-            given: row.try_get("given")?,
-        })
-    };
-    rows.iter().map(closure).collect()
 }
 
 /// The nodes that have left among the last of a trip.
