@@ -28,6 +28,8 @@ use crate::store::{
 const DISPLAY_NAME_CHARS_MAX: usize = 200;
 const FALSE_ALARM_RATE_MAX: f64 = 1.0;
 const HOLD_S_MAX: u32 = 7 * 24 * 3_600;
+const MAX_SHIFT_MIN_M: f64 = 1e-3;
+const MAX_SHIFT_MAX_M: f64 = 1.0;
 
 /// A route.
 #[derive(Debug, Serialize, ToSchema)]
@@ -88,6 +90,9 @@ struct RouteSettingsBody {
     false_alarm_rate: f64,
     /// How long a batch waits for its predecessor, seconds.
     hold_s: u32,
+    /// How far a batch may move what others have mapped, metres; one that would move it farther is
+    /// quarantined.
+    max_shift_m: f64,
 }
 
 /// Where a route's map frame lies on the Earth (WGS 84).
@@ -132,6 +137,10 @@ struct RouteSettingsPut {
     /// How long a batch waits for its predecessor, seconds.
     #[schema(minimum = 0, maximum = 604800)]
     hold_s: Option<u32>,
+    /// How far a batch may move what others have mapped, metres; 0.02 for a new route. One that would
+    /// move it farther is quarantined.
+    #[schema(minimum = 0.001, maximum = 1.0, example = 0.02)]
+    max_shift_m: Option<f64>,
 }
 
 /// A part of the list of routes.
@@ -173,6 +182,7 @@ impl From<RouteRecord> for RouteBody {
                 detector: route.settings.detector,
                 false_alarm_rate: route.settings.false_alarm_rate,
                 hold_s: route.settings.hold_s,
+                max_shift_m: route.settings.max_shift_m,
             },
             created_at: route.created_at,
             updated_at: route.updated_at,
@@ -215,6 +225,16 @@ impl RoutePut {
         if settings.hold_s.is_some_and(|hold_s| hold_s > HOLD_S_MAX) {
             return refuse("/settings/hold_s", "a batch is held for a week at most");
         }
+        let is_shift = |shift_m: f64| (MAX_SHIFT_MIN_M..=MAX_SHIFT_MAX_M).contains(&shift_m);
+        if settings
+            .max_shift_m
+            .is_some_and(|shift_m| !is_shift(shift_m))
+        {
+            return refuse(
+                "/settings/max_shift_m",
+                "a map may be moved by 0.001 m to 1 m",
+            );
+        }
         Ok(RouteUpdate {
             display_name: self.display_name,
             geo_anchor: self.geo_anchor.map(|anchor| GeoAnchor {
@@ -226,6 +246,7 @@ impl RoutePut {
                 detector: settings.detector,
                 false_alarm_rate: settings.false_alarm_rate,
                 hold_s: settings.hold_s,
+                max_shift_m: settings.max_shift_m,
             },
             expected: None,
         })

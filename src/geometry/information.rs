@@ -61,6 +61,17 @@ impl Information {
         Self::from_matrix(&(self.0 - taken))
     }
 
+    /// The same, taken down where it says more: along x and y together to `xy_max` (m⁻²), of the
+    /// heading to `theta_max` (rad⁻²).
+    pub fn bounded(&self, xy_max: f64, theta_max: f64) -> Self {
+        let xy = self.0.fixed_view::<2, 2>(0, 0).into_owned();
+        let share = |most: f64, max: f64| (max / most).sqrt().min(1.0);
+        let along = share(xy.symmetric_eigenvalues().max(), xy_max);
+        let turn = share(self.0[(2, 2)], theta_max);
+        let scale = Matrix3::from_diagonal(&Vector3::new(along, along, turn));
+        Self::from_matrix(&(scale * self.0 * scale))
+    }
+
     /// eᵀΩe.
     pub fn squared_norm(&self, error: &Vector3<f64>) -> f64 {
         error.dot(&(self.0 * error))
@@ -120,6 +131,25 @@ mod tests {
         ] {
             assert!(!definite(flat), "{flat:?}");
         }
+    }
+
+    #[test]
+    fn what_says_too_much_is_taken_down_and_the_rest_stays() {
+        let modest = Information::from_upper([400.0, 30.0, 5.0, 900.0, -20.0, 1e4]);
+        assert_eq!(modest.bounded(1e6, 1e8), modest);
+        let boastful = Information::from_upper([1e12, 3e11, 1e9, 5e11, -2e9, 1e12]);
+        let bounded = boastful.bounded(1e6, 1e8);
+        let [xx, xy, _, yy, _, tt] = bounded.upper();
+        assert!((tt - 1e8).abs() < 1e-3);
+        let most = nalgebra::Matrix2::new(xx, xy, xy, yy).symmetric_eigenvalues();
+        assert!((most.max() - 1e6).abs() < 1e-3, "{most}");
+        assert!(bounded.is_positive_definite(1e-9));
+        assert!((xy / xx - 0.3).abs() < 1e-12, "the shape stays");
+        let turn_alone = Information::from_upper([400.0, 0.0, 0.0, 400.0, 0.0, 1e9]);
+        assert_eq!(
+            turn_alone.bounded(1e6, 1e8).upper(),
+            [400.0, 0.0, 0.0, 400.0, 0.0, 1e8]
+        );
     }
 
     #[test]

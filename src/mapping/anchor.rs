@@ -25,6 +25,11 @@ pub enum AnchorError {
         "the trip has only {0} usable keyframes so far; {KEYFRAMES_MIN} are needed to find its place"
     )]
     TooShort(usize),
+    /// The given pose is nowhere near the map.
+    #[error(
+        "its initial pose is {0:.0} m from the map: give it in the frame of the map, or leave it out"
+    )]
+    TooFar(f64),
     /// Nothing in the map looks like it.
     #[error("nothing in the map looks like it")]
     Unknown,

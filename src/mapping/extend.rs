@@ -29,6 +29,9 @@ const PUT_OFF_MAX: usize = 3;
 /// The offset between the clocks of scans and odometry is asked for anew after so many scans.
 const SCANS_PER_OFFSET: usize = 60;
 
+/// A trip that starts farther from the map than this, metres, is of another one.
+const START_DISTANCE_MAX_M: f64 = 1_000.0;
+
 /// How often a vehicle looks while it stands, seconds, and how many times at most.
 const STANDING_INTERVAL_S: f64 = 0.3;
 const STANDING_LOOKS_MAX: usize = 12;
@@ -47,7 +50,8 @@ pub struct Extension {
     pub intermediate: Vec<(NodeId, usize)>,
 }
 
-/// Why a drive could not be used; the map is as it was.
+/// Why a drive could not be used; the map is as it was if it is [`NotExtended::Unanchored`], and
+/// lost else.
 #[derive(Debug, thiserror::Error)]
 pub enum NotExtended {
     /// The trip has no place in the map yet.
@@ -56,6 +60,9 @@ pub enum NotExtended {
     /// An id was used twice.
     #[error(transparent)]
     Graph(#[from] GraphError),
+    /// Nobody waits for it any more.
+    #[error("it was interrupted")]
+    Interrupted,
 }
 
 impl RouteMap {
@@ -81,6 +88,9 @@ impl RouteMap {
         for moments in self.moments(drive).chunks(SCANS_PER_OFFSET) {
             clock.adjust(self);
             for moment in moments {
+                if self.interrupt.is_raised() {
+                    return Err(NotExtended::Interrupted);
+                }
                 let seen = match moment {
                     Moment::Primary { scan, lent } => Seen::corrected(&clock, scan, lent),
                     Moment::Companion(scan) => {
@@ -107,10 +117,20 @@ impl RouteMap {
     /// The given pose, the origin for the first trip, or the place that the scans tell.
     fn first_pose(&self, drive: &Drive) -> Result<InitialPose, AnchorError> {
         match drive.initial_pose {
-            Some(given) => Ok(self.at_first_primary(drive, given)),
+            Some(given) => match self.distance_m(&given.pose) {
+                far_m if far_m > START_DISTANCE_MAX_M => Err(AnchorError::TooFar(far_m)),
+                _ => Ok(self.at_first_primary(drive, given)),
+            },
             None if self.keyframes.is_empty() => Ok(anchor::ORIGIN),
             None => anchor::find(self, drive),
         }
+    }
+
+    /// How far a pose is from the nearest node; 0 for an empty map.
+    fn distance_m(&self, pose: &Pose2) -> f64 {
+        let nodes = self.graph.nodes().iter();
+        let away_m = nodes.map(|node| (node.pose.translation() - pose.translation()).norm());
+        away_m.reduce(f64::min).unwrap_or(0.0)
     }
 
     fn start_trip(
@@ -342,7 +362,14 @@ impl RouteMap {
         let trip = self.trip_up_to(last);
         let newest = &trip[trip.len().saturating_sub(LOCAL_MAP_KEYFRAMES)..];
         let last_pose = nodes[last].pose;
-        let together = |k: &&usize| self.is_lost(**k) == self.is_lost(last);
+        let lost = match self.is_lost(last) {
+            true => self.lost_segment(last),
+            false => Vec::new(),
+        };
+        let together = |k: &&usize| match self.is_lost(last) {
+            true => lost.contains(k),
+            false => !self.is_lost(**k),
+        };
         let scans = newest.iter().filter(together).map(|&k| {
             let last_from_base = last_pose.between(&nodes[k].pose);
             (last_from_base, self.keyframes[k].points.as_slice())

@@ -17,7 +17,7 @@ use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::change::Layer;
 use crate::geometry::Pose2;
-use crate::graph::{EdgeKind, EdgeStatus, GraphError};
+use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::EdgeId;
 
 /// So many of a segment's newest keyframes say where it is.
@@ -70,7 +70,14 @@ impl RouteMap {
     /// has changed: what is left of it fits.
     fn are_where_expected(&self, keyframes: &[usize]) -> bool {
         let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
-        let mut references = self.placed_references(layer);
+        let share = self.fitting_share(keyframes, self.placed_references(layer));
+        share.is_some_and(|share| share >= EXPECTED_SHARE_MIN)
+    }
+
+    /// In how many of the comparisons of keyframes with references what is left of the place fits, as
+    /// a share; `None` if there are fewer than keyframes.
+    fn fitting_share(&self, keyframes: &[usize], mut references: Vec<Placed<'_>>) -> Option<f64> {
+        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
         // Of another height band little fits in any case.
         references.retain(|old| old.keyframe.layer() == layer);
         let (mut compared, mut fitting) = (0, 0);
@@ -81,32 +88,29 @@ impl RouteMap {
                 fitting += usize::from(closure::what_is_left_fits(&old, &new));
             }
         }
-        compared >= keyframes.len() && fitting as f64 >= EXPECTED_SHARE_MIN * compared as f64
+        let enough = compared >= keyframes.len().max(1);
+        enough.then(|| fitting as f64 / compared as f64)
     }
 
     /// Takes a lost segment for what its odometry says: ties it to what the trip drove before, and
     /// to the map.
     fn rejoin(&mut self, segment: &[usize], added: &mut Extension) -> Result<(), GraphError> {
-        let Some((&first, before)) = segment.first().and_then(|first| {
-            let [.., before, _] = self.trip_up_to(*first) else {
-                return None;
-            };
-            Some((first, *before))
-        }) else {
-            return Ok(());
-        };
-        let (last, new) = (&self.keyframes[before], &self.keyframes[first]);
-        let odometry = OdometryMotion::told(&last.odom_from_base.between(&new.odom_from_base));
-        let motion = Motion {
-            measurement: odometry.motion,
-            information: odometry.sigmas.information(),
-            matched: false,
-        };
-        let last_node = last.node;
         for &k in segment {
             self.keyframes[k].drift_m = 0.0;
         }
-        self.add_odometry(last_node, first, &motion, added)?;
+        let Some(&first) = segment.first() else {
+            return Ok(());
+        };
+        if let [.., before, _] = self.trip_up_to(first) {
+            let (last, new) = (&self.keyframes[*before], &self.keyframes[first]);
+            let odometry = OdometryMotion::told(&last.odom_from_base.between(&new.odom_from_base));
+            let motion = Motion {
+                measurement: odometry.motion,
+                information: odometry.sigmas.information(),
+                matched: false,
+            };
+            self.add_odometry(last.node, first, &motion, added)?;
+        }
         for &k in segment {
             self.close_loops(k, added)?;
         }
@@ -137,9 +141,16 @@ impl RouteMap {
                     .any(|&k| self.keyframes[k].node == r.keyframe.node)
             })
             .collect();
-        let newest = untied.iter().take(KEYFRAMES_MAX);
-        let own: Vec<Placed<'_>> = newest.map(|&k| self.placed(k)).collect();
+        let newest: Vec<usize> = untied.iter().take(KEYFRAMES_MAX).copied().collect();
+        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let Ok(map_from_own) = anchor::locate(&others, &own, &anchor::STRICT) else {
+            let was_never_tied = untied.len() == self.trip_up_to(index).len();
+            let share = was_never_tied
+                .then(|| self.fitting_share(&newest, others))
+                .flatten();
+            if share.is_some_and(|share| share < EXPECTED_SHARE_MIN) {
+                self.doubt_start(&untied);
+            }
             return Ok(());
         };
         let pose = self.graph.nodes()[index].pose;
@@ -164,6 +175,14 @@ impl RouteMap {
         segment.reverse();
         self.cut_before(&segment);
         self.move_segment(&segment, &map_from_own, added)
+    }
+
+    /// Takes a trip for lost that was said to start where nothing looks like what it sees.
+    fn doubt_start(&mut self, keyframes: &[usize]) {
+        for &k in keyframes {
+            let keyframe = &mut self.keyframes[k];
+            (keyframe.drift_m, keyframe.reference) = (LOST_DRIFT_M, false);
+        }
     }
 
     fn may_be_astray(&self, index: usize) -> bool {
@@ -216,12 +235,32 @@ impl RouteMap {
         Ok(())
     }
 
-    /// The keyframes of a trip up to the one at `index` that were lost together.
-    fn lost_segment(&self, index: usize) -> Vec<usize> {
+    /// The keyframes of a trip up to the one at `index` that were lost together: since then no step
+    /// was lost again.
+    pub(super) fn lost_segment(&self, index: usize) -> Vec<usize> {
         let trip = self.trip_up_to(index).iter().rev();
-        let mut segment: Vec<usize> = trip.take_while(|k| self.is_lost(**k)).copied().collect();
+        let mut segment: Vec<usize> = Vec::new();
+        for &k in trip.take_while(|k| self.is_lost(**k)) {
+            if segment
+                .last()
+                .is_some_and(|after| !self.is_joined(k, *after))
+            {
+                break;
+            }
+            segment.push(k);
+        }
         segment.reverse();
         segment
+    }
+
+    /// Whether the odometry of a trip leads from one of its keyframes to the next.
+    fn is_joined(&self, before: usize, after: usize) -> bool {
+        self.graph.incident(after).iter().any(|&edge| {
+            let Edge { kind, status, .. } = self.graph.edges()[edge];
+            self.graph.ends()[edge] == (before, after)
+                && kind == EdgeKind::Odometry
+                && status == EdgeStatus::Active
+        })
     }
 
     /// What trips of a layer can be localised by.

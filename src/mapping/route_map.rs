@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::closure::ClosureRule;
+use super::interrupt::Interrupt;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::change::Layers;
@@ -54,6 +55,7 @@ pub struct RouteMap {
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
     /// Where something may have changed, layer by layer.
     pub(super) layers: Layers,
+    pub(super) interrupt: Interrupt,
     next_node: i64,
     next_edge: i64,
 }
@@ -69,6 +71,7 @@ impl RouteMap {
             closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
             layers: Layers::default(),
+            interrupt: Interrupt::default(),
             next_node: 1,
             next_edge: 1,
         }
@@ -104,6 +107,11 @@ impl RouteMap {
             map.settle_screen();
         }
         Ok(map)
+    }
+
+    /// From now on walks through the map stop once this is raised; the map is lost then.
+    pub fn heed(&mut self, interrupt: &Interrupt) {
+        self.interrupt = interrupt.clone();
     }
 
     /// The same map with another rule for the closures to come.

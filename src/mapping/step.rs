@@ -34,6 +34,9 @@ const ABRUPT_RAD_PER_S: f64 = 3.0;
 const UNHEARD_OF_M_PER_S: f64 = 40.0;
 /// … or rad/s.
 const UNHEARD_OF_RAD_PER_S: f64 = 10.0;
+/// Where a step is longer than this, metres, and than the lidar sees, nothing that was seen before it
+/// can be seen after it: without a match nobody knows whether it was driven.
+const UNSEEN_STEP_M: f64 = 30.0;
 /// A trip has just begun while it has fewer keyframes, and its newest so many say how fast it is.
 const KEYFRAMES_MIN: usize = 5;
 const KEYFRAMES_MAX: usize = 20;
@@ -63,7 +66,7 @@ impl Step<'_> {
     pub fn measure(&self) -> Option<Motion> {
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
         let motion = measure_motion(&self.local_map, self.cloud, points, self.odometry, sigma_m);
-        let contradicts = self.contradicts(&motion);
+        let contradicts = self.contradicts(&motion) || self.is_unseen(&motion);
         if self.is_abrupt || contradicts {
             let alone = match_alone(&self.local_map, self.cloud, points, &self.before, sigma_m);
             let alone = alone.filter(|alone| !self.contradicts(alone));
@@ -101,6 +104,12 @@ impl Step<'_> {
 
     fn contradiction_share(&self, motion: &Motion) -> Option<f64> {
         contradiction_share(self.last, self.new, &motion.measurement)
+    }
+
+    fn is_unseen(&self, motion: &Motion) -> bool {
+        let range_m = self.last.scan.as_ref().map(|scan| scan.lidar().range_max_m);
+        let seen_m = range_m.unwrap_or(0.0).max(UNSEEN_STEP_M);
+        !motion.matched && motion.measurement.translation().norm() > seen_m
     }
 
     fn contradicts(&self, motion: &Motion) -> bool {

@@ -6,13 +6,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::Context;
 
 use super::process::{conclude, count_added, outcome_of};
+use super::refusal::{Processed, Refusal};
 use super::result::{Added, AddedEdge, AddedNode, Origin};
+use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::NodeId;
 use crate::ingest::edges_json::{self, NodeName, UploadedEdges};
 use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, RouteMap};
 use crate::model::BatchStatus;
-use crate::store::{BatchOutcome, ClaimedJob, JobResult, Store, StoreError};
+use crate::store::{BatchOutcome, ClaimedJob, Store, StoreError};
 
 /// The batches of a job of edges, with what is known of the nodes that they name.
 pub(super) struct EdgeJob {
@@ -104,7 +106,7 @@ impl EdgeJob {
     }
 }
 
-/// What keeps a batch out of the map for now.
+/// What keeps some batches out of the map, by their places.
 type Waiting = BTreeMap<usize, String>;
 
 /// Takes the job's batches into the map: those that hang together with it, whichever came first.
@@ -115,8 +117,8 @@ pub(super) fn process_edges(
     mut workspace: Workspace,
     job: &ClaimedJob,
     edges: &EdgeJob,
-) -> anyhow::Result<(Workspace, JobResult)> {
-    let refused = edges.refused();
+) -> anyhow::Result<Processed> {
+    let mut refused = edges.refused();
     let usable = (0..edges.uploads.len()).filter(|k| !refused.contains_key(k));
     let (selected, waiting) = select(edges, usable.collect(), &workspace.map);
     let Joined {
@@ -124,7 +126,21 @@ pub(super) fn process_edges(
         node_sources,
         edge_sources,
     } = Joined::of(edges, &selected, &workspace.map);
+    // What has scans was measured by itself, and what others brought is theirs: edges alone move
+    // neither.
+    let vehicle = edges.origins.last().map(|origin| &origin.vehicle_id);
+    let before = PosesBefore::of(&workspace.map, |keyframe| {
+        keyframe.scan.is_none() && workspace.vehicles.get(&keyframe.trip) == vehicle
+    });
     let attached = workspace.map.attach(&graph)?;
+    if let Some(shift) = before.too_far(&workspace.map, workspace.max_shift_m) {
+        let reasons = selected.iter().map(|k| (*k, shift.to_string()));
+        refused.extend(reasons);
+        return Ok(Processed::Refused(Refusal {
+            outcomes: outcomes(&edges.origins, &refused, &waiting),
+            origins: edges.origins.clone(),
+        }));
+    }
     let mut added = Added::default();
     let new_nodes = attached.nodes.iter().zip(node_sources);
     for (node, (origin, client_id)) in new_nodes {
@@ -139,7 +155,15 @@ pub(super) fn process_edges(
         };
         added.edges.insert(*edge, new);
     }
-    let outcomes = edges.origins.iter().enumerate().map(|(k, origin)| {
+    let mut outcomes = outcomes(&edges.origins, &refused, &waiting);
+    count_added(&mut outcomes, &added);
+    let concluded = conclude(workspace, job, &edges.origins, added, outcomes)?;
+    Ok(Processed::Taken(Box::new(concluded)))
+}
+
+/// What becomes of each batch, given what keeps some of them out, for good or for now.
+fn outcomes(origins: &[Origin], refused: &Waiting, waiting: &Waiting) -> Vec<BatchOutcome> {
+    let outcomes = origins.iter().enumerate().map(|(k, origin)| {
         let (status, reason) = match (refused.get(&k), waiting.get(&k)) {
             (Some(reason), _) => (BatchStatus::Quarantined, Some(reason.clone())),
             (_, Some(reason)) => (BatchStatus::Unanchored, Some(reason.clone())),
@@ -150,9 +174,7 @@ pub(super) fn process_edges(
             ..outcome_of(origin, status)
         }
     });
-    let mut outcomes: Vec<BatchOutcome> = outcomes.collect();
-    count_added(&mut outcomes, &added);
-    conclude(workspace, job, &edges.origins, added, outcomes)
+    outcomes.collect()
 }
 
 /// The batches that hang together with the map, and what keeps the others out: leaves out what

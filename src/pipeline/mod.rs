@@ -16,15 +16,18 @@ mod engine;
 mod findings;
 mod options;
 mod process;
+mod refusal;
 mod residual_findings;
 mod residuals;
 mod result;
 mod retention;
 mod saved;
 mod settle;
+mod shift;
 mod stage;
 mod suspects;
 mod vehicles;
+mod watch;
 mod worker;
 mod workspace;
 

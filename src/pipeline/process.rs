@@ -5,7 +5,9 @@ use anyhow::Context;
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
 use super::findings::{Observed, findings as all_findings, observed};
+use super::refusal::{Processed, Refusal};
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added};
+use super::shift::{PosesBefore, Shift};
 use super::stage::stage_of;
 use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
@@ -16,7 +18,7 @@ use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
 };
-use crate::model::{BatchFlag, BatchStatus};
+use crate::model::{BatchFlag, BatchStatus, Stage};
 use crate::store::{BatchOutcome, ClaimedJob, JobResult};
 
 /// No vehicle drives this far between two scans, metres.
@@ -39,12 +41,13 @@ pub(super) fn process(
     mut workspace: Workspace,
     job: &ClaimedJob,
     known: &Known,
-) -> anyhow::Result<(Workspace, JobResult)> {
+) -> anyhow::Result<Processed> {
     let (origins, drives) = decode(job)?;
     if let Some(outcome) = origins.last().zip(drives.last()).and_then(refuse_jump) {
-        let mut result = of_added(&mut workspace, job, &origins, &Added::default())?;
-        result.outcomes = vec![outcome];
-        return Ok((workspace, result));
+        return Ok(Processed::Refused(Refusal {
+            origins,
+            outcomes: vec![outcome],
+        }));
     }
     let drive = join(&drives);
     let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
@@ -52,26 +55,26 @@ pub(super) fn process(
     let corrections = corrections(&workspace, &vehicle, &drive, known);
     let drive = corrected(drive, &corrections);
     let kept = kept_scans(&workspace.map, &drive.trip);
-    let (added, outcomes) = match workspace.map.extend(&drive) {
+    let before = PosesBefore::of(&workspace.map, |keyframe| keyframe.trip == drive.trip);
+    let extended = workspace.map.extend(&drive);
+    if let Some(shift) = too_far(&workspace, &before) {
+        return Ok(Processed::Refused(Refusal {
+            outcomes: kept_out(&origins, BatchStatus::Quarantined, &shift.to_string()),
+            origins,
+        }));
+    }
+    let (added, outcomes) = match extended {
         Ok(extension) => {
             let added = added_by(&drives, &extension, &workspace.map);
-            let mut outcomes = merged(job, &origins, &added);
-            if is_lost(&workspace.map, &extension)
-                && let Some(newest) = outcomes.last_mut()
-            {
-                newest.flags.push(BatchFlag::NotLocalised.name().to_owned());
-            }
+            let is_lost = is_lost(&workspace.map, &extension);
+            let outcomes = merged(job, &origins, &added, is_lost);
             (added, outcomes)
         }
         Err(NotExtended::Unanchored(reason)) => {
-            let reason = reason.to_string();
-            let outcomes = origins.iter().map(|origin| BatchOutcome {
-                reason: Some(reason.clone()),
-                ..outcome_of(origin, BatchStatus::Unanchored)
-            });
-            (Added::default(), outcomes.collect())
+            let outcomes = kept_out(&origins, BatchStatus::Unanchored, &reason.to_string());
+            (Added::default(), outcomes)
         }
-        Err(NotExtended::Graph(error)) => return Err(error.into()),
+        Err(error) => return Err(error.into()),
     };
     let asked = Asked {
         map: &workspace.map,
@@ -89,7 +92,17 @@ pub(super) fn process(
     if let Known::Before(_) = known {
         result.corrections = Some((drive.trip, corrections));
     }
-    Ok((workspace, result))
+    Ok(Processed::Taken(Box::new((workspace, result))))
+}
+
+/// What a drive moved farther than it may: a reference that is complete is not bent by one more lap.
+/// A map by the paper's rule is what the paper would make of what was sent.
+fn too_far(workspace: &Workspace, before: &PosesBefore) -> Option<Shift> {
+    let is_complete = workspace.stage == Stage::Monitoring;
+    let is_guarded = is_complete && workspace.detector == Detector::Fused;
+    is_guarded
+        .then(|| before.too_far(&workspace.map, workspace.max_shift_m))
+        .flatten()
 }
 
 /// What is corrected for a drive. A map by the paper's rule corrects nothing: it is what the paper
@@ -231,12 +244,24 @@ fn join(drives: &[Drive]) -> Drive {
     joined
 }
 
-fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added) -> Vec<BatchOutcome> {
+/// The end of batches that all stay out of the map for one reason.
+fn kept_out(origins: &[Origin], status: BatchStatus, reason: &str) -> Vec<BatchOutcome> {
+    let outcomes = origins.iter().map(|origin| BatchOutcome {
+        reason: Some(reason.to_owned()),
+        ..outcome_of(origin, status)
+    });
+    outcomes.collect()
+}
+
+fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added, is_lost: bool) -> Vec<BatchOutcome> {
     let outcomes = origins.iter();
     let outcomes = outcomes.map(|origin| outcome_of(origin, BatchStatus::Merged));
     let mut outcomes: Vec<BatchOutcome> = outcomes.collect();
     if job.after_gap {
         outcomes[0].flags.push(BatchFlag::Gap.name().to_owned());
+    }
+    if is_lost && let Some(newest) = outcomes.last_mut() {
+        newest.flags.push(BatchFlag::NotLocalised.name().to_owned());
     }
     count_added(&mut outcomes, added);
     outcomes

@@ -18,6 +18,7 @@ use crate::store::{
 };
 
 /// A batch that takes part in a job.
+#[derive(Clone)]
 pub(super) struct Origin {
     pub batch_id: BatchId,
     pub vehicle_id: VehicleId,

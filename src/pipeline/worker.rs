@@ -7,15 +7,19 @@ use anyhow::{Context, anyhow};
 use jiff::Timestamp;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
 use super::edges::{EdgeJob, process_edges};
 use super::engine::Engine;
 use super::process::{Known, process};
+use super::refusal::{Processed, refuse};
 use super::retention::delete_bodies;
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
+use super::watch::Watch;
 use super::workspace::Workspace;
 use crate::calibration::TripCorrections;
 use crate::ids::RouteId;
+use crate::mapping::Interrupt;
 use crate::model::BatchKind;
 use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
 
@@ -83,10 +87,14 @@ impl Worker {
         let Err(error) = self.attempt(job).await else {
             return;
         };
+        if matches!(self.engine.store.route(&route).await, Ok(None)) {
+            tracing::info!(%route, job_id, "the route was deleted while a batch of it was processed");
+            return;
+        }
         let reason = format!("{error:#}");
-        let passing = is_passing(&error);
-        tracing::error!(%route, job_id, reason, passing, "a batch could not be processed");
-        while let Err(error) = self.hand_back(job_id, generation, &reason, passing).await {
+        let failure = Failure::of(&error);
+        tracing::error!(%route, job_id, reason, ?failure, "a batch could not be processed");
+        while let Err(error) = self.hand_back(job_id, generation, &reason, failure).await {
             tracing::error!(%route, job_id, %error, "nor could that be noted");
             if stopping.is_cancelled() {
                 return;
@@ -100,16 +108,14 @@ impl Worker {
         job_id: i64,
         generation: i64,
         reason: &str,
-        passing: bool,
+        failure: Failure,
     ) -> Result<(), StoreError> {
-        let now = Timestamp::now();
-        if passing {
-            return self.engine.store.return_job(job_id, generation, now).await;
+        let (store, now) = (&self.engine.store, Timestamp::now());
+        match failure {
+            Failure::OfStore => store.return_job(job_id, generation, now).await,
+            Failure::OfBatch => store.fail_job(job_id, generation, reason, now).await,
+            Failure::ForGood => store.give_up_job(job_id, generation, reason, now).await,
         }
-        self.engine
-            .store
-            .fail_job(job_id, generation, reason, now)
-            .await
     }
 
     /// Load, compute, save; anew if somebody's decision came in between.
@@ -118,7 +124,7 @@ impl Worker {
         let route = &job.route_id;
         let _turn = self.engine.turn(route).await;
         for _ in 0..COMPUTATIONS_MAX {
-            let (workspace, result) = compute(&self.engine, &job).await?;
+            let (workspace, result) = self.compute_watched(&job).await?;
             let base_revision = result.base_revision;
             match self.engine.store.apply_result(result).await? {
                 Applied::Committed => {
@@ -135,6 +141,25 @@ impl Worker {
         Err(anyhow!("the route has moved on meanwhile"))
     }
 
+    /// Computes a job, and no longer than while somebody waits for it.
+    async fn compute_watched(
+        &self,
+        job: &Arc<ClaimedJob>,
+    ) -> anyhow::Result<(Workspace, JobResult)> {
+        let interrupt = Interrupt::default();
+        let watch = Watch {
+            store: self.engine.store.clone(),
+            job: Arc::clone(job),
+            interrupt: interrupt.clone(),
+        };
+        let _watching = AbortOnDropHandle::new(tokio::spawn(watch.keep()));
+        let computed = compute(&self.engine, job, &interrupt).await;
+        match computed {
+            Err(_) if interrupt.is_raised() => Err(TookTooLong.into()),
+            computed => computed,
+        }
+    }
+
     async fn is_at(&self, route: &RouteId, revision: i64) -> Result<bool, StoreError> {
         let route = self.engine.store.route(route).await?;
         Ok(route.is_none_or(|route| route.revision == revision))
@@ -145,22 +170,24 @@ impl Worker {
 pub(super) async fn compute(
     engine: &Engine,
     job: &Arc<ClaimedJob>,
+    interrupt: &Interrupt,
 ) -> anyhow::Result<(Workspace, JobResult)> {
     let Engine { store, options, .. } = engine;
     let own = job.entries.last().context("a job without batches")?;
     let (trip, options) = (own.batch.trip_id.clone(), *options);
     let (route, kept_job) = (&job.route_id, Arc::clone(job));
-    match own.batch.kind {
+    let processed = match own.batch.kind {
         BatchKind::Scans => {
             let recalled = recall_trip(store, route, &trip).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
+            workspace.map.heed(interrupt);
             let known = known_corrections(store, &workspace, job).await?;
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
                 settle(&mut workspace, &trip, &[], &options)?;
                 process(workspace, &kept_job, &known)
             };
-            engine.compute(work).await?
+            engine.compute(work).await??
         }
         BatchKind::Edges => {
             let decoded = Arc::clone(job);
@@ -169,13 +196,18 @@ pub(super) async fn compute(
             let named = edges.named_nodes();
             let recalled = recall_named(store, route, &named, &[]).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
+            workspace.map.heed(interrupt);
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
                 settle(&mut workspace, &trip, &named, &options)?;
                 process_edges(workspace, &kept_job, &edges)
             };
-            engine.compute(work).await?
+            engine.compute(work).await??
         }
+    };
+    match processed {
+        Processed::Taken(taken) => Ok(*taken),
+        Processed::Refused(refusal) => refuse(engine, job, refusal).await,
     }
 }
 
@@ -201,11 +233,31 @@ pub(super) async fn known_corrections(
     Ok(Known::Before(before.unwrap_or_default()))
 }
 
-/// Whether the store was in the way, and not the batch.
-fn is_passing(error: &anyhow::Error) -> bool {
-    error
-        .downcast_ref::<StoreError>()
-        .is_some_and(StoreError::is_passing)
+/// A job was interrupted.
+#[derive(Debug, thiserror::Error)]
+#[error("processing it took far longer than a batch of its size should take, and was broken off")]
+struct TookTooLong;
+
+/// What to do about a job that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Failure {
+    /// The store was in the way, and not the batch: it is tried again.
+    OfStore,
+    /// It is tried again, a few times.
+    OfBatch,
+    /// Another try would not help.
+    ForGood,
+}
+
+impl Failure {
+    fn of(error: &anyhow::Error) -> Self {
+        let of_store = error.downcast_ref::<StoreError>();
+        match of_store.is_some_and(StoreError::is_passing) {
+            true => Self::OfStore,
+            false if error.is::<TookTooLong>() => Self::ForGood,
+            false => Self::OfBatch,
+        }
+    }
 }
 
 async fn idle(store: &Store, stopping: &CancellationToken) {

@@ -27,6 +27,8 @@ pub(super) struct Workspace {
     pub detector: Detector,
     /// False alerts per lap that are accepted; a lap is as much driven way as the reference is long.
     pub false_alarm_rate: f64,
+    /// How far a batch may move what others have mapped, metres.
+    pub max_shift_m: f64,
     pub map: RouteMap,
     /// What the store has of each node, in the order of the graph.
     pub saved_nodes: Vec<NodeChange>,
@@ -97,6 +99,7 @@ impl Workspace {
             stage: graph.stage,
             detector: graph.settings.detector,
             false_alarm_rate: graph.settings.false_alarm_rate,
+            max_shift_m: graph.settings.max_shift_m,
             map,
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
@@ -279,6 +282,7 @@ impl Workspaces {
             && kept.detector == record.settings.detector
         {
             kept.false_alarm_rate = record.settings.false_alarm_rate;
+            kept.max_shift_m = record.settings.max_shift_m;
             return Ok(kept);
         }
         let graph = store.load_graph(route).await?;

@@ -10,6 +10,8 @@ pub const RANGE_SIGMA_DEFAULT_M: f64 = 0.01;
 /// Beams whose directions are told from one of them.
 const BEAMS_TOGETHER: usize = 32;
 const MOUNT_OFFSET_MAX_M: f64 = 50.0;
+/// No lidar's beams are closer than this; one with the most beams sees an arc of 47°.
+const ANGLE_INCREMENT_MIN_RAD: f64 = 1e-4;
 
 /// The geometry of a lidar: beam k looks along `angle_min_rad + k · angle_increment_rad` in the
 /// lidar frame.
@@ -39,7 +41,7 @@ pub enum LidarError {
     AngleMin(f64),
     /// `angle_increment` is not a small positive angle.
     #[error(
-        "angle_increment {0} is not within (0, π/4]: did you send degrees, or is the scan clockwise?"
+        "angle_increment {0} is not within [{ANGLE_INCREMENT_MIN_RAD}, π/4]: did you send degrees, or is the scan clockwise?"
     )]
     AngleIncrement(f64),
     /// `range_min` is negative or not below `range_max`.
@@ -74,7 +76,7 @@ impl Lidar {
         if !(-TAU..=TAU).contains(&self.angle_min_rad) {
             return Err(LidarError::AngleMin(self.angle_min_rad));
         }
-        if !(self.angle_increment_rad > 0.0 && self.angle_increment_rad <= FRAC_PI_4) {
+        if !(ANGLE_INCREMENT_MIN_RAD..=FRAC_PI_4).contains(&self.angle_increment_rad) {
             return Err(LidarError::AngleIncrement(self.angle_increment_rad));
         }
         if !(self.range_max_m > 0.0 && self.range_max_m <= RANGE_MAX_M) {
@@ -176,10 +178,11 @@ mod tests {
     #[test]
     fn absurd_geometry_is_refused() {
         assert!(good().validated().is_ok());
-        let spoilers: [fn(&mut Lidar); 10] = [
+        let spoilers: [fn(&mut Lidar); 11] = [
             |l| l.angle_min_rad = f64::NAN,
             |l| l.angle_min_rad = -180.0,
             |l| l.angle_increment_rad = 0.0,
+            |l| l.angle_increment_rad = 1e-12,
             |l| l.angle_increment_rad = 1.0,
             |l| l.range_max_m = 20_000.0,
             |l| l.range_min_m = 20.0,

@@ -23,11 +23,33 @@ impl Store {
         reason: &str,
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        let reason = reason.to_owned();
         let request = FailJob {
             job_id,
             generation,
-            reason,
+            reason: reason.to_owned(),
+            tries_max: TRIES_MAX,
+            now,
+        };
+        self.work(request).await
+    }
+
+    /// Quarantines the batch of a job that another try would not help. A job that this worker does not
+    /// hold any more is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn give_up_job(
+        &self,
+        job_id: i64,
+        generation: i64,
+        reason: &str,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let request = FailJob {
+            job_id,
+            generation,
+            reason: reason.to_owned(),
+            tries_max: 1,
             now,
         };
         self.work(request).await
@@ -60,6 +82,7 @@ pub(super) struct FailJob {
     pub(super) job_id: i64,
     pub(super) generation: i64,
     pub(super) reason: String,
+    pub(super) tries_max: i64,
     pub(super) now: Timestamp,
 }
 
@@ -71,7 +94,7 @@ impl Request for FailJob {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
             return Ok(());
         };
-        if job.attempts >= TRIES_MAX {
+        if job.attempts >= self.tries_max {
             return give_up(transaction, &job.place, &self.reason, self.now).await;
         }
         let run_after_us = micros(self.now) + backoff_us(job.attempts);

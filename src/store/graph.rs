@@ -238,7 +238,7 @@ async fn load_snapshot(
 ) -> Result<Option<RouteGraph>, StoreError> {
     let mut snapshot = reader.begin().await?;
     let row = sqlx::query(
-        "SELECT revision, stage, detector, false_alarm_rate, hold_s, next_node_id, next_edge_id, \
+        "SELECT revision, stage, detector, false_alarm_rate, hold_s, max_shift_m, next_node_id, next_edge_id, \
          map_version FROM routes WHERE id = $1",
     )
     .bind(route.as_str())

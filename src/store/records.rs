@@ -25,6 +25,8 @@ pub struct RouteSettings {
     pub false_alarm_rate: f64,
     /// How long a batch waits for its predecessor before it is used on its own, seconds.
     pub hold_s: u32,
+    /// How far a batch may move what others have mapped, metres.
+    pub max_shift_m: f64,
 }
 
 impl Default for RouteSettings {
@@ -33,6 +35,7 @@ impl Default for RouteSettings {
             detector: Detector::Fused,
             false_alarm_rate: FALSE_ALERTS_PER_LAP,
             hold_s: 600,
+            max_shift_m: 0.02,
         }
     }
 }
@@ -122,6 +125,8 @@ pub struct SettingsUpdate {
     pub false_alarm_rate: Option<f64>,
     /// As [`RouteSettings::hold_s`].
     pub hold_s: Option<u32>,
+    /// As [`RouteSettings::max_shift_m`].
+    pub max_shift_m: Option<f64>,
 }
 
 /// What changes with every result of a route and with every edit of it.

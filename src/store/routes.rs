@@ -68,7 +68,7 @@ macro_rules! select_routes {
     ($rest:literal) => {
         concat!(
             "SELECT id, display_name, geo_latitude, geo_longitude, geo_heading, detector, \
-             false_alarm_rate, hold_s, stage, map_version, epoch, revision, batches, scans, \
+             false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, batches, scans, \
              vehicles, nodes, edges, loop_closures, subgraphs, open_alerts, created_at_us, updated_at_us, \
              (SELECT count(*) FROM jobs WHERE jobs.route_key = routes.route_key) AS pending \
              FROM routes ",
@@ -122,9 +122,10 @@ impl PutRoute {
                  geo_longitude = coalesce($4, geo_longitude), \
                  geo_heading = coalesce($5, geo_heading), detector = coalesce($6, detector), \
                  false_alarm_rate = coalesce($7, false_alarm_rate), \
-                 hold_s = coalesce($8, hold_s), updated_at_us = $9 \
+                 hold_s = coalesce($8, hold_s), max_shift_m = coalesce($9, max_shift_m), \
+                 updated_at_us = $10 \
              WHERE id = $1 AND ($6 IS NULL OR detector = $6 OR batches = 0) \
-                 AND ($10 IS NULL OR revision = $10 AND updated_at_us = $11)",
+                 AND ($11 IS NULL OR revision = $11 AND updated_at_us = $12)",
         )
         .bind(self.id.as_str())
         .bind(self.update.display_name.as_deref())
@@ -134,6 +135,7 @@ impl PutRoute {
         .bind(settings.detector.map(Detector::name))
         .bind(settings.false_alarm_rate)
         .bind(settings.hold_s)
+        .bind(settings.max_shift_m)
         .bind(micros(self.now))
         .bind(expected.map(|expected| expected.revision))
         .bind(expected.map(|expected| micros(expected.updated_at)))
@@ -148,9 +150,9 @@ impl PutRoute {
         let settings = self.update.settings;
         sqlx::query(
             "INSERT INTO routes (id, display_name, geo_latitude, geo_longitude, geo_heading, \
-             detector, false_alarm_rate, hold_s, stage, map_version, epoch, revision, \
+             detector, false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, \
              next_node_id, next_edge_id, created_at_us, updated_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 1, 1, 0, 1, 1, ?, ?)",
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, 1, 0, 1, 1, ?, ?)",
         )
         .bind(self.id.as_str())
         .bind(self.update.display_name.as_deref())
@@ -164,6 +166,7 @@ impl PutRoute {
                 .unwrap_or(default.false_alarm_rate),
         )
         .bind(settings.hold_s.unwrap_or(default.hold_s))
+        .bind(settings.max_shift_m.unwrap_or(default.max_shift_m))
         .bind(Stage::Mapping.name())
         .bind(micros(self.now))
         .bind(micros(self.now))
@@ -240,6 +243,7 @@ pub(super) fn settings_of(row: &SqliteRow) -> Result<RouteSettings, StoreError> 
         detector: text(row, "detector")?,
         false_alarm_rate: row.try_get("false_alarm_rate")?,
         hold_s: row.try_get("hold_s")?,
+        max_shift_m: row.try_get("max_shift_m")?,
     })
 }
 

@@ -117,7 +117,7 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
     assert_eq!(created.status, 201);
     let changed = service
         .send(put(
-            json!({"settings": {"hold_s": 60, "false_alarm_rate": 1}}),
+            json!({"settings": {"hold_s": 60, "false_alarm_rate": 1, "max_shift_m": 0.1}}),
         ))
         .await;
     assert_eq!(changed.status, 200);
@@ -129,7 +129,7 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
     assert_eq!(route["geo_anchor"], anchor);
     assert_eq!(
         route["settings"],
-        json!({"detector": "seed", "false_alarm_rate": 1.0, "hold_s": 60})
+        json!({"detector": "seed", "false_alarm_rate": 1.0, "hold_s": 60, "max_shift_m": 0.1})
     );
 
     let stale = created.header("etag").unwrap();

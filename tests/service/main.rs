@@ -5,6 +5,7 @@
 #![allow(clippy::print_stderr)]
 
 mod agreement;
+mod attacks;
 mod changes;
 mod client;
 mod drives;

@@ -14,7 +14,7 @@ use crate::state::{Key, State};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A service whose route holds the first vehicle's drive.
-async fn with_map(scans: usize) -> Running {
+pub async fn with_map(scans: usize) -> Running {
     let service = Running::start().await;
     service.client.put_route("line", Value::Null).await;
     let [first, _] = two_vehicles(scans);
@@ -35,7 +35,7 @@ async fn until(client: &Client, id: &str, done: impl Fn(&Value) -> bool) -> Valu
     }
 }
 
-async fn ended(client: &Client, id: &str) -> Value {
+pub async fn ended(client: &Client, id: &str) -> Value {
     let under_way = ["queued", "processing", "held"];
     until(client, id, |b| {
         !under_way.contains(&b["status"].as_str().unwrap())
@@ -189,7 +189,7 @@ async fn a_trip_without_a_place_is_tried_again_when_the_map_has_grown() {
     service.stop().await;
 }
 
-fn with_scans(batch: &Batch, change: impl Fn(usize, &mut Value)) -> Batch {
+pub fn with_scans(batch: &Batch, change: impl Fn(usize, &mut Value)) -> Batch {
     let mut body: Value = serde_json::from_slice(&batch.body).unwrap();
     let scans = body["scans"].as_array_mut().unwrap();
     for (k, scan) in scans.iter_mut().enumerate() {

@@ -239,6 +239,7 @@ async fn routes_are_put_listed_and_deleted() {
     assert_eq!(put, Put::Created);
     let settings = RouteSettings {
         hold_s: 5,
+        max_shift_m: 0.05,
         false_alarm_rate: 0.01,
         detector: mapshift::model::Detector::Seed,
     };
@@ -247,6 +248,7 @@ async fn routes_are_put_listed_and_deleted() {
             detector: Some(settings.detector),
             false_alarm_rate: Some(settings.false_alarm_rate),
             hold_s: Some(settings.hold_s),
+            max_shift_m: Some(settings.max_shift_m),
         },
         ..RouteUpdate::default()
     };

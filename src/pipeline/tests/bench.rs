@@ -11,6 +11,7 @@ use tempfile::TempDir;
 use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
+use super::super::refusal::Processed;
 use super::super::worker::{compute, known_corrections};
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
@@ -19,7 +20,7 @@ use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::ingest::g2o::write_g2o;
-use crate::mapping::{IntermediateScan, Mending};
+use crate::mapping::{IntermediateScan, Interrupt, Mending};
 use crate::render::{Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
@@ -118,7 +119,10 @@ impl Bench {
         // What a detector says of the lap is set aside: here findings are made by hand.
         let alerts = workspace.alerts.clone();
         let known = known_corrections(store, &workspace, &job).await.unwrap();
-        let (mut workspace, mut result) = process(workspace, &job, &known).unwrap();
+        let Processed::Taken(taken) = process(workspace, &job, &known).unwrap() else {
+            panic!("the lap was refused");
+        };
+        let (mut workspace, mut result) = *taken;
         workspace.alerts = alerts;
         let (findings, mendings) = observed(&workspace);
         result.alerts = fold_into(&mut workspace, &job, &findings, &mendings);
@@ -139,7 +143,9 @@ impl Bench {
         store.journal_batch(batch).await.unwrap();
         let lease = std::time::Duration::from_secs(60);
         let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
-        let (workspace, result) = compute(&engine, &Arc::new(job)).await.unwrap();
+        let (workspace, result) = compute(&engine, &Arc::new(job), &Interrupt::default())
+            .await
+            .unwrap();
         let applied = store.apply_result(result).await.unwrap();
         assert_eq!(applied, Applied::Committed);
         engine.workspaces.put_back(route(), workspace.saved());

@@ -1,0 +1,39 @@
+//! A job of which nothing is taken into the map.
+
+use super::engine::Engine;
+use super::result::{Added, Origin, of_added};
+use super::workspace::Workspace;
+use crate::store::{BatchOutcome, ClaimedJob, JobResult};
+
+/// What came of a job.
+pub(super) enum Processed {
+    /// The map, and what is to be saved.
+    Taken(Box<(Workspace, JobResult)>),
+    /// Nothing: the map stays as it was.
+    Refused(Refusal),
+}
+
+/// What becomes of the batches of a job that changes nothing.
+pub(super) struct Refusal {
+    pub origins: Vec<Origin>,
+    pub outcomes: Vec<BatchOutcome>,
+}
+
+/// The result of a refused job, on the map as it is stored: the one in memory was tried on.
+///
+/// # Errors
+/// If the map cannot be loaded.
+pub(super) async fn refuse(
+    engine: &Engine,
+    job: &ClaimedJob,
+    refusal: Refusal,
+) -> anyhow::Result<(Workspace, JobResult)> {
+    for outcome in &refusal.outcomes {
+        let reason = outcome.reason.as_deref().unwrap_or_default();
+        tracing::warn!(route = %job.route_id, batch = %outcome.batch_id, reason, "a batch was refused");
+    }
+    let mut workspace = engine.workspaces.take(&engine.store, &job.route_id).await?;
+    let mut result = of_added(&mut workspace, job, &refusal.origins, &Added::default())?;
+    result.outcomes = refusal.outcomes;
+    Ok((workspace, result))
+}

@@ -1,0 +1,44 @@
+//! Whether anybody still waits for a job that is computed.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use crate::mapping::Interrupt;
+use crate::store::{ClaimedJob, Store};
+
+/// How often a job under way is looked at.
+const INTERVAL: Duration = Duration::from_secs(1);
+/// A job may take this long, …
+const TIME_AT_LEAST: Duration = Duration::from_secs(60);
+/// … or so much longer for each kilobyte of its bodies: some hundred times what an honest one takes.
+const TIME_PER_KB: Duration = Duration::from_millis(100);
+
+/// Watches over one job.
+pub(super) struct Watch {
+    pub store: Store,
+    pub job: Arc<ClaimedJob>,
+    pub interrupt: Interrupt,
+}
+
+impl Watch {
+    /// Interrupts the job when its route is deleted, or when it has taken longer than any honest one.
+    pub async fn keep(self) {
+        let deadline = Instant::now() + self.time_max();
+        loop {
+            sleep(INTERVAL).await;
+            let is_gone = matches!(self.store.route(&self.job.route_id).await, Ok(None));
+            if is_gone || Instant::now() >= deadline {
+                self.interrupt.raise();
+                return;
+            }
+        }
+    }
+
+    fn time_max(&self) -> Duration {
+        let bytes: usize = self.job.entries.iter().map(|entry| entry.body.len()).sum();
+        let kilobytes = u32::try_from(bytes / 1_000).unwrap_or(u32::MAX);
+        TIME_AT_LEAST + TIME_PER_KB * kilobytes
+    }
+}
