@@ -76,6 +76,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         draining.clone(),
         metrics,
         pipeline.decisions,
+        pipeline.removals,
         receivers,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;

@@ -154,6 +154,10 @@ uuid_type!(
     AlertId
 );
 uuid_type!(
+    /// An operation: a UUID of version 7, so that operations sort by when they were asked for.
+    OperationId
+);
+uuid_type!(
     /// A webhook: a UUID of version 7, so that webhooks sort by when they were registered.
     WebhookId
 );

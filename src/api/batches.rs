@@ -398,10 +398,22 @@ pub(super) async fn get_batch(
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
 ) -> Result<Json<BatchBody>, Problem> {
-    state.known_route(&route_id).await?;
-    let batch = state.store.batch(&route_id, &id).await?;
+    known_batch(&state, &route_id, &id).await
+}
+
+/// A batch as it is now.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
+pub(super) async fn known_batch(
+    state: &ApiState,
+    route: &RouteId,
+    id: &BatchId,
+) -> Result<Json<BatchBody>, Problem> {
+    state.known_route(route).await?;
+    let batch = state.store.batch(route, id).await?;
     let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
-    let alerts = state.store.batch_alerts(&route_id, &id).await?;
+    let alerts = state.store.batch_alerts(route, id).await?;
     Ok(Json(BatchBody::new(batch, &alerts)))
 }
 

@@ -9,8 +9,8 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, BatchKind, BatchStatus, BeamVerdict, ChangeKind,
-    DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, ResidualMeasurement,
-    ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
+    DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, OperationStatus,
+    ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -54,6 +54,7 @@ enum_schemas! {
     Detector as "DetectorName": "Which rule decides that something changed.";
     EdgeKind as "EdgeKindName": "What made an edge.";
     EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
+    OperationStatus as "OperationStatusName": "How far an operation has come.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     Stage as "RouteStage": "How far a route's reference map has come.";

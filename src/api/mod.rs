@@ -25,7 +25,9 @@ mod paging;
 mod parameters;
 pub mod problem;
 mod problem_responses;
+mod removals;
 mod residuals;
+mod retries;
 mod routes;
 mod state;
 mod subgraphs;
@@ -60,7 +62,10 @@ fn operations() -> OpenApiRouter<ApiState> {
         ))
         .routes(routes!(batches::list_batches))
         .routes(routes!(batches::put_batch, batches::get_batch))
+        .routes(routes!(retries::retry_batch))
         .routes(routes!(edge_batches::put_edge_batch))
+        .routes(routes!(removals::post_removal))
+        .routes(routes!(removals::get_operation))
         .routes(routes!(graph::get_graph))
         .routes(routes!(graph::get_graph_g2o))
         .routes(routes!(nodes::list_nodes))

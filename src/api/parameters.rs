@@ -40,6 +40,14 @@ pub(super) struct VehicleParam {
 
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
+pub(super) struct OperationParam {
+    /// Id of the operation
+    #[param(format = "uuid")]
+    operation: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
 pub(super) struct NodeParam {
     /// Id of the node
     node: i64,

@@ -56,6 +56,7 @@ problem_kinds! {
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
+    RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
     NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
     TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
     WebhookDisabled = CONFLICT, "webhook-disabled", "The webhook is not active";

@@ -69,6 +69,19 @@ problem_responses! {
     /// Of uploading edges.
     EdgeUploadProblems = [K::EdgeGraph], with UPLOAD, with BODY;
 
+    /// Of trying a batch again.
+    RetryProblems = [
+        K::InvalidField,
+        K::UnknownRoute,
+        K::NotFound,
+        K::RetryRefused,
+        K::DiskFull,
+    ];
+    /// Of taking uploads out.
+    RemovalProblems = [K::UnknownRoute], with BODY;
+    /// Of reading an operation.
+    OperationProblems = [K::InvalidField, K::NotFound];
+
     /// Of listing alerts, or following them: of one route, if the query names it.
     AlertListProblems = [K::UnknownRoute];
     /// Of listing alerts on the Earth.

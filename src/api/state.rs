@@ -13,7 +13,7 @@ use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::{Problem, ProblemKind};
 use crate::ids::RouteId;
-use crate::pipeline::Decisions;
+use crate::pipeline::{Decisions, Removals};
 use crate::store::{RouteRecord, Store};
 use crate::webhooks::ReceiverPolicy;
 
@@ -33,6 +33,8 @@ pub struct Shared {
     pub metrics: PrometheusHandle,
     /// Who carries decisions about alerts out.
     pub decisions: Decisions,
+    /// Who takes uploads out of maps.
+    pub removals: Removals,
     /// Where webhooks may lead.
     pub receivers: ReceiverPolicy,
     /// Uploads that may be under way.
@@ -61,6 +63,7 @@ impl ApiState {
         draining: CancellationToken,
         metrics: PrometheusHandle,
         decisions: Decisions,
+        removals: Removals,
         receivers: ReceiverPolicy,
     ) -> Self {
         Self(Arc::new(Shared {
@@ -77,6 +80,7 @@ impl ApiState {
             draining,
             metrics,
             decisions,
+            removals,
             receivers,
         }))
     }

@@ -34,6 +34,7 @@ mod route_map;
 mod settle;
 mod step;
 mod suspects;
+mod take_out;
 #[cfg(test)]
 mod testing;
 

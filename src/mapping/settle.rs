@@ -9,8 +9,8 @@ use super::keyframe::Keyframe;
 use super::route_map::RouteMap;
 use crate::change::Layer;
 use crate::geometry::Vector2;
-use crate::graph::{Edge, EdgeStatus, GraphError, PoseGraph};
-use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+use crate::graph::{EdgeStatus, GraphError, PoseGraph};
+use crate::ids::{NodeId, StampNs, TripId};
 
 /// So many of the newest stretches stay in a map. What is decided about a change is decided within
 /// a few laps by the references and these; every closure's solve costs as much as there are.
@@ -129,30 +129,13 @@ impl RouteMap {
             .collect()
     }
 
-    /// Takes nodes out of the map, with every edge that ends at one of them, and solves the
+    /// Takes settled nodes out of the map, with every edge that ends at one of them, and solves the
     /// sub-graphs that those edges were part of. Nodes that are not there are passed over.
     ///
     /// # Errors
     /// [`GraphError`] if what is left does not fit together; the map is lost then.
     pub fn release(&mut self, leaving: &[NodeId]) -> Result<(), GraphError> {
-        let leaving: BTreeSet<NodeId> = leaving.iter().copied().collect();
-        let leaves = |edge: &Edge| leaving.contains(&edge.from) || leaving.contains(&edge.to);
-        let edges = self.graph.edges().iter().filter(|edge| leaves(edge));
-        let leaving_edges: Vec<(EdgeId, EdgeStatus)> = edges.map(|e| (e.id, e.status)).collect();
-        let around = self.edges_around(&leaving_edges);
-
-        let keyframes = std::mem::take(&mut self.keyframes);
-        let graph = std::mem::take(&mut self.graph);
-        self.trips.clear();
-        for (keyframe, node) in keyframes.into_iter().zip(graph.nodes()) {
-            if !leaving.contains(&node.id) {
-                self.insert_keyframe(node.pose, keyframe)?;
-            }
-        }
-        for edge in graph.edges().iter().filter(|edge| !leaves(edge)) {
-            self.graph.add_edge(*edge)?;
-        }
-        self.solve_anew(around);
+        self.drop_from_graph(leaving, &[])?;
         self.settle_screen();
         Ok(())
     }

@@ -27,6 +27,8 @@ text_enum! {
         Unanchored = "unanchored",
         /// Processing failed for good; the reason says why.
         Quarantined = "quarantined",
+        /// Taken out of the map by somebody.
+        Removed = "removed",
     }
 }
 

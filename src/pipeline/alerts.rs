@@ -10,10 +10,10 @@ use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
-use crate::ids::{AlertId, EdgeId, VehicleId};
+use crate::ids::{AlertId, EdgeId, RouteId, VehicleId};
 use crate::mapping::Mending;
 use crate::model::ResidualVerdict;
-use crate::store::{AlertRecord, AlertResidual, ClaimedJob, HistoryEntry, SYSTEM};
+use crate::store::{AlertRecord, AlertResidual, HistoryEntry, SYSTEM};
 
 /// Alerts whose regions are this close tell of the same place, metres.
 const RELATED_M: f64 = 1.0;
@@ -22,11 +22,11 @@ const RELATED_M: f64 = 1.0;
 /// those that change. What was mended is resolved first. The workspace's alerts are brought up to
 /// date.
 ///
-/// To be called when the job's closures are among the workspace's, since every alert says what
+/// To be called when the new closures are among the workspace's, since every alert says what
 /// the residual series has of its strongest one.
 pub(super) fn fold_into(
     workspace: &mut Workspace,
-    job: &ClaimedJob,
+    route: &RouteId,
     findings: &[Finding],
     mendings: &[Mending],
 ) -> Vec<AlertRecord> {
@@ -34,9 +34,9 @@ pub(super) fn fold_into(
     let mended = mendings.iter().map(|m| (&m.mismatch, m.shift));
     let mended: Vec<_> = mended.collect();
     let updates = resolve_mended(&states_of(workspace), &mended);
-    take(workspace, job, updates, &mut changed);
+    take(workspace, route, updates, &mut changed);
     let updates = fold(&states_of(workspace), findings);
-    take(workspace, job, updates, &mut changed);
+    take(workspace, route, updates, &mut changed);
     changed
 }
 
@@ -47,7 +47,7 @@ fn states_of(workspace: &Workspace) -> Vec<AlertState> {
 /// Brings alerts up to date, each by one revision however often it changes.
 fn take(
     workspace: &mut Workspace,
-    job: &ClaimedJob,
+    route: &RouteId,
     updates: Vec<AlertUpdate>,
     changed: &mut Vec<AlertRecord>,
 ) {
@@ -62,7 +62,7 @@ fn take(
         let before = update.existing.map(|k| workspace.alerts[k].clone());
         let residual = residuals.strongest(workspace, &update.state.evidence);
         let is_new = before.is_none();
-        let mut alert = before.unwrap_or_else(|| raised(workspace, job, &update.state, now));
+        let mut alert = before.unwrap_or_else(|| raised(workspace, route, &update.state, now));
         bring_up_to_date(&mut alert, update, now);
         alert.vehicles = vehicles_of(workspace, &alert.evidence);
         alert.residual = residual;
@@ -92,13 +92,13 @@ fn state_of(alert: &AlertRecord) -> AlertState {
 /// A new alert, before its first revision.
 fn raised(
     workspace: &Workspace,
-    job: &ClaimedJob,
+    route: &RouteId,
     state: &AlertState,
     now: Timestamp,
 ) -> AlertRecord {
     AlertRecord {
         id: AlertId(Uuid::now_v7()),
-        route_id: job.route_id.clone(),
+        route_id: route.clone(),
         revision: 0,
         status: state.status,
         evidence: state.evidence.clone(),

@@ -10,7 +10,7 @@ use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_c
 use crate::change::series::{ClosureSample, residual_series};
 use crate::change::{ChangeKind, Detector, Finding, Tier, region_round, stays_untouched};
 use crate::ids::{EdgeId, NodeId, TripId};
-use crate::mapping::{Mending, Scope, Sites};
+use crate::mapping::{Mending, RouteMap, Scope, Sites};
 use crate::store::AlertRecord;
 
 /// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
@@ -33,23 +33,41 @@ pub(super) fn observed(workspace: &mut Workspace) -> anyhow::Result<Observed> {
     if workspace.detector == Detector::Seed {
         return Ok(Observed::default());
     }
+    let evidence = workspace.alerts.iter().map(|alert| &alert.evidence);
+    let known = evidence.filter(|known| known.kind == ChangeKind::MapMismatch);
+    let known: Vec<Finding> = known.cloned().collect();
+    let (findings, mendings) = with_scope(workspace, Sites::Touched, |map, scope| {
+        map.findings_and_mendings(scope, &known)
+    })?;
+    Ok(Observed { findings, mendings })
+}
+
+/// What the scans say, in fused mode, where every place is judged anew; nothing is mended.
+pub(super) fn observed_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
+    if workspace.detector == Detector::Seed {
+        return Vec::new();
+    }
+    with_scope(workspace, Sites::All, |map, scope| map.findings(scope))
+}
+
+fn with_scope<T>(
+    workspace: &mut Workspace,
+    sites: Sites,
+    ask: impl FnOnce(&mut RouteMap, &Scope<'_>) -> T,
+) -> T {
     let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
     let pending = workspace.alerts.iter().filter(stays);
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
     let suspects = suspects(&workspace.calibrations);
-    let evidence = workspace.alerts.iter().map(|alert| &alert.evidence);
-    let known = evidence.filter(|known| known.kind == ChangeKind::MapMismatch);
-    let known: Vec<Finding> = known.cloned().collect();
     let scope = Scope {
-        sites: Sites::Touched,
+        sites,
         pending: &pending,
         false_alerts_per_lap: workspace.false_alarm_rate,
         accepted: &workspace.accepted,
         vehicles: &workspace.vehicles,
         suspects: &suspects,
     };
-    let (findings, mendings) = workspace.map.findings_and_mendings(&scope, &known)?;
-    Ok(Observed { findings, mendings })
+    ask(&mut workspace.map, &scope)
 }
 
 /// All findings that stand, those of the scans among them.

@@ -17,6 +17,7 @@ mod findings;
 mod options;
 mod process;
 mod refusal;
+mod remove;
 mod residual_findings;
 mod residuals;
 mod result;
@@ -33,6 +34,7 @@ mod workspace;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use options::PipelineOptions;
+pub use remove::Removals;
 pub use residuals::{ResidualReading, Residuals};
 
 use tokio::task::JoinHandle;
@@ -45,6 +47,8 @@ use engine::Engine;
 pub struct Pipeline {
     /// Takes decisions about alerts.
     pub decisions: Decisions,
+    /// Takes what is to be removed.
+    pub removals: Removals,
     /// Workers; they end soon after the pipeline is told to stop.
     pub tasks: Vec<JoinHandle<()>>,
 }
@@ -60,8 +64,13 @@ pub fn start(
     stopping: &CancellationToken,
 ) -> anyhow::Result<Pipeline> {
     let engine = Engine::new(store, options)?;
+    let mut tasks = worker::start(&engine, stopping);
+    let removals = Removals::new(store);
+    let carrying_out = removals.clone().carry_out(engine.clone(), stopping.clone());
+    tasks.push(tokio::spawn(carrying_out));
     Ok(Pipeline {
-        tasks: worker::start(&engine, stopping),
+        tasks,
+        removals,
         decisions: Decisions::new(engine),
     })
 }

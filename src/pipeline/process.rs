@@ -157,7 +157,7 @@ pub(super) fn conclude(
     let mut result = of_added(&mut workspace, job, origins, &added)?;
     if is_news {
         let findings = all_findings(&workspace, findings);
-        result.alerts = fold_into(&mut workspace, job, &findings, &mendings);
+        result.alerts = fold_into(&mut workspace, &job.route_id, &findings, &mendings);
     }
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;

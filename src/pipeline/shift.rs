@@ -29,6 +29,16 @@ impl PosesBefore {
 
     /// The node that has moved farthest since, if that is farther than `max_shift_m`.
     pub fn too_far(&self, map: &RouteMap, max_shift_m: f64) -> Option<Shift> {
+        let farthest = self.farthest(map);
+        farthest.filter(|shift| shift.distance_m > max_shift_m)
+    }
+
+    /// How far the node that has moved farthest since has moved, metres.
+    pub fn farthest_m(&self, map: &RouteMap) -> f64 {
+        self.farthest(map).map_or(0.0, |shift| shift.distance_m)
+    }
+
+    fn farthest(&self, map: &RouteMap) -> Option<Shift> {
         let moved = self.0.iter().filter_map(|(id, before)| {
             let now = map.graph().node(*id)?.pose;
             let from = before.translation();
@@ -37,8 +47,7 @@ impl PosesBefore {
                 distance_m: (now.translation() - from).norm(),
             })
         });
-        let farthest = moved.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-        farthest.filter(|shift| shift.distance_m > max_shift_m)
+        moved.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
     }
 }
 

@@ -60,6 +60,14 @@ impl Calibrations {
         Some(&newest?.trip)
     }
 
+    /// Forgets what some trips said.
+    pub fn forget(&mut self, trips: &[TripId]) {
+        for words in self.by_lidar.values_mut() {
+            words.retain(|word| !trips.contains(&word.trip));
+        }
+        self.by_lidar.retain(|_, words| !words.is_empty());
+    }
+
     /// The lidars of a vehicle by name.
     pub fn lidars_of(
         &self,

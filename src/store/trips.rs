@@ -36,9 +36,12 @@ pub(super) async fn place(
     route_key: i64,
     batch: &NewBatch,
 ) -> Result<Placement, StoreError> {
+    // A trip of which nothing is left is anybody's.
     sqlx::query(
-        "INSERT INTO trips (route_key, trip_id, vehicle_id, next_sequence) \
-         VALUES (?, ?, ?, 0) ON CONFLICT DO NOTHING",
+        "INSERT INTO trips (route_key, trip_id, vehicle_id, next_sequence) VALUES ($1, $2, $3, 0) \
+         ON CONFLICT DO UPDATE SET vehicle_id = $3 WHERE vehicle_id <> $3 AND NOT EXISTS ( \
+             SELECT 1 FROM batches WHERE batches.route_key = $1 AND batches.trip_id = $2 \
+             AND batches.vehicle_id = trips.vehicle_id AND status <> 'removed')",
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
@@ -119,6 +122,7 @@ async fn has_others(
 ) -> Result<bool, StoreError> {
     let has_others = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? AND kind <> ? \
+         AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL))",
     )
     .bind(route_key)
@@ -139,6 +143,7 @@ async fn holder(
 ) -> Result<Option<String>, StoreError> {
     let holder: Option<String> = sqlx::query_scalar(
         "SELECT id FROM batches WHERE route_key = ? AND trip_id = ? AND sequence = ? \
+         AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL) LIMIT 1",
     )
     .bind(route_key)

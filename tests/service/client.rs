@@ -82,6 +82,30 @@ impl Client {
         (answer.status().as_u16(), answer.json().await.unwrap())
     }
 
+    /// Asks for a removal and waits for its end; hands back the operation.
+    pub async fn remove(&self, route: &str, what: Value) -> Value {
+        let url = format!("{}/v1/routes/{route}/removals", self.url);
+        let answer = self.http.post(url).json(&what).send().await.unwrap();
+        assert_eq!(answer.status(), StatusCode::ACCEPTED, "{what}");
+        let at = answer.headers()["location"].to_str().unwrap().to_owned();
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let operation = self.json(&at).await;
+            if operation["status"] != "queued" {
+                return operation;
+            }
+            assert!(Instant::now() < give_up, "{operation}");
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// Asks for another try of a batch; the status and the answer.
+    pub async fn retry(&self, route: &str, batch: &str) -> (u16, Value) {
+        let url = format!("{}/v1/routes/{route}/batches/{batch}/retry", self.url);
+        let answer = self.http.post(url).send().await.unwrap();
+        (answer.status().as_u16(), answer.json().await.unwrap())
+    }
+
     /// A batch once nobody works on it.
     pub async fn ended(&self, route: &str, id: &str) -> Value {
         let give_up = Instant::now() + PATIENCE;

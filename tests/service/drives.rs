@@ -182,6 +182,14 @@ impl Drive {
 }
 
 impl Batch {
+    /// The same upload under another id.
+    pub fn named(&self, id: &str) -> Self {
+        Self {
+            id: id.to_owned(),
+            body: self.body.clone(),
+        }
+    }
+
     /// The same upload with some fields replaced, under another id.
     pub fn with(&self, id: &str, fields: Value) -> Self {
         let mut body: Value = serde_json::from_slice(&self.body).unwrap();

@@ -21,6 +21,7 @@ mod process;
 #[path = "../common/receiver.rs"]
 #[allow(dead_code, reason = "the tests of the interface use more of it")]
 mod receiver;
+mod removals;
 mod restart;
 mod running;
 mod state;

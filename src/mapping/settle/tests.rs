@@ -4,7 +4,8 @@ use super::super::route_map::Weighting;
 use super::super::testing::blind_keyframe;
 use super::*;
 use crate::geometry::{Information, Pose2};
-use crate::graph::EdgeKind;
+use crate::graph::{Edge, EdgeKind};
+use crate::ids::EdgeId;
 use crate::solver::{SolveOptions, solve};
 
 const MINUTE_NS: i64 = 60_000_000_000;

@@ -125,7 +125,7 @@ impl Bench {
         let (mut workspace, mut result) = *taken;
         workspace.alerts = alerts;
         let (findings, mendings) = observed(&workspace);
-        result.alerts = fold_into(&mut workspace, &job, &findings, &mendings);
+        result.alerts = fold_into(&mut workspace, &job.route_id, &findings, &mendings);
         assert_eq!(
             store.apply_result(result).await.unwrap(),
             Applied::Committed

@@ -1,0 +1,15 @@
+//! Long work that somebody asked for.
+
+use super::text_enum;
+
+text_enum! {
+    /// How far an operation has come.
+    OperationStatus {
+        /// It waits for its turn.
+        Queued = "queued",
+        /// Its result says what was done.
+        Succeeded = "succeeded",
+        /// Nothing was done; the reason says why.
+        Failed = "failed",
+    }
+}

@@ -1,0 +1,115 @@
+//! What is taken out of a route, as its requests and its results tell it.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::alert_records::AlertRecord;
+use super::records::{EdgeChange, NodeChange};
+use crate::ids::{BatchId, EdgeId, NodeId, OperationId, RouteId, TripId, VehicleId};
+use crate::model::OperationStatus;
+
+/// Which uploads are meant.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Meant {
+    /// Batches by their ids.
+    Batches(Vec<BatchId>),
+    /// Everything of some trips.
+    Trips(Vec<TripId>),
+    /// Everything that a vehicle sent, if `since` is given from then on.
+    Vehicle {
+        /// The vehicle.
+        id: VehicleId,
+        /// By when the service received it.
+        since: Option<Timestamp>,
+    },
+}
+
+/// What somebody wants to have removed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RemovalRequest {
+    /// Which uploads.
+    pub meant: Meant,
+    /// Whether nothing is to be removed, only said what would be.
+    pub dry_run: bool,
+    /// Whether their bytes go too, for good.
+    pub erase: bool,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+/// What was removed, or would be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RemovalResult {
+    /// Uploads.
+    pub batches: u64,
+    /// Nodes.
+    pub nodes: u64,
+    /// Edges, those of others that ended at the nodes among them.
+    pub edges: u64,
+    /// Alerts that change by it: raised, resolved, or resting on less.
+    pub alerts: u64,
+    /// How far the rest of the map moves, at most, metres.
+    pub moved_m: f64,
+}
+
+/// Long work that somebody asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OperationRecord {
+    /// By which it is asked for.
+    pub id: OperationId,
+    /// The route that it changes.
+    pub route_id: RouteId,
+    /// What is to be removed.
+    pub request: RemovalRequest,
+    /// How far it has come.
+    pub status: OperationStatus,
+    /// What was removed; `None` unless it succeeded.
+    pub result: Option<RemovalResult>,
+    /// Why it failed.
+    pub reason: Option<String>,
+    /// When it was asked for.
+    pub asked_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+/// The uploads that a request means, with what they hold of the graph.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Removable {
+    /// In the order of arrival; none was removed before.
+    pub batches: Vec<BatchId>,
+    /// Their trips.
+    pub trips: Vec<TripId>,
+    /// Their nodes, ascending.
+    pub nodes: Vec<NodeId>,
+    /// Their edges and those of others that end at their nodes, ascending.
+    pub edges: Vec<EdgeId>,
+}
+
+/// A removal as it was computed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Removal {
+    /// The operation that ends with it.
+    pub operation: OperationId,
+    /// The route.
+    pub route_id: RouteId,
+    /// The route's revision that it was computed from.
+    pub base_revision: i64,
+    /// What goes.
+    pub removable: Removable,
+    /// What stays of the graph and changes.
+    pub changed_nodes: Vec<NodeChange>,
+    /// What stays of the graph and changes.
+    pub changed_edges: Vec<EdgeChange>,
+    /// Alerts that are new or change.
+    pub alerts: Vec<AlertRecord>,
+    /// Why the uploads are not in the map any more, for people.
+    pub reason: String,
+    /// Whether the bytes go too.
+    pub erase: bool,
+    /// What the operation's result says.
+    pub result: RemovalResult,
+    /// When.
+    pub at: Timestamp,
+}

@@ -1,0 +1,252 @@
+//! Taking uploads out of a route: what they hold, and their removal in one transaction.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Connection, Row, SqliteConnection};
+
+use super::alert_rows::write_alerts;
+use super::columns::{json_text, micros, name};
+use super::error::StoreError;
+use super::graph_rows::{update_edges, update_nodes};
+use super::removal_records::{Meant, Removable, Removal};
+use super::request::Request;
+use super::results::count_blocks;
+use super::trips::{Place, end_turn};
+use super::{Store, of_snapshot, operations};
+use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
+use crate::model::BatchStatus;
+
+impl Store {
+    /// The uploads that are meant, without those that were removed before, and what they hold.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn removable(&self, route: &RouteId, meant: &Meant) -> Result<Removable, StoreError> {
+        let mut reader = self.reader().await?;
+        let removable = removable(&mut reader, route, meant).await;
+        of_snapshot(reader, removable)
+    }
+
+    /// Writes a removal, all or nothing; false if the route has moved on since it was computed.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn apply_removal(&self, removal: Removal) -> Result<bool, StoreError> {
+        self.work(ApplyRemoval(removal)).await
+    }
+}
+
+async fn removable(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+    meant: &Meant,
+) -> Result<Removable, StoreError> {
+    let mut snapshot = reader.begin().await?;
+    let (by_batch, by_trip, vehicle, since) = match meant {
+        Meant::Batches(ids) => (Some(json_text(ids)?), None, None, None),
+        Meant::Trips(trips) => (None, Some(json_text(trips)?), None, None),
+        Meant::Vehicle { id, since } => (None, None, Some(id.as_str()), since.map(micros)),
+    };
+    let rows = sqlx::query(
+        "SELECT batch_key, batches.id, trip_id FROM routes JOIN batches USING (route_key) \
+         WHERE routes.id = $1 AND status <> 'removed' \
+         AND ($2 IS NULL OR batches.id IN (SELECT value FROM json_each($2))) \
+         AND ($3 IS NULL OR trip_id IN (SELECT value FROM json_each($3))) \
+         AND ($4 IS NULL OR vehicle_id = $4) \
+         AND ($5 IS NULL OR received_at_us >= $5) ORDER BY batch_key",
+    )
+    .bind(route.as_str())
+    .bind(by_batch)
+    .bind(by_trip)
+    .bind(vehicle)
+    .bind(since)
+    .fetch_all(&mut *snapshot)
+    .await?;
+    let keys: Vec<i64> = rows
+        .iter()
+        .map(|row| row.try_get("batch_key"))
+        .collect::<Result<_, _>>()?;
+    let keys = json_text(&keys)?;
+    let nodes: Vec<i64> = sqlx::query_scalar(
+        "SELECT node_id FROM nodes WHERE batch_key IN (SELECT value FROM json_each($1)) \
+         ORDER BY node_id",
+    )
+    .bind(&keys)
+    .fetch_all(&mut *snapshot)
+    .await?;
+    let edges: Vec<i64> = sqlx::query_scalar(
+        "WITH gone AS (SELECT value AS id FROM json_each($1)), \
+             place AS (SELECT route_key FROM routes WHERE id = $2) \
+         SELECT edge_id FROM edges WHERE batch_key IN (SELECT value FROM json_each($3)) \
+         UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_from \
+             ON edges.route_key = place.route_key AND from_node = gone.id \
+         UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_to \
+             ON edges.route_key = place.route_key AND to_node = gone.id \
+         ORDER BY 1",
+    )
+    .bind(json_text(&nodes)?)
+    .bind(route.as_str())
+    .bind(&keys)
+    .fetch_all(&mut *snapshot)
+    .await?;
+    snapshot.commit().await?;
+    let id = |row: &SqliteRow| name::<BatchId>(row, "id");
+    let trip = |row: &SqliteRow| name::<TripId>(row, "trip_id");
+    let mut trips: Vec<TripId> = rows.iter().map(trip).collect::<Result<_, _>>()?;
+    trips.sort_unstable();
+    trips.dedup();
+    Ok(Removable {
+        batches: rows.iter().map(id).collect::<Result<_, _>>()?,
+        trips,
+        nodes: nodes.into_iter().map(NodeId).collect(),
+        edges: edges.into_iter().map(EdgeId).collect(),
+    })
+}
+
+struct ApplyRemoval(Removal);
+
+impl Request for ApplyRemoval {
+    type Outcome = bool;
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let removal = &self.0;
+        let route_key: Option<i64> =
+            sqlx::query_scalar("SELECT route_key FROM routes WHERE id = $1 AND revision = $2")
+                .bind(removal.route_id.as_str())
+                .bind(removal.base_revision)
+                .fetch_optional(&mut *transaction)
+                .await?;
+        let Some(route_key) = route_key else {
+            return Ok(false);
+        };
+        let places = self.mark_batches(transaction, route_key).await?;
+        self.delete_from_graph(transaction, route_key, &places)
+            .await?;
+        update_nodes(transaction, route_key, &removal.changed_nodes).await?;
+        update_edges(transaction, route_key, &removal.changed_edges).await?;
+        count_blocks(transaction, route_key).await?;
+        write_alerts(transaction, route_key, &removal.alerts).await?;
+        for place in &places {
+            end_turn(transaction, place).await?;
+        }
+        self.forget_trips(transaction, route_key).await?;
+        operations::end(
+            transaction,
+            removal.operation,
+            &Ok(removal.result),
+            removal.at,
+        )
+        .await?;
+        Ok(true)
+    }
+}
+
+impl ApplyRemoval {
+    /// Marks the batches as removed; returns their places in their trips.
+    async fn mark_batches(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+    ) -> Result<Vec<Place>, StoreError> {
+        let removal = &self.0;
+        let rows = sqlx::query(
+            "UPDATE batches SET status = $1, reason = $2, nodes_added = 0, loop_closures = 0, \
+                 nodes_at_try = NULL, processed_at_us = $3, body_kept = body_kept AND NOT $4 \
+             WHERE route_key = $5 AND id IN (SELECT value FROM json_each($6)) \
+             RETURNING batch_key, trip_id, sequence",
+        )
+        .bind(BatchStatus::Removed.name())
+        .bind(&removal.reason)
+        .bind(micros(removal.at))
+        .bind(removal.erase)
+        .bind(route_key)
+        .bind(json_text(&removal.removable.batches)?)
+        .fetch_all(&mut *transaction)
+        .await?;
+        let place = |row: &SqliteRow| {
+            Ok::<_, StoreError>(Place {
+                batch_key: row.try_get("batch_key")?,
+                route_key,
+                trip_id: row.try_get("trip_id")?,
+                sequence: row.try_get("sequence")?,
+            })
+        };
+        let mut places: Vec<Place> = rows.iter().map(place).collect::<Result<_, _>>()?;
+        places.sort_unstable_by_key(|place| place.batch_key);
+        Ok(places)
+    }
+
+    /// Deletes nodes with all that hangs on them, and edges, and takes them off the route's counts.
+    async fn delete_from_graph(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+        places: &[Place],
+    ) -> Result<(), StoreError> {
+        let removal = &self.0;
+        let keys: Vec<i64> = places.iter().map(|place| place.batch_key).collect();
+        let keys = json_text(&keys)?;
+        let kinds: Vec<String> = sqlx::query_scalar(
+            "DELETE FROM edges WHERE route_key = $1 \
+             AND edge_id IN (SELECT value FROM json_each($2)) RETURNING kind",
+        )
+        .bind(route_key)
+        .bind(json_text(&removal.removable.edges)?)
+        .fetch_all(&mut *transaction)
+        .await?;
+        let nodes =
+            sqlx::query("DELETE FROM nodes WHERE batch_key IN (SELECT value FROM json_each($1))")
+                .bind(&keys)
+                .execute(&mut *transaction)
+                .await?;
+        for rest in [
+            "DELETE FROM alert_batches WHERE batch_key IN (SELECT value FROM json_each($1))",
+            "DELETE FROM batch_bodies WHERE batch_key IN (SELECT value FROM json_each($1)) AND $2",
+        ] {
+            sqlx::query(rest)
+                .bind(&keys)
+                .bind(removal.erase)
+                .execute(&mut *transaction)
+                .await?;
+        }
+        let closures = kinds.iter().filter(|kind| *kind == "loop_closure").count();
+        let count = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
+        sqlx::query(
+            "UPDATE routes SET revision = revision + 1, updated_at_us = $1, nodes = nodes - $2, \
+             edges = edges - $3, loop_closures = loop_closures - $4 WHERE route_key = $5",
+        )
+        .bind(micros(removal.at))
+        .bind(i64::try_from(nodes.rows_affected()).unwrap_or(i64::MAX))
+        .bind(count(kinds.len()))
+        .bind(count(closures))
+        .bind(route_key)
+        .execute(transaction)
+        .await?;
+        Ok(())
+    }
+
+    /// Forgets what the trips said of their vehicles; one of which nothing is left begins anew.
+    async fn forget_trips(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+    ) -> Result<(), StoreError> {
+        let trips = json_text(&self.0.removable.trips)?;
+        for forget in [
+            "DELETE FROM lidar_calibrations WHERE route_key = $1 \
+                 AND trip_id IN (SELECT value FROM json_each($2))",
+            "UPDATE trips SET next_sequence = 0, corrections = NULL WHERE route_key = $1 \
+                 AND trip_id IN (SELECT value FROM json_each($2)) \
+                 AND NOT EXISTS (SELECT 1 FROM batches WHERE batches.route_key = trips.route_key \
+                     AND batches.trip_id = trips.trip_id \
+                     AND status NOT IN ('removed', 'quarantined'))",
+        ] {
+            sqlx::query(forget)
+                .bind(route_key)
+                .bind(&trips)
+                .execute(&mut *transaction)
+                .await?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,126 @@
+//! Another try for an upload that was kept out of the map.
+
+use sqlx::{Row, SqliteConnection};
+
+use super::Store;
+use super::columns::text;
+use super::error::StoreError;
+use super::request::Request;
+use super::trips::{Place, queue};
+use crate::ids::{BatchId, RouteId};
+use crate::model::{BatchKind, BatchStatus};
+
+/// What became of the wish to try a batch again.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Retried {
+    /// It is queued.
+    Queued,
+    /// There is no such batch.
+    NotThere,
+    /// It cannot be tried again; the text says why.
+    Refused(String),
+}
+
+impl Store {
+    /// Queues a quarantined or unanchored batch again.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn retry_batch(
+        &self,
+        route: &RouteId,
+        batch: &BatchId,
+    ) -> Result<Retried, StoreError> {
+        let (route, batch) = (route.clone(), batch.clone());
+        self.work(Retry { route, batch }).await
+    }
+}
+
+struct Retry {
+    route: RouteId,
+    batch: BatchId,
+}
+
+impl Request for Retry {
+    type Outcome = Retried;
+    const QUEUES_JOBS: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Retried, StoreError> {
+        let row = sqlx::query(
+            "SELECT batch_key, route_key, batches.vehicle_id, trip_id, sequence, kind, status, \
+                 body_kept, trips.vehicle_id AS driver, \
+                 EXISTS (SELECT 1 FROM jobs WHERE jobs.batch_key = batches.batch_key) AS has_job, \
+                 EXISTS (SELECT 1 FROM batches AS other WHERE other.route_key = batches.route_key \
+                     AND other.trip_id = batches.trip_id \
+                     AND other.vehicle_id = trips.vehicle_id \
+                     AND other.status <> 'removed') AS is_driven, \
+                 EXISTS (SELECT 1 FROM batches AS later WHERE later.route_key = batches.route_key \
+                     AND later.trip_id = batches.trip_id AND later.sequence >= batches.sequence \
+                     AND later.batch_key <> batches.batch_key \
+                     AND later.status IN ('merged', 'processing', 'queued')) AS is_overtaken \
+             FROM routes JOIN batches USING (route_key) JOIN trips USING (route_key, trip_id) \
+             WHERE routes.id = $1 AND batches.id = $2",
+        )
+        .bind(self.route.as_str())
+        .bind(self.batch.as_str())
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(row) = row else {
+            return Ok(Retried::NotThere);
+        };
+        let (status, kind): (BatchStatus, BatchKind) = (text(&row, "status")?, text(&row, "kind")?);
+        let (vehicle, driver): (String, String) =
+            (row.try_get("vehicle_id")?, row.try_get("driver")?);
+        let trip_id: String = row.try_get("trip_id")?;
+        let refused = |reason: String| Ok(Retried::Refused(reason));
+        if !matches!(status, BatchStatus::Quarantined | BatchStatus::Unanchored) {
+            let name = status.name();
+            return refused(format!(
+                "it is {name}: only what is quarantined or unanchored is tried again"
+            ));
+        }
+        if !row.try_get::<bool, _>("body_kept")? {
+            return refused("its bytes are not kept any more: send them under another id".into());
+        }
+        if vehicle != driver && row.try_get::<bool, _>("is_driven")? {
+            return refused(format!(
+                "trip {trip_id} belongs to vehicle {driver}: remove that trip first"
+            ));
+        }
+        if kind == BatchKind::Scans && row.try_get::<bool, _>("is_overtaken")? {
+            return refused(format!(
+                "trip {trip_id} has gone on without it: send its scans as another trip"
+            ));
+        }
+        let place = Place {
+            batch_key: row.try_get("batch_key")?,
+            route_key: row.try_get("route_key")?,
+            trip_id,
+            sequence: row.try_get("sequence")?,
+        };
+        hand_trip_over(transaction, &place, &vehicle).await?;
+        if !row.try_get::<bool, _>("has_job")? {
+            queue(transaction, &place).await?;
+        }
+        Ok(Retried::Queued)
+    }
+}
+
+/// Makes a vehicle the one that drives a trip of which nobody else has anything in the map.
+async fn hand_trip_over(
+    transaction: &mut SqliteConnection,
+    place: &Place,
+    vehicle: &str,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "UPDATE trips SET vehicle_id = $1, next_sequence = max(next_sequence, $2) \
+         WHERE route_key = $3 AND trip_id = $4",
+    )
+    .bind(vehicle)
+    .bind(place.sequence)
+    .bind(place.route_key)
+    .bind(&place.trip_id)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}

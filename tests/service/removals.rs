@@ -1,0 +1,193 @@
+//! What was bad is taken out again, and the map is as if it had never been there.
+
+use mapshift::geometry::wrap_angle;
+use serde_json::{Value, json};
+
+use crate::client::Client;
+use crate::drives::{Drive, HALL, first_vehicle, second_vehicle, two_vehicles};
+use crate::odd_trips::ended;
+use crate::running::Running;
+use crate::state::{State, pose_of};
+
+/// Five laps by two vehicles in turn, each a trip.
+fn laps() -> Vec<Drive> {
+    let lap = |k: usize| {
+        let (vehicle, name) = match k % 2 {
+            0 => (first_vehicle(), "agv-01"),
+            _ => (second_vehicle(), "agv-02"),
+        };
+        let trip = format!("lap-{k}");
+        Drive::through(&HALL, &vehicle, (name, &trip), 96, 1 + k as u64)
+    };
+    (0..5).map(lap).collect()
+}
+
+async fn driven(drives: &[Drive], without: Option<&str>) -> Running {
+    let service = Running::start().await;
+    service.client.put_route("line", Value::Null).await;
+    for drive in drives {
+        if without != Some(drive.trip.as_str()) {
+            service.client.put_all("line", &drive.batches(24)).await;
+            service.client.merged("line").await;
+        }
+    }
+    service
+}
+
+async fn alerts(client: &Client) -> Vec<(String, String)> {
+    let text = |alert: &Value, field: &str| alert[field].as_str().unwrap().to_owned();
+    let alerts = client.list("/v1/alerts", 50).await;
+    let alerts = alerts.iter().filter(|alert| alert["status"] == "open");
+    alerts
+        .map(|a| (text(a, "kind"), a["location"].to_string()))
+        .collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
+    let drives = laps();
+    let service = driven(&drives, None).await;
+    let client = &service.client;
+    let before = State::of(client, "line").await;
+    let trial = client
+        .remove("line", json!({"trips": ["lap-2"], "dry_run": true}))
+        .await;
+    assert_eq!(trial["status"], "succeeded", "{trial}");
+    assert!(
+        State::of(client, "line").await == before,
+        "a dry run changes nothing"
+    );
+
+    let asked = json!({"trips": ["lap-2"], "note": "its lidar was loose"});
+    let done = client.remove("line", asked).await;
+    assert_eq!(
+        (&done["status"], &done["progress"]),
+        (&json!("succeeded"), &json!(1.0)),
+        "{done}"
+    );
+    assert_eq!(done["result"], trial["result"]);
+    assert_eq!(done["result"]["batches"], 4);
+
+    let after = State::of(client, "line").await;
+    let is_gone = |node: &Value| node["trip_id"] == "lap-2";
+    assert!(before.nodes.iter().any(is_gone) && !after.nodes.iter().any(is_gone));
+    let counts = client.route("line").await["counts"].clone();
+    assert_eq!(counts["nodes"], after.nodes.len());
+    assert_eq!(counts["edges"], after.edges.len());
+    let closures = after
+        .edges
+        .iter()
+        .filter(|edge| edge["kind"] == "loop_closure");
+    assert_eq!(counts["loop_closures"], closures.count());
+    let batch = client.batch("line", "lap-2-000").await;
+    assert_eq!(
+        (&batch["status"], &batch["reason"], &batch["nodes_added"]),
+        (&json!("removed"), &json!("its lidar was loose"), &json!(0))
+    );
+
+    let never = driven(&drives, Some("lap-2")).await;
+    let expected = State::of(&never.client, "line").await;
+    let (own, others) = (after.poses(), expected.poses());
+    assert!(own.len() > 100);
+    for (key, pose) in &own {
+        // Which of its scans become keyframes depends a little on the map.
+        let Some(other) = others.get(key) else {
+            continue;
+        };
+        let apart_m = (pose.translation() - other.translation()).norm();
+        let apart_rad = wrap_angle(pose.theta - other.theta).abs();
+        assert!(
+            apart_m < 1e-3 && apart_rad < 1e-3,
+            "{key:?}: {apart_m} m, {apart_rad} rad"
+        );
+    }
+    assert_eq!(alerts(client).await, alerts(&never.client).await);
+    never.stop().await;
+
+    // The trip may be sent again, and another removal finds nothing of the old one.
+    let again = client
+        .remove("line", json!({"batches": ["lap-2-000"]}))
+        .await;
+    assert_eq!(again["result"]["batches"], 0, "{again}");
+    for batch in drives[2].batches(24) {
+        let renamed = batch.named(&format!("{}-again", batch.id));
+        client.put("line", &renamed).await;
+        let told = ended(client, &renamed.id).await;
+        assert_eq!(told["status"], "merged", "{told}");
+    }
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_first_trip_can_go_and_the_map_lives_on() {
+    let drives = laps();
+    let service = driven(&drives, None).await;
+    let client = &service.client;
+    let before = State::of(client, "line").await.poses();
+    let done = client
+        .remove("line", json!({"trips": ["lap-0"], "erase": true}))
+        .await;
+    assert_eq!(done["status"], "succeeded", "{done}");
+    let after = State::of(client, "line").await;
+    for (key, pose) in after.poses() {
+        let moved_m = (pose.translation() - before[&key].translation()).norm();
+        assert!(moved_m < 0.05, "{key:?} moved by {moved_m} m");
+    }
+    assert!(after.nodes.iter().any(|node| node["reference"] == true));
+    let lap = Drive::through(&HALL, &first_vehicle(), ("agv-03", "after"), 96, 9);
+    client
+        .put_all("line", &lap.without_pose().batches(24))
+        .await;
+    let told = client.settled("line", true).await;
+    let last = told.last().unwrap();
+    assert_eq!(last["status"], "merged", "{last}");
+    assert!(last["loop_closures"].as_i64().unwrap() > 5, "{last}");
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stranger_who_took_a_trips_name_is_removed_and_the_trip_tried_again() {
+    let service = Running::start().await;
+    let client = &service.client;
+    client.put_route("line", Value::Null).await;
+    let [honest, _] = two_vehicles(36);
+    let batches = honest.batches(12);
+    let theft = batches[0].with("theft", json!({"vehicle_id": "stranger"}));
+    client.put("line", &theft).await;
+    client.put_all("line", &batches).await;
+    for batch in &batches {
+        assert_eq!(ended(client, &batch.id).await["status"], "quarantined");
+    }
+    let (status, problem) = client.retry("line", &batches[0].id).await;
+    assert_eq!(
+        (status, problem["type"].as_str()),
+        (409, Some("/problems/retry-refused"))
+    );
+    assert!(
+        problem["detail"]
+            .as_str()
+            .unwrap()
+            .contains("remove that trip first")
+    );
+
+    let asked = json!({"vehicle_id": "stranger", "since": "2020-01-01T00:00:00Z"});
+    let done = client.remove("line", asked).await;
+    assert_eq!(done["result"]["batches"], 1, "{done}");
+    for batch in &batches {
+        let (status, told) = client.retry("line", &batch.id).await;
+        assert_eq!(status, 202, "{told}");
+        assert_eq!(ended(client, &batch.id).await["status"], "merged");
+    }
+    let (status, problem) = client.retry("line", &batches[0].id).await;
+    assert_eq!(status, 409, "{problem}");
+    assert_eq!(client.retry("line", "none").await.0, 404);
+    let state = State::of(client, "line").await;
+    assert!(
+        state
+            .nodes
+            .iter()
+            .all(|node| node["vehicle_id"] == "agv-01")
+    );
+    assert!(pose_of(&state.nodes[0]["pose"]).is_finite());
+    service.stop().await;
+}
