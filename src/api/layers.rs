@@ -67,15 +67,15 @@ pub(super) async fn refuse_while_draining(
     next.run(request).await
 }
 
-/// Refuses addresses that nobody needs. A head as a whole is bounded by the listener.
+/// Refuses addresses that are longer than anybody needs; the listener bounds a head as a whole.
 pub(super) async fn limit_uri(request: Request, next: Next) -> Response {
     let path = request.uri().path_and_query();
-    if path.is_some_and(|path| path.as_str().len() > URI_LENGTH_MAX) {
-        let detail = format!("path and query have at most {URI_LENGTH_MAX} bytes");
-        let problem = Problem::new(ProblemKind::UriTooLong, detail);
-        return problem.closing().into_response();
+    if path.is_none_or(|path| path.as_str().len() <= URI_LENGTH_MAX) {
+        return next.run(request).await;
     }
-    next.run(request).await
+    let detail = format!("path and query have at most {URI_LENGTH_MAX} bytes");
+    let problem = Problem::new(ProblemKind::UriTooLong, detail);
+    problem.closing().into_response()
 }
 
 /// Ends an answer that takes too long to begin. The time of a request's body is added, which has

@@ -24,9 +24,11 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// Connections that wait in the kernel to be accepted.
 const BACKLOG: u32 = 1_024;
 /// What the kernel keeps of an answer that is not taken, and what hyper keeps of requests and answers
-/// beside the piece that it is writing. A head must fit into the latter.
+/// beside the piece that it is writing.
 const SEND_BUFFER_BYTES: u32 = 256 << 10;
 const BUFFER_BYTES: usize = 64 << 10;
+/// Of a request's line and headers.
+const HEAD_BYTES_MAX: usize = 32 << 10;
 /// How long, and for how many bytes, a closed connection is read to its end.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 16 << 20;
@@ -139,6 +141,7 @@ impl Connections {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new())
             .header_read_timeout(self.limits.header_timeout)
+            .max_header_size(HEAD_BYTES_MAX)
             .max_buf_size(BUFFER_BYTES);
         let pace = self.limits.answer_pace;
         async move {

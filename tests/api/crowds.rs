@@ -93,6 +93,7 @@ async fn one_address_does_not_announce_all_bytes() {
     let refused = service.send(upload()).await;
     assert_over_share(&refused, "\"upload-bytes\";q=10000;qu=\"content-bytes\"");
     assert_eq!(ask_from_elsewhere(&service, &upload()).await.status, 202);
+    drop(holding);
     service.stop().await;
 }
 

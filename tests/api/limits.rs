@@ -180,7 +180,7 @@ async fn many_uploads_at_once_are_each_answered() {
     let answers = futures::future::join_all(uploads).await;
     let stored = answers.iter().filter(|a| a.status == 202).count();
     for answer in answers.iter().filter(|a| a.status != 202) {
-        assert_eq!(answer.status, 503);
+        assert!([429, 503].contains(&answer.status), "{}", answer.status);
         assert!(answer.header("retry-after").is_some());
     }
     let route = service.get("/v1/routes/line-4").await.json();
