@@ -172,7 +172,12 @@ impl Connections {
             let (stream, how) = socket.into_parts();
             match how {
                 End::Ordinary => linger(stream).await,
-                End::Refusal(status) => end_with(stream, Problem::from_status(status)).await,
+                End::Refusal(status) => {
+                    let status_text = status.as_u16().to_string();
+                    metrics::counter!("mapshift_http_requests_total", "method" => "other", "path" => "unmatched", "status" => status_text)
+                        .increment(1);
+                    end_with(stream, Problem::from_status(status)).await;
+                }
                 // What the kernel still holds for it is thrown away.
                 End::Stalled => drop(stream.set_zero_linger()),
             }
