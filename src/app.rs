@@ -2,13 +2,16 @@
 //!
 //! Knows nothing of what they do. Begin with [`start`].
 
+mod activity;
+mod answering;
 mod connections;
+mod places;
+mod socket;
 
 use std::net::SocketAddr;
 use std::time::Duration;
 
 use anyhow::Context;
-use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
@@ -47,8 +50,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let store = Store::open(options)
         .await
         .with_context(|| format!("cannot open the store in {}", config.data_dir.display()))?;
-    let listener = TcpListener::bind(config.listen)
-        .await
+    let listener = connections::listen(config.listen)
         .with_context(|| format!("cannot listen on {}", config.listen))?;
     let local_addr = listener.local_addr()?;
     let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());

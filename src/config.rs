@@ -27,6 +27,11 @@ pub struct ServiceArgs {
     /// Delete uploaded bodies so many days after they were merged; kept for ever if left out.
     #[arg(long, env = "MAPSHIFT_KEEP_BODIES_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub keep_bodies_days: Option<u32>,
+    /// How much of the connections, uploads, reads and streams one client address may hold, per cent.
+    /// The address is that of the socket, whatever X-Forwarded-For says: behind a proxy, or where all
+    /// gateways come through one NAT, say 100 and have the proxy limit its clients.
+    #[arg(long, env = "MAPSHIFT_ADDRESS_SHARE", default_value_t = 50, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub address_share: u8,
     /// Form of the log on standard error.
     #[arg(long, env = "MAPSHIFT_LOG_FORMAT", default_value = "text")]
     pub log_format: LogFormat,
@@ -89,7 +94,10 @@ impl ServiceArgs {
         Ok(AppConfig {
             listen: self.listen,
             data_dir: self.data.clone(),
-            limits: Limits::default(),
+            limits: Limits {
+                address_share_percent: self.address_share,
+                ..Limits::default()
+            },
             pipeline: self.pipeline_options(),
             delivery: self.delivery_options(),
         })
@@ -134,6 +142,7 @@ mod tests {
             data: "data".into(),
             map_memory_mb: 64,
             keep_bodies_days: Some(2),
+            address_share: 25,
             log_format: LogFormat::Text,
             log: "info".into(),
             insecure_open_to_network,
@@ -148,6 +157,12 @@ mod tests {
         assert_eq!(policy(&args), ReceiverPolicy::Public);
         args.webhooks_to_private_networks = true;
         assert_eq!(policy(&args), ReceiverPolicy::PrivateToo);
+    }
+
+    #[test]
+    fn the_share_of_an_address_is_a_setting() {
+        let limits = args("127.0.0.1:0", false).app_config().unwrap().limits;
+        assert_eq!(limits.share(limits.connections), 256);
     }
 
     #[test]

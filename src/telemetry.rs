@@ -72,8 +72,28 @@ fn install() -> anyhow::Result<PrometheusHandle> {
         metrics::Unit::Seconds,
         "Time to call a webhook"
     );
+    describe_limits();
     describe_what_is_kept();
     Ok(handle)
+}
+
+fn describe_limits() {
+    metrics::describe_counter!(
+        "mapshift_limit_refusals_total",
+        "Connections and requests refused, by limit, and by scope: the address has its share, or the service has no more"
+    );
+    metrics::describe_counter!(
+        "mapshift_connections_displaced_total",
+        "Connections without a request that were closed to make room for others"
+    );
+    metrics::describe_counter!(
+        "mapshift_slow_bodies_total",
+        "Requests whose body came too slowly"
+    );
+    metrics::describe_counter!(
+        "mapshift_stalled_clients_total",
+        "Connections cut off because their client did not take its answer"
+    );
 }
 
 fn describe_what_is_kept() {

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
@@ -288,6 +289,7 @@ impl BatchBody {
 )]
 pub(super) async fn put_batch(
     State(state): State<ApiState>,
+    client: ClientAddress,
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
     headers: HeaderMap,
@@ -310,7 +312,7 @@ pub(super) async fn put_batch(
             received_at,
         })
     };
-    take_upload(&state, route, batch, &headers, body, decode).await
+    take_upload(&state, client, (route, batch), &headers, body, decode).await
 }
 
 /// Stores an upload that is decoded so, counts it, and says what became of it.
@@ -319,13 +321,13 @@ pub(super) async fn put_batch(
 /// The [`Problem`] that the upload is refused with.
 pub(super) async fn take_upload(
     state: &ApiState,
-    route_id: RouteId,
-    id: BatchId,
+    client: ClientAddress,
+    name: (RouteId, BatchId),
     headers: &HeaderMap,
     body: Body,
     decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
-    let outcome = store_upload(state, route_id, id, headers, body, decode).await;
+    let outcome = store_upload(state, client, name, headers, body, decode).await;
     let label = match &outcome {
         Ok((Journaled::Stored, _)) => "stored",
         Ok(_) => "replayed",
@@ -350,17 +352,18 @@ pub(super) async fn take_upload(
 /// Reads an upload's body, decodes it off the request's thread, and stores it.
 async fn store_upload(
     state: &ApiState,
-    route_id: RouteId,
-    id: BatchId,
+    client: ClientAddress,
+    name: (RouteId, BatchId),
     headers: &HeaderMap,
     body: Body,
     decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<(Journaled, BatchRecord), Problem> {
+    let (route_id, id) = name;
     state
         .known_route(&route_id)
         .await
         .map_err(Problem::closing)?;
-    let upload = receive(state, headers, body).await?;
+    let upload = receive(state, client, headers, body).await?;
     let received_at = Timestamp::now();
     let body_bytes = state.limits.body_bytes;
     let (head, wire, mut places) = (upload.head, upload.wire, upload.places);

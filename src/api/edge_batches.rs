@@ -9,6 +9,7 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 
 use super::ApiState;
 use super::batches::{BatchBody, take_upload};
+use super::client_address::ClientAddress;
 use super::extract::{ApiPath, NoQuery};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::Problem;
@@ -120,6 +121,7 @@ fn name(pattern: &str) -> Object {
 )]
 pub(super) async fn put_edge_batch(
     State(state): State<ApiState>,
+    client: ClientAddress,
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
     headers: HeaderMap,
@@ -140,7 +142,7 @@ pub(super) async fn put_edge_batch(
             received_at,
         })
     };
-    take_upload(&state, route, batch, &headers, body, decode).await
+    take_upload(&state, client, (route, batch), &headers, body, decode).await
 }
 
 #[cfg(test)]

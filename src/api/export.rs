@@ -1,21 +1,11 @@
 //! Documents that are as long as a route is old: sent as they are read.
 
-use std::time::Duration;
-
 use axum::body::{Body, Bytes};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use futures::stream;
-use tokio::sync::OwnedSemaphorePermit;
 
-use super::ApiState;
-use super::problem::{Problem, ProblemKind};
 use crate::store::{Pieces, StoreError};
-
-/// Exports that may be under way.
-pub(super) const EXPORTS_MAX: usize = 4;
-/// How long a request waits for its turn.
-const WAIT_MAX: Duration = Duration::from_secs(5);
 
 /// How pieces become a document.
 pub(super) trait Document<T>: Send + 'static {
@@ -40,32 +30,11 @@ struct Sending<T, D> {
     document: D,
     /// Where the document begins.
     text: String,
-    _turn: OwnedSemaphorePermit,
-}
-
-/// Waits for a turn to send a long document.
-///
-/// # Errors
-/// A [`Problem`] if too many are under way.
-pub(super) async fn turn(state: &ApiState) -> Result<OwnedSemaphorePermit, Problem> {
-    let turn = state.exports.clone().acquire_owned();
-    match tokio::time::timeout(WAIT_MAX, turn).await {
-        Ok(turn) => turn.map_err(Problem::internal),
-        Err(_) => Err(Problem::new(
-            ProblemKind::Overloaded,
-            "too many exports are under way; ask again later",
-        )),
-    }
 }
 
 /// Sends a document piece by piece, beginning with `first`. If the store fails on the way the
 /// connection is cut, so that the document does not look complete.
-pub(super) fn send<T, D>(
-    turn: OwnedSemaphorePermit,
-    first: Option<T>,
-    pieces: Pieces<T>,
-    mut document: D,
-) -> Response
+pub(super) fn send<T, D>(first: Option<T>, pieces: Pieces<T>, mut document: D) -> Response
 where
     T: Send + 'static,
     D: Document<T>,
@@ -77,7 +46,6 @@ where
         pieces,
         document,
         text,
-        _turn: turn,
     };
     let body = stream::try_unfold(Some(sending), next_part);
     let media_type = [(header::CONTENT_TYPE, D::MEDIA_TYPE)];

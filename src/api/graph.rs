@@ -100,12 +100,11 @@ pub(super) async fn get_graph(
 ) -> Result<Response, Problem> {
     let within: Option<BoundingBox> = query.bbox.as_deref().map(str::parse).transpose()?;
     let route = state.known_route(&route_id).await?;
-    let turn = export::turn(&state).await?;
     let within = within.map(Within::from);
     let mut pieces = state.store.export_graph(&route_id, within).await?;
     let first = pieces.next().await?;
     let document = GraphJson::new(route.map_version).map_err(Problem::internal)?;
-    Ok(export::send(turn, first, pieces, document))
+    Ok(export::send(first, pieces, document))
 }
 
 /// Read a route's pose graph as g2o text.
@@ -122,10 +121,9 @@ pub(super) async fn get_graph_g2o(
     _: NoQuery,
 ) -> Result<Response, Problem> {
     state.known_route(&route_id).await?;
-    let turn = export::turn(&state).await?;
     let mut pieces = state.store.export_graph(&route_id, None).await?;
     let first = pieces.next().await?;
-    Ok(export::send(turn, first, pieces, GraphG2o))
+    Ok(export::send(first, pieces, GraphG2o))
 }
 
 /// [`GraphBody`], its nodes and edges as they come.

@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::time::Instant;
 
+use axum::body::HttpBody;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 use axum::middleware::Next;
@@ -15,6 +16,8 @@ use super::problem::{Problem, ProblemKind};
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const REQUEST_ID_LENGTH_MAX: usize = 128;
+/// As long as the longest query that makes sense, many times over.
+const URI_LENGTH_MAX: usize = 8 << 10;
 
 /// The outermost layer: gives the request its id and span, writes problems, counts.
 pub(super) async fn observe(request: Request, next: Next) -> Response {
@@ -64,13 +67,30 @@ pub(super) async fn refuse_while_draining(
     next.run(request).await
 }
 
-/// Ends an answer that takes too long.
+/// Refuses addresses that are longer than anybody needs; the listener bounds a head as a whole.
+pub(super) async fn limit_uri(request: Request, next: Next) -> Response {
+    let path = request.uri().path_and_query();
+    if path.is_none_or(|path| path.as_str().len() <= URI_LENGTH_MAX) {
+        return next.run(request).await;
+    }
+    let detail = format!("path and query have at most {URI_LENGTH_MAX} bytes");
+    let problem = Problem::new(ProblemKind::UriTooLong, detail);
+    problem.closing().into_response()
+}
+
+/// Ends an answer that takes too long to begin. The time of a request's body is added, which has
+/// bounds of its own.
 pub(super) async fn limit_time(
     State(state): State<ApiState>,
     request: Request,
     next: Next,
 ) -> Response {
-    match tokio::time::timeout(state.limits.answer_timeout, next.run(request)).await {
+    let limits = &state.limits;
+    let time_max = match request.body().is_end_stream() {
+        true => limits.answer_timeout,
+        false => limits.answer_timeout + limits.body_pace.total,
+    };
+    match tokio::time::timeout(time_max, next.run(request)).await {
         Ok(response) => response,
         Err(_) => {
             let detail = "the answer took too long; send the same again later";

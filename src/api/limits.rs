@@ -1,22 +1,40 @@
 //! How much of everything the service takes on.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The service's limits. The defaults are for production; tests shorten the times.
 #[derive(Debug, Clone)]
 pub struct Limits {
-    /// Connections open at once; more wait in the kernel's queue.
+    /// Connections open at once. Those that wait for a request make room for new ones.
     pub connections: usize,
+    /// How much of the connections, uploads, bytes of uploads, reads and streams one client
+    /// address may hold, per cent. The address is that of the socket: behind a proxy it is the
+    /// proxy's, whatever a header says.
+    pub address_share_percent: u8,
     /// Time for a request's head, and for the next request of an idle connection.
     pub header_timeout: Duration,
-    /// Time for a request's body.
-    pub body_timeout: Duration,
-    /// Time for an answer as a whole.
+    /// How slowly a request's body may come.
+    pub body_pace: Pace,
+    /// How slowly an answer may be taken while there is something to take.
+    pub answer_pace: Pace,
+    /// Time until an answer begins, the request's body aside.
     pub answer_timeout: Duration,
+    /// Time that a read waits for its turn.
+    pub turn_timeout: Duration,
+    /// Time after which a stream of events ends, for the client to come back.
+    pub stream_time: Duration,
     /// Time for the requests under way when the service is told to stop.
     pub drain_timeout: Duration,
     /// Uploads under way at once.
     pub uploads: usize,
+    /// Short reads: worked on at once, and not yet sent to the end.
+    pub short_reads: Reads,
+    /// Reads of pictures, series and evidence.
+    pub heavy_reads: Reads,
+    /// Reads of whole graphs and trajectories, each with a connection of its own to the database.
+    pub exports: Reads,
+    /// Streams of events open at once; they hold their connections.
+    pub streams: usize,
     /// Uploads decoded at once.
     pub decoders: usize,
     /// Bytes of an upload as it is sent.
@@ -31,15 +49,79 @@ pub struct Limits {
     pub small_body_bytes: usize,
 }
 
+/// How slowly bytes may move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pace {
+    /// Time in which none need to move.
+    pub grace: Duration,
+    /// Least bytes a second from then on, on average since the beginning.
+    pub bytes_per_s: u32,
+    /// Time for all of them.
+    pub total: Duration,
+}
+
+impl Pace {
+    /// When a transfer that has moved so many bytes counts as too slow.
+    pub fn deadline(&self, begun: Instant, bytes: u64) -> Instant {
+        let earned_ms = bytes.saturating_mul(1_000) / u64::from(self.bytes_per_s.max(1));
+        let earned = Duration::from_millis(earned_ms);
+        begun + self.grace.saturating_add(earned).min(self.total)
+    }
+}
+
+/// How many reads of a kind are taken on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reads {
+    /// Worked on at once.
+    pub at_once: usize,
+    /// Waiting, worked on, or not yet sent to the end: their answers are in memory.
+    pub under_way: usize,
+}
+
+impl Limits {
+    /// What one client address may hold of so much.
+    pub fn share(&self, whole: usize) -> usize {
+        (whole * usize::from(self.address_share_percent) / 100).max(1)
+    }
+}
+
 impl Default for Limits {
     fn default() -> Self {
         Self {
             connections: 1_024,
+            address_share_percent: 50,
             header_timeout: Duration::from_secs(5),
-            body_timeout: Duration::from_secs(30),
+            // Half of what a gateway on a bad radio link manages.
+            body_pace: Pace {
+                grace: Duration::from_secs(5),
+                bytes_per_s: 1_000,
+                total: Duration::from_secs(300),
+            },
+            answer_pace: Pace {
+                grace: Duration::from_secs(20),
+                bytes_per_s: 1_000,
+                total: Duration::from_secs(600),
+            },
             answer_timeout: Duration::from_secs(60),
+            turn_timeout: Duration::from_secs(5),
+            stream_time: Duration::from_secs(1_800),
             drain_timeout: Duration::from_secs(10),
-            uploads: 32,
+            uploads: 64,
+            short_reads: Reads {
+                at_once: 8,
+                under_way: 128,
+            },
+            // The store has three connections for reads: one of them stays free for uploads and
+            // short reads.
+            heavy_reads: Reads {
+                at_once: 2,
+                under_way: 16,
+            },
+            exports: Reads {
+                at_once: 4,
+                under_way: 8,
+            },
+            streams: 128,
             decoders: 2,
             wire_bytes: 16 << 20,
             body_bytes: 64 << 20,
@@ -47,5 +129,39 @@ impl Default for Limits {
             body_bytes_total: 128 << 20,
             small_body_bytes: 64 << 10,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slow_gateway_keeps_ahead_of_the_deadline_and_a_trickle_does_not() {
+        let pace = Limits::default().body_pace;
+        let begun = Instant::now();
+        let after = |seconds: u64| begun + Duration::from_secs(seconds);
+        for seconds in [1, 10, 60, 200] {
+            let honest = pace.deadline(begun, 2_000 * seconds);
+            assert!(honest > after(seconds), "{seconds} s");
+        }
+        assert!(pace.deadline(begun, 0) == after(5));
+        assert!(pace.deadline(begun, 100 * 6) < after(6));
+    }
+
+    #[test]
+    fn no_transfer_takes_longer_than_all_of_it_may() {
+        let pace = Limits::default().body_pace;
+        let begun = Instant::now();
+        assert_eq!(pace.deadline(begun, u64::MAX), begun + pace.total);
+    }
+
+    #[test]
+    fn a_share_is_never_nothing() {
+        let limits = Limits {
+            address_share_percent: 1,
+            ..Limits::default()
+        };
+        assert_eq!((limits.share(1_000), limits.share(3)), (10, 1));
     }
 }

@@ -6,6 +6,7 @@
 
 mod alerts;
 mod batches;
+mod client_address;
 mod documents;
 mod edge_batches;
 mod edges;
@@ -25,10 +26,14 @@ mod paging;
 mod parameters;
 pub mod problem;
 mod problem_responses;
+mod quota;
+mod raw_answer;
+mod reading;
 mod removals;
 mod residuals;
 mod retries;
 mod routes;
+mod shares;
 mod state;
 mod subgraphs;
 mod trajectories;
@@ -48,12 +53,18 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 pub use alerts::alert_text;
-pub use limits::Limits;
+pub use client_address::ClientAddress;
+pub use limits::{Limits, Pace, Reads};
+pub use quota::Quota;
+pub use raw_answer::raw_answer;
+pub use reading::Held;
 pub use state::ApiState;
 
-/// All operations, with their documentation.
-fn operations() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::with_openapi(openapi::Document::openapi())
+use reading::Weight;
+
+/// Operations that read a few rows, or write.
+fn short_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
         .routes(routes!(routes::list_routes))
         .routes(routes!(
             routes::put_route,
@@ -66,32 +77,15 @@ fn operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(edge_batches::put_edge_batch))
         .routes(routes!(removals::post_removal))
         .routes(routes!(removals::get_operation))
-        .routes(routes!(graph::get_graph))
-        .routes(routes!(graph::get_graph_g2o))
         .routes(routes!(nodes::list_nodes))
         .routes(routes!(nodes::get_node))
         .routes(routes!(nodes::get_node_scan))
         .routes(routes!(edges::list_edges))
         .routes(routes!(edges::get_edge))
-        .routes(routes!(trajectories::get_trajectory))
-        .routes(routes!(trajectories::get_trajectory_tum))
-        .routes(routes!(subgraphs::list_subgraphs))
-        .routes(routes!(vehicles::list_vehicles))
-        .routes(routes!(vehicles::get_vehicle))
-        .routes(routes!(residuals::get_residuals))
-        .routes(routes!(maps::get_map_png))
-        .routes(routes!(maps::get_map_pgm))
-        .routes(routes!(maps::get_map_yaml))
         .routes(routes!(versions::list_versions))
-        .routes(routes!(version_maps::get_version_png))
-        .routes(routes!(version_maps::get_version_pgm))
-        .routes(routes!(version_maps::get_version_yaml))
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
-        .routes(routes!(alerts::stream_alerts))
         .routes(routes!(alerts::get_alert))
-        .routes(routes!(alerts::get_evidence))
-        .routes(routes!(alerts::get_evidence_svg))
         .routes(routes!(alerts::acknowledge_alert))
         .routes(routes!(alerts::accept_alert))
         .routes(routes!(alerts::dismiss_alert))
@@ -105,9 +99,51 @@ fn operations() -> OpenApiRouter<ApiState> {
         ))
         .routes(routes!(webhooks::test_webhook))
         .routes(routes!(webhooks::list_deliveries))
+}
+
+/// Operations that draw, or compute from much that is stored.
+fn heavy_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
+        .routes(routes!(subgraphs::list_subgraphs))
+        .routes(routes!(vehicles::list_vehicles))
+        .routes(routes!(vehicles::get_vehicle))
+        .routes(routes!(residuals::get_residuals))
+        .routes(routes!(maps::get_map_png))
+        .routes(routes!(maps::get_map_pgm))
+        .routes(routes!(maps::get_map_yaml))
+        .routes(routes!(version_maps::get_version_png))
+        .routes(routes!(version_maps::get_version_pgm))
+        .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::get_evidence))
+        .routes(routes!(alerts::get_evidence_svg))
+}
+
+/// Operations whose answer is as long as a route is old.
+fn export_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
+        .routes(routes!(graph::get_graph))
+        .routes(routes!(graph::get_graph_g2o))
+        .routes(routes!(trajectories::get_trajectory))
+        .routes(routes!(trajectories::get_trajectory_tum))
+}
+
+/// Operations that wait for no other: health, and streams, which are counted on their own.
+fn unlimited_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::with_openapi(openapi::Document::openapi())
+        .routes(routes!(alerts::stream_alerts))
         .routes(routes!(operations::livez))
         .routes(routes!(operations::readyz))
         .routes(routes!(operations::metrics))
+}
+
+/// All operations, with their documentation; reads of a weight go through what surrounds it.
+fn operations(
+    surround: impl Fn(OpenApiRouter<ApiState>, Weight) -> OpenApiRouter<ApiState>,
+) -> OpenApiRouter<ApiState> {
+    unlimited_operations()
+        .merge(surround(short_operations(), Weight::Short))
+        .merge(surround(heavy_operations(), Weight::Heavy))
+        .merge(surround(export_operations(), Weight::Export))
 }
 
 /// The OpenAPI document.
@@ -115,7 +151,7 @@ fn operations() -> OpenApiRouter<ApiState> {
 /// # Errors
 /// If it does not serialise.
 pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
-    openapi::complete(operations().get_openapi())
+    openapi::complete(operations(|router, _| router).get_openapi())
 }
 
 /// The service's router, with everything that surrounds its handlers.
@@ -124,13 +160,17 @@ pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
 /// If the OpenAPI document, or the words of the page, do not serialise.
 pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
     let document = serde_json::to_vec(&openapi_document()?)?;
-    let (router, _) = operations().split_for_parts();
+    let limited = |router: OpenApiRouter<ApiState>, weight| {
+        router.route_layer(from_fn_with_state((state.clone(), weight), reading::limit))
+    };
+    let (router, _) = operations(limited).split_for_parts();
     Ok(router
         .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
+        .layer(from_fn(layers::limit_uri))
         .layer(from_fn_with_state(
             state.clone(),
             layers::refuse_while_draining,

@@ -63,6 +63,7 @@ problem_kinds! {
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
     PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
     TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
+    UriTooLong = URI_TOO_LONG, "uri-too-long", "The address of the request is too long";
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";
     UnsupportedEncoding = UNSUPPORTED_MEDIA_TYPE, "unsupported-encoding", "The body is encoded in a way that is not taken";
     ScanGeometry = UNPROCESSABLE_ENTITY, "scan-geometry", "The scans fit no lidar";
@@ -70,6 +71,8 @@ problem_kinds! {
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
     WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
+    TooManyRequests = TOO_MANY_REQUESTS, "too-many-requests", "This address has its share under way";
+    HeadersTooLarge = REQUEST_HEADER_FIELDS_TOO_LARGE, "headers-too-large", "The request's headers are too large";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
     Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
     ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";
@@ -150,8 +153,13 @@ impl Problem {
     }
 
     /// Adds a header to the response.
-    pub fn header(mut self, name: header::HeaderName, value: &'static str) -> Self {
-        self.headers.push((name, HeaderValue::from_static(value)));
+    pub fn header(self, name: header::HeaderName, value: &'static str) -> Self {
+        self.with_value(name, HeaderValue::from_static(value))
+    }
+
+    /// Adds a header whose value was made.
+    pub(super) fn with_value(mut self, name: header::HeaderName, value: HeaderValue) -> Self {
+        self.headers.push((name, value));
         self
     }
 
@@ -192,12 +200,14 @@ impl Problem {
     }
 
     /// What a plain response of a library means.
-    pub(super) fn from_status(status: StatusCode) -> Self {
+    pub fn from_status(status: StatusCode) -> Self {
         let kind = match status {
             StatusCode::NOT_FOUND => ProblemKind::NotFound,
             StatusCode::METHOD_NOT_ALLOWED => ProblemKind::MethodNotAllowed,
             StatusCode::REQUEST_TIMEOUT => ProblemKind::BodyTimeout,
             StatusCode::PAYLOAD_TOO_LARGE => ProblemKind::TooLarge,
+            StatusCode::URI_TOO_LONG => ProblemKind::UriTooLong,
+            StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => ProblemKind::HeadersTooLarge,
             StatusCode::UNSUPPORTED_MEDIA_TYPE => ProblemKind::UnsupportedMediaType,
             status if status.is_client_error() => ProblemKind::BadRequest,
             _ => ProblemKind::Internal,
@@ -227,10 +237,14 @@ impl Problem {
         }
     }
 
-    fn retry_after(mut self, seconds: u32) -> Self {
-        let value = HeaderValue::from(seconds);
-        self.headers.push((header::RETRY_AFTER, value));
-        self
+    /// Says when to ask again.
+    pub(super) fn retry_after(self, seconds: u32) -> Self {
+        self.with_value(header::RETRY_AFTER, HeaderValue::from(seconds))
+    }
+
+    /// What the response has beside its body.
+    pub(super) fn headers(&self) -> &[(header::HeaderName, HeaderValue)] {
+        &self.headers
     }
 }
 

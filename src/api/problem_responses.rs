@@ -13,6 +13,10 @@ use super::problem::{ProblemKind, ProblemKind as K};
 /// What every operation can end in.
 const ANY: &[ProblemKind] = &[
     K::InvalidParameter,
+    K::BadRequest,
+    K::UriTooLong,
+    K::TooManyRequests,
+    K::HeadersTooLarge,
     K::Internal,
     K::Overloaded,
     K::ShuttingDown,
@@ -35,6 +39,20 @@ const UPLOAD: &[ProblemKind] = &[
     K::DigestMismatch,
     K::BatchIdReused,
 ];
+
+/// What a response that can be tried again says, and how it is described.
+const RETRY_AFTER: (&str, &str) = (
+    "Retry-After",
+    "Seconds to wait before the same request is sent again",
+);
+const RATE_LIMIT_POLICY: (&str, &str) = (
+    "RateLimit-Policy",
+    "What one client address may have under way, as draft-ietf-httpapi-ratelimit-headers-10 writes it: `\"uploads\";q=32;qu=\"concurrent-requests\"`",
+);
+const RATE_LIMIT: (&str, &str) = (
+    "RateLimit",
+    "What is left of it, and after how many seconds it is worth asking again: `\"uploads\";r=0;t=2`",
+);
 
 macro_rules! problem_responses {
     ($($(#[$doc:meta])* $name:ident = $set:expr $(, with $also:ident)*;)+) => { $(
@@ -128,13 +146,16 @@ fn response(status: u16, kinds: &[ProblemKind]) -> Response {
     let response = ResponseBuilder::new()
         .description(description.join(". "))
         .content("application/problem+json", problem.build());
-    if ![503, 507].contains(&status) {
-        return response.build();
-    }
-    let retry_after = HeaderBuilder::new()
-        .description(Some(
-            "Seconds to wait before the same request is sent again",
-        ))
-        .schema(Some(ObjectBuilder::new().schema_type(Type::String)));
-    response.header("Retry-After", retry_after.build()).build()
+    let headers: &[(&str, &str)] = match status {
+        503 | 507 => &[RETRY_AFTER],
+        429 => &[RETRY_AFTER, RATE_LIMIT_POLICY, RATE_LIMIT],
+        _ => &[],
+    };
+    let with_header = |response: ResponseBuilder, (name, description): &(&str, &str)| {
+        let header = HeaderBuilder::new()
+            .description(Some(*description))
+            .schema(Some(ObjectBuilder::new().schema_type(Type::String)));
+        response.header(*name, header.build())
+    };
+    headers.iter().fold(response, with_header).build()
 }

@@ -7,11 +7,11 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::Limits;
-use super::alerts::STREAMS_MAX;
-use super::export::EXPORTS_MAX;
 use super::maps::MapCache;
 use super::offload::Offload;
-use super::problem::{Problem, ProblemKind};
+use super::problem::Problem;
+use super::reading::Gate;
+use super::shares::Shares;
 use crate::ids::RouteId;
 use crate::pipeline::{Decisions, Removals};
 use crate::store::{RouteRecord, Store};
@@ -38,19 +38,23 @@ pub struct Shared {
     /// Where webhooks may lead.
     pub receivers: ReceiverPolicy,
     /// Uploads that may be under way.
-    pub(super) upload_slots: Arc<Semaphore>,
-    /// Kibibytes of uploads as they are sent.
-    pub(super) wire_budget: Arc<Semaphore>,
+    pub(super) upload_slots: Shares,
+    /// Bytes of uploads as they are sent.
+    pub(super) wire_budget: Shares,
     /// Kibibytes of decompressed uploads.
     pub(super) body_budget: Arc<Semaphore>,
     /// Where uploads are decoded.
     pub(super) decoding: Offload,
     /// Where pictures and large documents are made.
     pub(super) rendering: Offload,
-    /// Long documents that may be under way.
-    pub(super) exports: Arc<Semaphore>,
+    /// Reads of a few rows.
+    pub(super) short_reads: Gate,
+    /// Reads of pictures, series and evidence.
+    pub(super) heavy_reads: Gate,
+    /// Reads of whole graphs and trajectories.
+    pub(super) exports: Gate,
     /// Streams of alerts that may be open.
-    pub(super) streams: Arc<Semaphore>,
+    pub(super) streams: Shares,
     /// Pictures of maps.
     pub(super) maps: MapCache,
 }
@@ -66,14 +70,20 @@ impl ApiState {
         removals: Removals,
         receivers: ReceiverPolicy,
     ) -> Self {
+        let requests = |name, whole| Shares::of_requests(name, whole, limits.share(whole));
+        let wire_bytes = limits.wire_bytes_total;
+        // The largest upload fits into every share.
+        let wire_share = limits.share(wire_bytes).max(limits.wire_bytes);
         Self(Arc::new(Shared {
-            upload_slots: Arc::new(Semaphore::new(limits.uploads)),
-            wire_budget: Arc::new(Semaphore::new(limits.wire_bytes_total >> 10)),
+            upload_slots: requests("uploads", limits.uploads),
+            wire_budget: Shares::of_bytes("upload-bytes", wire_bytes, wire_share),
             body_budget: Arc::new(Semaphore::new(limits.body_bytes_total >> 10)),
             decoding: Offload::new(limits.decoders),
             rendering: Offload::new(2),
-            exports: Arc::new(Semaphore::new(EXPORTS_MAX)),
-            streams: Arc::new(Semaphore::new(STREAMS_MAX)),
+            short_reads: Gate::new("short-reads", limits.short_reads, &limits),
+            heavy_reads: Gate::new("heavy-reads", limits.heavy_reads, &limits),
+            exports: Gate::new("exports", limits.exports, &limits),
+            streams: requests("streams", limits.streams),
             maps: MapCache::default(),
             store,
             limits,
@@ -89,14 +99,6 @@ impl ApiState {
     pub(super) async fn known_route(&self, id: &RouteId) -> Result<RouteRecord, Problem> {
         let route = self.store.route(id).await?;
         route.ok_or_else(Problem::unknown_route)
-    }
-
-    /// The problem of a service that has no capacity left.
-    pub(super) fn overloaded(&self) -> Problem {
-        Problem::new(
-            ProblemKind::Overloaded,
-            "too many uploads are under way; send the same again later",
-        )
     }
 }
 

@@ -6,7 +6,6 @@ use axum::extract::State;
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use tokio::sync::OwnedSemaphorePermit;
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
@@ -98,7 +97,7 @@ pub(super) async fn get_trajectory(
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<Response, Problem> {
-    let (turn, first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
+    let (first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
     let corrections = state.store.trip_corrections(&route_id, &trip_id).await?;
     let corrections = corrections.unwrap_or_default();
     let corrections = corrections.applied().iter().map(correction_body);
@@ -108,7 +107,7 @@ pub(super) async fn get_trajectory(
         poses: Vec::new(),
     });
     let document = document.map_err(Problem::internal)?;
-    Ok(export::send(turn, Some(first), pieces, document))
+    Ok(export::send(Some(first), pieces, document))
 }
 
 fn correction_body(applied: &AppliedCorrection) -> TripCorrectionBody {
@@ -134,27 +133,26 @@ pub(super) async fn get_trajectory_tum(
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<Response, Problem> {
-    let (turn, first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
-    Ok(export::send(turn, Some(first), pieces, TrajectoryTum))
+    let (first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
+    Ok(export::send(Some(first), pieces, TrajectoryTum))
 }
 
 type Poses = Vec<TrajectoryPose>;
 
-/// The poses that are asked for, in the order of time: a turn to send them, the first, the rest.
+/// The poses that are asked for, in the order of time: the first piece, the rest.
 async fn poses(
     state: &ApiState,
     route_id: &RouteId,
     trip_id: &TripId,
     query: &TrajectoryQuery,
-) -> Result<(OwnedSemaphorePermit, Poses, Pieces<Poses>), Problem> {
+) -> Result<(Poses, Pieces<Poses>), Problem> {
     state.known_route(route_id).await?;
-    let turn = export::turn(state).await?;
     let all = query.poses.unwrap_or_default() == PosesName::All;
     let poses = state.store.export_trajectory(route_id, trip_id, all);
     let mut poses = poses.await?;
     let first = poses.next().await?;
     let first = first.ok_or_else(|| Problem::not_found("trip with keyframes in the map"))?;
-    Ok((turn, first, poses))
+    Ok((first, poses))
 }
 
 /// [`TrajectoryBody`], its poses as they come.

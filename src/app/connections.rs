@@ -1,5 +1,6 @@
 //! The listener: bounded connections with time limits, and their orderly end.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,34 +9,60 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use crate::api::Limits;
+use super::answering::Answering;
+use super::places::{NoPlace, Place, Places};
+use super::socket::{End, Socket};
+use crate::api::problem::{Problem, ProblemKind};
+use crate::api::{ClientAddress, Limits, Quota, raw_answer};
 
 /// Pause after the system refuses a connection, e.g. for want of file descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// Connections that wait in the kernel to be accepted.
+const BACKLOG: u32 = 1_024;
+/// What the kernel keeps of an answer that is not taken, and what hyper keeps of requests and answers
+/// beside the piece that it is writing.
+const SEND_BUFFER_BYTES: u32 = 256 << 10;
+const BUFFER_BYTES: usize = 64 << 10;
+/// Of a request's line and headers.
+const HEAD_BYTES_MAX: usize = 32 << 10;
 /// How long, and for how many bytes, a closed connection is read to its end.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 16 << 20;
+/// Connections without a place that are being told so; more are closed without a word.
+const REFUSALS_AT_ONCE: usize = 128;
 /// How long those who came while the service was draining have to read its refusal.
 const LATE_CONNECTIONS_TIMEOUT: Duration = Duration::from_millis(500);
 
+/// Listens on an address, with bounded buffers for what clients do not take.
+pub(super) fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let socket = match address {
+        SocketAddr::V4(_) => TcpSocket::new_v4()?,
+        SocketAddr::V6(_) => TcpSocket::new_v6()?,
+    };
+    socket.set_reuseaddr(true)?;
+    // Accepted connections inherit it.
+    socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
+}
+
 /// Serves one router on many connections.
 pub(super) struct Connections {
-    service: TowerToHyperService<Router>,
+    router: TowerToHyperService<Router>,
     limits: Limits,
-    places: Arc<Semaphore>,
+    places: Arc<Places>,
     draining: CancellationToken,
 }
 
 impl Connections {
     pub(super) fn new(router: Router, limits: Limits, draining: CancellationToken) -> Self {
         Self {
-            service: TowerToHyperService::new(router),
-            places: Arc::new(Semaphore::new(limits.connections)),
+            router: TowerToHyperService::new(router),
+            places: Arc::new(Places::new(&limits)),
             limits,
             draining,
         }
@@ -45,20 +72,23 @@ impl Connections {
     /// connections are answered: who comes in between is told to come back later.
     pub(super) async fn serve(self, listener: TcpListener) {
         let (mut early, mut late) = (JoinSet::new(), JoinSet::new());
+        let mut refused = JoinSet::new();
         let never = CancellationToken::new();
         loop {
             let drained = self.draining.is_cancelled();
             tokio::select! {
                 () = self.draining.cancelled(), if !drained => {}
-                stream = self.accept(&listener) => {
-                    let Some((stream, place)) = stream else { continue };
+                accepted = accept(&listener) => {
+                    let Some((stream, client)) = accepted else { continue };
                     let end = if drained { never.clone() } else { self.draining.clone() };
-                    let task = self.serve_one(stream, end);
                     let set = if drained { &mut late } else { &mut early };
-                    set.spawn(async move {
-                        task.await;
-                        drop(place);
-                    });
+                    match self.places.take(client) {
+                        Ok(place) => { set.spawn(self.serve_one(stream, client, place, end)); }
+                        Err(why) if refused.len() < REFUSALS_AT_ONCE => {
+                            refused.spawn(end_with(stream, self.no_place(why)));
+                        }
+                        Err(why) => drop(self.no_place(why)),
+                    }
                 }
                 ended = early.join_next(), if !early.is_empty() => {
                     if let Some(Err(error)) = ended {
@@ -71,46 +101,66 @@ impl Connections {
             }
             metrics::gauge!("mapshift_connections").set(early.len() as f64);
             while late.try_join_next().is_some() {}
+            while refused.try_join_next().is_some() {}
         }
         drop(listener);
         let rest = async { while late.join_next().await.is_some() {} };
         let _ = tokio::time::timeout(LATE_CONNECTIONS_TIMEOUT, rest).await;
     }
 
-    async fn accept(
-        &self,
-        listener: &TcpListener,
-    ) -> Option<(TcpStream, tokio::sync::OwnedSemaphorePermit)> {
-        let place = self.places.clone().acquire_owned().await.ok()?;
-        match listener.accept().await {
-            Ok((stream, _)) => Some((stream, place)),
-            Err(error) => {
-                tracing::warn!(%error, "a connection was not accepted");
-                tokio::time::sleep(ACCEPT_PAUSE).await;
-                None
+    /// What a connection is told that gets no place.
+    fn no_place(&self, why: NoPlace) -> Problem {
+        let (scope, problem) = match why {
+            NoPlace::OfAddress => {
+                let quota = Quota::requests("connections", self.places.per_address());
+                ("address", quota.exceeded())
             }
-        }
+            NoPlace::AtAll => {
+                let detail = "all connections are in use; connect again later";
+                ("service", Problem::new(ProblemKind::Overloaded, detail))
+            }
+        };
+        metrics::counter!("mapshift_limit_refusals_total", "limit" => "connections", "scope" => scope)
+            .increment(1);
+        problem
     }
 
     /// Serves a connection to its end; once `end` is cancelled, its current request is its last.
     fn serve_one(
         &self,
-        mut stream: TcpStream,
+        stream: TcpStream,
+        client: ClientAddress,
+        place: Place,
         end: CancellationToken,
     ) -> impl Future<Output = ()> + 'static {
-        let service = self.service.clone();
-        let header_timeout = self.limits.header_timeout;
+        let service = Answering {
+            router: self.router.clone(),
+            client,
+            activity: place.activity.clone(),
+        };
+        let mut http = http1::Builder::new();
+        http.timer(TokioTimer::new())
+            .header_read_timeout(self.limits.header_timeout)
+            .max_header_size(HEAD_BYTES_MAX)
+            .max_buf_size(BUFFER_BYTES);
+        let pace = self.limits.answer_pace;
         async move {
             let _ = stream.set_nodelay(true);
+            let mut socket = Socket::new(stream, place.activity.clone(), pace);
             {
-                let mut http = http1::Builder::new();
-                http.timer(TokioTimer::new())
-                    .header_read_timeout(header_timeout);
-                let connection = http.serve_connection(TokioIo::new(&mut stream), service);
+                let connection = http.serve_connection(TokioIo::new(&mut socket), service);
                 tokio::pin!(connection);
                 let outcome = tokio::select! {
                     outcome = connection.as_mut() => outcome,
                     () = end.cancelled() => {
+                        connection.as_mut().graceful_shutdown();
+                        connection.await
+                    }
+                    () = place.activity.unwanted.cancelled() => {
+                        if place.activity.waits_since().is_some() {
+                            return;
+                        }
+                        // Its next request has come after all: that one is its last.
                         connection.as_mut().graceful_shutdown();
                         connection.await
                     }
@@ -119,8 +169,40 @@ impl Connections {
                     tracing::debug!(%error, "a connection ended early");
                 }
             }
-            linger(stream).await;
+            let (stream, how) = socket.into_parts();
+            match how {
+                End::Ordinary => linger(stream).await,
+                End::Refusal(status) => {
+                    let status_text = status.as_u16().to_string();
+                    metrics::counter!("mapshift_http_requests_total", "method" => "other", "path" => "unmatched", "status" => status_text)
+                        .increment(1);
+                    end_with(stream, Problem::from_status(status)).await;
+                }
+                // What the kernel still holds for it is thrown away.
+                End::Stalled => drop(stream.set_zero_linger()),
+            }
         }
+    }
+}
+
+async fn accept(listener: &TcpListener) -> Option<(TcpStream, ClientAddress)> {
+    match listener.accept().await {
+        Ok((stream, peer)) => Some((stream, peer.ip().into())),
+        Err(error) => {
+            tracing::warn!(%error, "a connection was not accepted");
+            tokio::time::sleep(ACCEPT_PAUSE).await;
+            None
+        }
+    }
+}
+
+/// Tells a client of a problem that is not about one of its requests, and closes the connection.
+async fn end_with(mut stream: TcpStream, problem: Problem) {
+    let answer = raw_answer(&problem);
+    // A few hundred bytes fit into the kernel's buffer, whatever the client does.
+    let written = tokio::time::timeout(LINGER, stream.write_all(&answer)).await;
+    if matches!(written, Ok(Ok(()))) {
+        linger(stream).await;
     }
 }
 

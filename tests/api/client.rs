@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::net::{TcpSocket, TcpStream};
 
 /// What a client gave up waiting for is a failed test, not a hanging one.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -81,6 +81,24 @@ impl Connection {
         Self(TcpStream::connect(address).await.unwrap())
     }
 
+    /// Comes from another address of this machine than the other connections.
+    pub async fn open_from_elsewhere(address: SocketAddr) -> Self {
+        let socket = TcpSocket::new_v4().unwrap();
+        socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+        Self(socket.connect(address).await.unwrap())
+    }
+
+    /// Waits until the service has cut the connection, without reading.
+    pub async fn wait_until_cut_off(&mut self) {
+        let cut = async {
+            while self.0.write_all(b"\r\n").await.is_ok() {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        let outcome = tokio::time::timeout(PATIENCE, cut).await;
+        outcome.expect("the service cuts the connection");
+    }
+
     /// Sends bytes; a service that has stopped listening is no failure here, its answer counts.
     pub async fn write(&mut self, bytes: &[u8]) {
         let _ = self.0.write_all(bytes).await;
@@ -121,6 +139,16 @@ impl Connection {
         let outcome = tokio::time::timeout(PATIENCE, read).await;
         outcome.expect("the service closes the connection").unwrap();
         bytes
+    }
+
+    /// The answer to a request on a connection that stays open.
+    pub async fn next_answer(&mut self) -> Answer {
+        let head = self.wait_for("\r\n\r\n").await;
+        let mut answer = Answer::parse(head.as_bytes());
+        let length = answer.header("content-length").unwrap();
+        answer.body = vec![0; length.parse().unwrap()];
+        self.read_exact(&mut answer.body).await;
+        answer
     }
 
     pub async fn answer(&mut self) -> Answer {

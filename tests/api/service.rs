@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::api::Limits;
+use mapshift::api::{Limits, Pace};
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
@@ -44,6 +44,13 @@ impl Service {
         let directory = TempDir::new().unwrap();
         seed(&directory).await;
         Self::start_in(directory, Limits::default()).await
+    }
+
+    /// With the route `hall`, whose graph has several megabytes.
+    pub async fn start_with_long_route(limits: Limits) -> Self {
+        let directory = TempDir::new().unwrap();
+        seed_chain(&directory, 5_000).await;
+        Self::start_in(directory, limits).await
     }
 
     pub async fn start_in(directory: TempDir, limits: Limits) -> Self {
@@ -98,12 +105,37 @@ impl Service {
 pub fn short_limits() -> Limits {
     Limits {
         header_timeout: Duration::from_millis(300),
-        body_timeout: Duration::from_millis(300),
+        body_pace: Pace {
+            grace: Duration::from_millis(300),
+            ..Limits::default().body_pace
+        },
         ..Limits::default()
     }
 }
 
 async fn seed(directory: &TempDir) {
+    let intermediate = vec![intermediate(2, 0), intermediate(2, 1), intermediate(3, 0)];
+    let edges = vec![
+        edge(1, 1, 2, EdgeKind::Odometry),
+        edge(2, 2, 3, EdgeKind::Odometry),
+        edge(3, 1, 3, EdgeKind::LoopClosure),
+    ];
+    store_map(directory, (1..=3).map(node).collect(), intermediate, edges).await;
+}
+
+/// So many nodes, each with an edge to the one before it.
+async fn seed_chain(directory: &TempDir, count: i64) {
+    let nodes = (1..=count).map(node).collect();
+    let edges = (1..count).map(|id| edge(id, id, id + 1, EdgeKind::Odometry));
+    store_map(directory, nodes, Vec::new(), edges.collect()).await;
+}
+
+async fn store_map(
+    directory: &TempDir,
+    nodes: Vec<NodeWithScan>,
+    intermediate: Vec<NewIntermediate>,
+    edges: Vec<EdgeRecord>,
+) {
     let data_dir = directory.path().join("data");
     let store = Store::open(StoreOptions { data_dir }).await.unwrap();
     let now: Timestamp = "2026-11-20T07:00:00Z".parse().unwrap();
@@ -139,16 +171,12 @@ async fn seed(directory: &TempDir) {
             status: BatchStatus::Merged,
             reason: None,
             flags: Vec::new(),
-            nodes_added: 3,
+            nodes_added: nodes.len() as i64,
             loop_closures: 1,
         }],
-        nodes: (1..=3).map(node).collect(),
-        intermediate: vec![intermediate(2, 0), intermediate(2, 1), intermediate(3, 0)],
-        edges: vec![
-            edge(1, 1, 2, EdgeKind::Odometry),
-            edge(2, 2, 3, EdgeKind::Odometry),
-            edge(3, 1, 3, EdgeKind::LoopClosure),
-        ],
+        nodes,
+        intermediate,
+        edges,
         changed_nodes: Vec::new(),
         changed_edges: Vec::new(),
         alerts: Vec::new(),

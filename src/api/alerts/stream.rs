@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -11,21 +10,21 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures::stream::{self, Stream};
 use serde::Deserialize;
-use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::Instant;
 use utoipa::IntoParams;
 
 use super::body::AlertBody;
 use super::query::checked_route;
 use crate::api::ApiState;
+use crate::api::client_address::ClientAddress;
 use crate::api::extract::ApiQuery;
-use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertListProblems;
+use crate::api::shares::Share;
 use crate::ids::RouteId;
 use crate::model::AlertEventKind;
 use crate::store::{AlertEvent, StoreError};
 
-/// Streams open at once; they hold their connections.
-pub(in crate::api) const STREAMS_MAX: usize = 128;
 /// How often the store is asked for what is new.
 const POLL: Duration = Duration::from_millis(500);
 /// Events read at once.
@@ -49,16 +48,20 @@ pub(in crate::api) struct StreamQuery {
 /// `Last-Event-ID` the stream begins with what happens next; with it, after that event, so that a
 /// client that was away misses nothing. Events of an alert that follow each other quickly may
 /// carry the same state: compare `revision`.
+///
+/// A stream ends after half an hour, with the `id` to come back with, so that nobody holds one who is
+/// no longer there.
 #[utoipa::path(
     get, path = "/v1/alerts/stream", tag = "alerts",
     params(
         StreamQuery,
         ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event that was seen; 0 for all that is known"),
     ),
-    responses((status = 200, description = "Events until the client goes away", body = String, content_type = "text/event-stream"), AlertListProblems)
+    responses((status = 200, description = "Events until the client goes away, or for half an hour", body = String, content_type = "text/event-stream"), AlertListProblems)
 )]
 pub(in crate::api) async fn stream_alerts(
     State(state): State<ApiState>,
+    client: ClientAddress,
     ApiQuery(query): ApiQuery<StreamQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -70,12 +73,10 @@ pub(in crate::api) async fn stream_alerts(
         Some(after) => after,
         None => state.store.last_alert_event().await?,
     };
-    let place = Arc::clone(&state.streams).try_acquire_owned();
-    let place = place.map_err(|_| {
-        let detail = "too many streams are open; try again later";
-        Problem::new(ProblemKind::Overloaded, detail)
-    })?;
+    let place = state.streams.try_take(client, 1)?;
     let reader = Reader {
+        ends_at: Instant::now() + state.limits.stream_time,
+        ended: false,
         state,
         route,
         after,
@@ -112,7 +113,9 @@ struct Reader {
     route: Option<RouteId>,
     after: i64,
     pending: VecDeque<AlertEvent>,
-    _place: OwnedSemaphorePermit,
+    ends_at: Instant,
+    ended: bool,
+    _place: Share,
 }
 
 fn events(reader: Reader) -> impl Stream<Item = Result<Event, Infallible>> {
@@ -129,9 +132,9 @@ fn events(reader: Reader) -> impl Stream<Item = Result<Event, Infallible>> {
 }
 
 impl Reader {
-    /// Waits for the next event; `None` once the service shuts down.
+    /// Waits for the next event; `None` once the service shuts down, or the stream's time is over.
     async fn next(&mut self) -> Result<Option<Event>, StoreError> {
-        loop {
+        while !self.ended {
             while let Some(event) = self.pending.pop_front() {
                 self.after = event.sequence;
                 // Gone only if its route was deleted a moment ago.
@@ -150,8 +153,18 @@ impl Reader {
                     () = self.state.draining.cancelled() => return Ok(None),
                     () = tokio::time::sleep(POLL) => {}
                 }
+                if Instant::now() >= self.ends_at {
+                    self.ended = true;
+                    return Ok(Some(self.last()));
+                }
             }
         }
+        Ok(None)
+    }
+
+    /// No event, but the place to go on from for a client that has seen none.
+    fn last(&self) -> Event {
+        Event::default().id(self.after.to_string())
     }
 }
 

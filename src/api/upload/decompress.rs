@@ -11,6 +11,9 @@ use crate::api::problem::{Problem, ProblemKind};
 const RATIO_MAX: usize = 20;
 /// Small bodies may have any ratio, bytes.
 const RATIO_FREE_BYTES: usize = 1 << 20;
+/// What a body may be ahead of the ratio on its way: a bomb is refused once it is, without being
+/// decompressed to its limit.
+const AHEAD_BYTES_MAX: usize = 4 << 20;
 /// Memory that a zstd frame may ask for as its window, as a power of two.
 const WINDOW_LOG_MAX: u32 = 24;
 const CHUNK_BYTES: usize = 64 << 10;
@@ -24,8 +27,8 @@ pub(super) fn most(wire_len: usize, bytes_max: usize) -> usize {
 /// The body as it was before compression.
 ///
 /// # Errors
-/// 413 if it is longer than `bytes_max`, or than 20 times the compressed bytes and 1 MiB;
-/// 400 if it is broken or followed by anything.
+/// 413 if it is longer than `bytes_max`, or than 20 times the compressed bytes and 1 MiB, or if a part
+/// of it is 4 MiB more than 20 times the compressed bytes that it is made of; 400 if it is broken or followed by anything.
 pub(in crate::api) fn decompress(
     wire: Vec<u8>,
     encoding: Encoding,
@@ -35,7 +38,8 @@ pub(in crate::api) fn decompress(
         Encoding::Identity => Ok(wire),
         Encoding::Gzip => {
             let mut decoder = GzDecoder::new(wire.as_slice());
-            let body = read_bounded(&mut decoder, wire.len(), bytes_max)?;
+            let left = |decoder: &GzDecoder<&[u8]>| decoder.get_ref().len();
+            let body = read_bounded(&mut decoder, left, wire.len(), bytes_max)?;
             check_end(decoder.into_inner())?;
             Ok(body)
         }
@@ -45,15 +49,18 @@ pub(in crate::api) fn decompress(
             decoder
                 .window_log_max(WINDOW_LOG_MAX)
                 .map_err(Problem::internal)?;
-            let body = read_bounded(&mut decoder, wire.len(), bytes_max)?;
+            let left = |decoder: &zstd::Decoder<'_, &[u8]>| decoder.get_ref().len();
+            let body = read_bounded(&mut decoder, left, wire.len(), bytes_max)?;
             check_end(decoder.finish())?;
             Ok(body)
         }
     }
 }
 
-fn read_bounded(
-    reader: &mut impl Read,
+/// Reads to the end; `left` says how many compressed bytes the reader has not taken yet.
+fn read_bounded<R: Read>(
+    reader: &mut R,
+    left: impl Fn(&R) -> usize,
     wire_len: usize,
     bytes_max: usize,
 ) -> Result<Vec<u8>, Problem> {
@@ -69,9 +76,13 @@ fn read_bounded(
                 return Err(Problem::new(ProblemKind::BadEncoding, detail));
             }
         };
-        if body.len() + count > most {
+        let taken = wire_len.saturating_sub(left(reader));
+        let so_far = taken
+            .saturating_mul(RATIO_MAX)
+            .saturating_add(AHEAD_BYTES_MAX);
+        if body.len() + count > most.min(so_far) {
             let detail = format!(
-                "the body is more than {most} bytes after decompression: at most {bytes_max} bytes and {RATIO_MAX} times the compressed size are taken"
+                "the body is longer after decompression than is taken: at most {bytes_max} bytes, and {RATIO_MAX} times the compressed size, which no part of it may pass by more than {AHEAD_BYTES_MAX} bytes"
             );
             return Err(Problem::new(ProblemKind::TooLarge, detail));
         }
@@ -127,6 +138,22 @@ mod tests {
                 refused(pack(&noise, encoding), encoding),
                 ProblemKind::TooLarge
             );
+        }
+    }
+
+    #[test]
+    fn a_bomb_is_refused_where_it_runs_ahead_of_the_ratio() {
+        let noise: Vec<u8> = (0_u32..1 << 18)
+            .flat_map(|k| k.wrapping_mul(2_654_435_761).rotate_left(k).to_le_bytes())
+            .collect();
+        let ahead = |mebibytes: usize| [vec![0; mebibytes << 20], noise.clone()].concat();
+        for encoding in [Encoding::Gzip, Encoding::Zstd] {
+            let wire = pack(&ahead(8), encoding);
+            assert!(most(wire.len(), 16 << 20) > 9 << 20, "{}", wire.len());
+            let problem = decompress(wire, encoding, 16 << 20).unwrap_err();
+            assert_eq!(problem.kind(), ProblemKind::TooLarge);
+            let wire = pack(&ahead(3), encoding);
+            assert_eq!(decompress(wire, encoding, 16 << 20).unwrap(), ahead(3));
         }
     }
 

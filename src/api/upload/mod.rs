@@ -13,7 +13,9 @@ pub(super) use decompress::decompress;
 pub(super) use head::{Encoding, UploadHead};
 
 use super::ApiState;
+use super::client_address::ClientAddress;
 use super::problem::Problem;
+use super::shares::Share;
 use crate::ingest::json::{Object, from_json};
 
 /// The bytes of an upload as they were sent, with the places it holds until it is stored.
@@ -25,8 +27,8 @@ pub(super) struct Upload {
 
 /// What an upload has reserved; given back when dropped.
 pub(super) struct Places {
-    _slot: OwnedSemaphorePermit,
-    _wire: OwnedSemaphorePermit,
+    _slot: Share,
+    _wire: Share,
     body: Option<OwnedSemaphorePermit>,
 }
 
@@ -43,22 +45,22 @@ impl Places {
 /// Checks the headers, reserves a place, and only then reads the body.
 ///
 /// # Errors
-/// 400, 408, 413, 415, or 503 when no place is free.
+/// 400, 408, 413, 415, 429 when the client's address has its share of the places, or 503 when none is
+/// free.
 pub(super) async fn receive(
     state: &ApiState,
+    client: ClientAddress,
     headers: &HeaderMap,
     body: Body,
 ) -> Result<Upload, Problem> {
     let limits = &state.limits;
     let head = UploadHead::check(headers, limits.wire_bytes)?;
     let announced = head.content_length.unwrap_or(limits.wire_bytes);
-    let slot = state.upload_slots.clone().try_acquire_owned();
-    let wire_size = kibibytes(announced) as u32;
-    let wire = state.wire_budget.clone().try_acquire_many_owned(wire_size);
-    let (Ok(slot), Ok(wire_place)) = (slot, wire) else {
-        return Err(state.overloaded().closing());
-    };
-    let wire = read::read_body(body, limits.wire_bytes, limits.body_timeout).await?;
+    let slot = state.upload_slots.try_take(client, 1);
+    let slot = slot.map_err(Problem::closing)?;
+    let wire_place = state.wire_budget.try_take(client, announced);
+    let wire_place = wire_place.map_err(Problem::closing)?;
+    let wire = read::read_body(body, limits.wire_bytes, limits.body_pace).await?;
     let most = match head.encoding {
         Encoding::Identity => wire.len(),
         Encoding::Gzip | Encoding::Zstd => decompress::most(wire.len(), limits.body_bytes),
@@ -91,7 +93,7 @@ pub(super) async fn small_json<T: DeserializeOwned>(
         head::check_media_type(headers)?;
     }
     head::check_plain(headers)?;
-    let bytes = read::read_body(body, limits.small_body_bytes, limits.body_timeout).await?;
+    let bytes = read::read_body(body, limits.small_body_bytes, limits.body_pace).await?;
     if bytes.is_empty() {
         return Ok(from_json::<Object<T>>(b"{}")?.0);
     }
