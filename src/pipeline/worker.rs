@@ -12,7 +12,7 @@ use tokio_util::task::AbortOnDropHandle;
 use super::edges::{EdgeJob, process_edges};
 use super::engine::Engine;
 use super::process::{Known, process};
-use super::refusal::{Processed, refuse};
+use super::refusal::{Processed, of_quarantine, refuse};
 use super::retention::delete_bodies;
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::watch::Watch;
@@ -176,6 +176,9 @@ pub(super) async fn compute(
     let own = job.entries.last().context("a job without batches")?;
     let (trip, options) = (own.batch.trip_id.clone(), *options);
     let (route, kept_job) = (&job.route_id, Arc::clone(job));
+    if let Some(quarantine) = store.quarantine(route, &own.batch.vehicle_id).await? {
+        return refuse(engine, job, of_quarantine(job, &quarantine)).await;
+    }
     let processed = match own.batch.kind {
         BatchKind::Scans => {
             let recalled = recall_trip(store, route, &trip).await?;

@@ -1,0 +1,118 @@
+//! Vehicles of which somebody wants nothing more in the map.
+
+use jiff::Timestamp;
+use sqlx::{Row, SqliteConnection};
+
+use super::columns::{micros, time};
+use super::error::StoreError;
+use super::request::Request;
+use super::{Store, named};
+use crate::ids::{RouteId, VehicleId};
+
+/// Since when a vehicle's uploads are kept out of the map, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Quarantine {
+    /// When somebody asked for it.
+    pub since: Timestamp,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+impl Store {
+    /// Whether a vehicle's uploads are kept out of a route's map.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn quarantine(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+    ) -> Result<Option<Quarantine>, StoreError> {
+        let mut reader = self.reader().await?;
+        named(quarantine_of(&mut reader, route, vehicle).await)
+    }
+
+    /// Keeps a vehicle's uploads out of a route's map from now on (`Some`), or no longer; what is so
+    /// already stays as it is. False if the route knows no such vehicle.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn put_quarantine(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+        quarantine: Option<Quarantine>,
+    ) -> Result<bool, StoreError> {
+        let (route, vehicle) = (route.clone(), vehicle.clone());
+        let put = PutQuarantine {
+            route,
+            vehicle,
+            quarantine,
+        };
+        self.work(put).await
+    }
+}
+
+pub(super) async fn quarantine_of(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+    vehicle: &VehicleId,
+) -> Result<Option<Quarantine>, StoreError> {
+    let row = sqlx::query(
+        "SELECT since_us, note FROM routes JOIN vehicle_quarantines USING (route_key) \
+         WHERE routes.id = $1 AND vehicle_id = $2",
+    )
+    .bind(route.as_str())
+    .bind(vehicle.as_str())
+    .fetch_optional(reader)
+    .await?;
+    let quarantine = row.map(|row| {
+        Ok::<_, StoreError>(Quarantine {
+            since: time(&row, "since_us")?,
+            note: row.try_get("note")?,
+        })
+    });
+    quarantine.transpose()
+}
+
+struct PutQuarantine {
+    route: RouteId,
+    vehicle: VehicleId,
+    quarantine: Option<Quarantine>,
+}
+
+impl Request for PutQuarantine {
+    type Outcome = bool;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let route_key: Option<i64> = sqlx::query_scalar(
+            "SELECT route_key FROM routes JOIN batches USING (route_key) \
+             WHERE routes.id = $1 AND vehicle_id = $2 LIMIT 1",
+        )
+        .bind(self.route.as_str())
+        .bind(self.vehicle.as_str())
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(route_key) = route_key else {
+            return Ok(false);
+        };
+        let written = match &self.quarantine {
+            Some(quarantine) => sqlx::query(
+                "INSERT INTO vehicle_quarantines (route_key, vehicle_id, since_us, note) \
+                 VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING",
+            )
+            .bind(route_key)
+            .bind(self.vehicle.as_str())
+            .bind(micros(quarantine.since))
+            .bind(&quarantine.note),
+            None => sqlx::query(
+                "DELETE FROM vehicle_quarantines WHERE route_key = $1 AND vehicle_id = $2",
+            )
+            .bind(route_key)
+            .bind(self.vehicle.as_str()),
+        };
+        written.execute(transaction).await?;
+        Ok(true)
+    }
+}
