@@ -8,6 +8,7 @@ use sqlx::{Row, SqliteConnection};
 use super::columns::{alert_id, json, json_text, name, optional_json, time};
 use super::error::StoreError;
 use super::quarantines::{Quarantine, quarantine_of};
+use super::records::TripStart;
 use super::{Store, named};
 use crate::calibration::{CalibratedTrip, TRIPS_MAX, TripCalibration, TripCorrections};
 use crate::ids::{AlertId, LidarId, RouteId, StampNs, TripId, VehicleId};
@@ -111,25 +112,25 @@ impl Store {
         Ok(named(found)?.pop())
     }
 
-    /// What is corrected while a trip is driven; `None` where that has not been decided.
+    /// What was decided of a trip; `None` where nothing has been.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn trip_corrections(
+    pub async fn trip_start(
         &self,
         route: &RouteId,
         trip: &TripId,
-    ) -> Result<Option<TripCorrections>, StoreError> {
+    ) -> Result<Option<TripStart>, StoreError> {
         let read = sqlx::query(
-            "SELECT corrections FROM routes JOIN trips USING (route_key) \
+            "SELECT corrections, clock_ahead_ns FROM routes JOIN trips USING (route_key) \
              WHERE routes.id = ? AND trip_id = ?",
         )
         .bind(route.as_str())
         .bind(trip.as_str())
         .fetch_optional(&self.shared.readers)
         .await?;
-        let row = read.map(|row| optional_json(&row, "corrections"));
-        Ok(row.transpose()?.flatten())
+        let start = read.and_then(|row| start_of(&row).transpose());
+        start.transpose()
     }
 
     /// The vehicles after a name, or the one of a name that is not empty.
@@ -209,23 +210,33 @@ pub(super) async fn put_calibration(
     Ok(())
 }
 
-/// Keeps what is corrected while a trip is driven; what has been decided before stands.
-pub(super) async fn put_corrections(
+/// Keeps what was decided of a trip; what has been decided before stands.
+pub(super) async fn put_trip_start(
     transaction: &mut SqliteConnection,
     route_key: i64,
     trip: &TripId,
-    corrections: &TripCorrections,
+    start: &TripStart,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "UPDATE trips SET corrections = ? \
-         WHERE route_key = ? AND trip_id = ? AND corrections IS NULL",
+        "UPDATE trips SET corrections = $1, clock_ahead_ns = $2 \
+         WHERE route_key = $3 AND trip_id = $4 AND corrections IS NULL",
     )
-    .bind(json_text(corrections)?)
+    .bind(json_text(&start.corrections)?)
+    .bind(start.clock_ahead_ns)
     .bind(route_key)
     .bind(trip.as_str())
     .execute(transaction)
     .await?;
     Ok(())
+}
+
+fn start_of(row: &SqliteRow) -> Result<Option<TripStart>, StoreError> {
+    let corrections = optional_json(row, "corrections")?;
+    let clock_ahead_ns = row.try_get("clock_ahead_ns")?;
+    Ok(corrections.map(|corrections| TripStart {
+        corrections,
+        clock_ahead_ns,
+    }))
 }
 
 async fn newest_corrections(
