@@ -61,7 +61,10 @@ pub(super) fn process(
     let corrections = &start.corrections;
     let drive = corrected(join(&drives), corrections);
     let kept = kept_scans(&workspace.map, &drive.trip);
-    let before = PosesBefore::of(&workspace.map, |keyframe| keyframe.trip == drive.trip);
+    let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
+        keyframe.trip == drive.trip
+    });
+    let before = before.within_sigmas(&workspace.saved_nodes);
     let extended = workspace.map.extend(&drive);
     if let Some(shift) = too_far(&workspace, &before) {
         return Ok(Processed::Refused(Refusal {
@@ -106,9 +109,7 @@ pub(super) fn process(
 fn too_far(workspace: &Workspace, before: &PosesBefore) -> Option<Shift> {
     let is_complete = workspace.stage == Stage::Monitoring;
     let is_guarded = is_complete && workspace.detector == Detector::Fused;
-    is_guarded
-        .then(|| before.too_far(&workspace.map, workspace.max_shift_m))
-        .flatten()
+    is_guarded.then(|| before.too_far(&workspace.map)).flatten()
 }
 
 /// What is corrected of a trip, and by its clock. A map by the paper's rule corrects nothing: it is what
