@@ -292,6 +292,9 @@ fn sum(
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     const PARAMS: SearchParams = SearchParams {
@@ -353,6 +356,32 @@ mod tests {
         let (rival, score) = hit.rival.unwrap();
         assert!(score >= 0.9 * hit.score);
         assert!(((rival.x - hit.pose.x).abs() - 8.0).abs() < 0.3);
+    }
+
+    #[test]
+    fn what_fits_anywhere_is_found_nowhere() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut anywhere = |count: usize, reach_m: f64| -> Vec<Vector2<f64>> {
+            let mut coordinate = || rng.random_range(-reach_m..reach_m);
+            (0..count)
+                .map(|_| Vector2::new(coordinate(), coordinate()))
+                .collect()
+        };
+        let grid = LikelihoodGrid::new(anywhere(4_000, 12.0).into_iter(), 0.1, 0.15, 5).unwrap();
+        let points = anywhere(180, 8.0);
+        let window = SearchWindow {
+            centre: Pose2::IDENTITY,
+            half_width_m: 4.0,
+            half_turn_rad: 0.8,
+        };
+        let cells = rotate(&grid, &points, &window).cells;
+        let floor = (PARAMS.score_min * 255.0 * 180.0) as u32;
+        assert!(
+            cells
+                .iter()
+                .any(|cells| sum(&grid, cells, 0, 0, 0, floor) > floor)
+        );
+        assert!(search(&grid, &points, &window, &PARAMS).is_none());
     }
 
     #[test]

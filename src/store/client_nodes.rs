@@ -22,7 +22,8 @@ impl Store {
     }
 }
 
-/// The nodes of a vehicle's uploads of edges that it calls by some names, by name.
+/// The nodes of a vehicle's uploads of edges that it calls by some names, by name. Left to itself SQLite
+/// reads every node of the route for each name.
 pub(super) async fn client_nodes(
     readers: &SqlitePool,
     route: &RouteId,
@@ -31,7 +32,8 @@ pub(super) async fn client_nodes(
 ) -> Result<Vec<(String, NodeId)>, StoreError> {
     let rows = sqlx::query(
         "SELECT client_id, node_id FROM json_each(?3) AS name \
-         CROSS JOIN nodes ON nodes.route_key = (SELECT route_key FROM routes WHERE id = ?1) \
+         CROSS JOIN nodes INDEXED BY nodes_by_client_id \
+             ON nodes.route_key = (SELECT route_key FROM routes WHERE id = ?1) \
              AND client_id = name.value \
          CROSS JOIN batches ON batches.batch_key = nodes.batch_key \
          WHERE vehicle_id = ?2 ORDER BY client_id",
