@@ -1,13 +1,12 @@
 //! Pictures of a route's map, drawn once per revision.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use tokio::sync::Mutex;
 use utoipa::ToSchema;
 
 use super::ApiState;
@@ -36,19 +35,39 @@ struct MapFiles {
     yaml: Bytes,
 }
 
-/// What pictures belong to: a deleted and newly made route starts at the same revision again.
-#[derive(PartialEq, Clone)]
+/// What a route's pictures belong to: a deleted and newly made route starts at the same revision again.
+#[derive(PartialEq)]
 struct MapKey {
-    route_id: RouteId,
     created_at: Timestamp,
     revision: i64,
 }
 
-/// Pictures by route, the latest used last. Whoever draws holds the lock, so that a picture
-/// that many ask for is drawn once.
+/// The newest pictures of one route. Whoever draws holds the lock, so that a picture that many ask for is
+/// drawn once.
+type RoutePictures = tokio::sync::Mutex<Option<(MapKey, Arc<MapFiles>)>>;
+
+/// Pictures by route, the latest used last.
 #[derive(Default)]
 pub(super) struct MapCache {
-    drawn: Mutex<Vec<(MapKey, Arc<MapFiles>)>>,
+    kept: Mutex<Vec<(RouteId, Arc<RoutePictures>)>>,
+}
+
+impl MapCache {
+    /// A route's pictures; those of the route that nobody has looked at for longest make room.
+    fn of_route(&self, route: &RouteId) -> Arc<RoutePictures> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = kept.iter().position(|(other, _)| other == route);
+        let found = match place {
+            Some(place) => kept.remove(place),
+            None => (route.clone(), Arc::default()),
+        };
+        let pictures = found.1.clone();
+        kept.push(found);
+        if kept.len() > ROUTES_KEPT {
+            kept.remove(0);
+        }
+        pictures
+    }
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -61,16 +80,13 @@ enum DrawError {
 
 async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles>, Problem> {
     let key = MapKey {
-        route_id: route.id.clone(),
         created_at: route.created_at,
         revision: route.revision,
     };
-    let mut drawn = state.maps.drawn.lock().await;
-    if let Some(place) = drawn.iter().position(|(other, _)| *other == key) {
-        let found = drawn.remove(place);
-        let files = found.1.clone();
-        drawn.push(found);
-        return Ok(files);
+    let pictures = state.maps.of_route(&route.id);
+    let mut drawn = pictures.lock().await;
+    if let Some((_, files)) = drawn.as_ref().filter(|(of, _)| *of == key) {
+        return Ok(files.clone());
     }
     if route.counts.nodes == 0 {
         return Err(Problem::not_found("map yet: nothing has been merged"));
@@ -79,11 +95,7 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
     let accepted = state.store.accepted_changes(&route.id).await?;
     let files = state.rendering.run(move || draw(&nodes, &accepted)).await?;
     let files = Arc::new(files.map_err(Problem::internal)?);
-    drawn.retain(|(other, _)| other.route_id != key.route_id);
-    drawn.push((key, files.clone()));
-    if drawn.len() > ROUTES_KEPT {
-        drawn.remove(0);
-    }
+    *drawn = Some((key, files.clone()));
     Ok(files)
 }
 
