@@ -12,6 +12,12 @@ pub enum StoreError {
     /// The disk is full; nothing was written.
     #[error("the disk is full")]
     Full,
+    /// The disk is full, and the schema is not up to date; nothing was written.
+    #[error(
+        "the disk is full, and the database's schema has to be brought up to date before it can be \
+         used: make room on the disk and start again"
+    )]
+    FullBeforeMigration,
     /// The writer is overloaded, recovering, or shutting down. Whether the write was committed is
     /// unknown only after an I/O error; repeating it is safe.
     #[error("the store does not take writes at the moment")]
@@ -29,6 +35,19 @@ pub enum StoreError {
         path: PathBuf,
         /// Why.
         source: std::io::Error,
+    },
+    /// The process before this one was lost, and so was its write-ahead log.
+    #[error(
+        "the last {commits} commits to mapshift.db in {} are lost, acknowledged uploads \
+         among them: the process before was not stopped in order, and its log mapshift.db-wal is \
+         missing or not whole. Put the log back as it was, or restore a backup and remove \
+         mapshift.open, or go on without what is lost: serve --accept-lost-log", directory.display()
+    )]
+    LostLog {
+        /// The data directory.
+        directory: PathBuf,
+        /// How many commits there were that are not there any more.
+        commits: i64,
     },
     /// What is stored is not what was stored; nothing was written.
     #[error("{0} is corrupt on the disk")]

@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 18] = [
+const FILES: [(i64, &str, &str); 19] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -41,6 +41,7 @@ const FILES: [(i64, &str, &str); 18] = [
     file!(16, "corrections", "0016_corrections.sql"),
     file!(17, "open enumerations", "0017_open_enumerations.sql"),
     file!(18, "archive", "0018_archive.sql"),
+    file!(20, "lost processes", "0020_lost_processes.sql"),
 ];
 
 /// Runs what a database has not seen yet.
