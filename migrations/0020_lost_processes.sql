@@ -15,3 +15,8 @@ INSERT INTO commits VALUES (1, 0);
 
 -- Since when it is held, if not since it was received: the clock was ahead then.
 ALTER TABLE batches ADD COLUMN held_since_us INTEGER;
+
+-- CRC-32 of what never changes of a row (`src/store/row_sums.rs`); NULL for rows from before: they are
+-- not checked.
+ALTER TABLE nodes ADD COLUMN checksum INTEGER;
+ALTER TABLE edges ADD COLUMN checksum INTEGER;

@@ -38,7 +38,9 @@ pub(super) async fn readyz(
         Err(error) => {
             tracing::warn!(%error, "not ready");
             let detail = match error {
-                StoreError::Full => "the disk is full: uploads are refused, reads and deletions go on",
+                StoreError::Full => {
+                    "the disk is full: uploads are refused, reads and deletions go on"
+                }
                 _ => "the store does not take writes; the service's log says why",
             };
             Err(Problem::new(ProblemKind::NotReady, detail))

@@ -154,16 +154,14 @@ async fn candidate(
         .await?;
     let row = match row {
         Some(row) => Some(row),
-        None => {
-            sqlx::query(select_candidate!(
-                "AND orphaned = 0 AND NOT EXISTS (SELECT 1 FROM jobs AS lost WHERE lost.orphaned > 0 \
+        None => sqlx::query(select_candidate!(
+            "AND orphaned = 0 AND NOT EXISTS (SELECT 1 FROM jobs AS lost WHERE lost.orphaned > 0 \
                  AND ((lost.state = 'running' AND lost.lease_expires_us > ?1) \
                      OR (lost.route_key = job.route_key AND lost.batch_key < job.batch_key)))"
-            ))
-            .bind(now_us)
-            .fetch_optional(transaction)
-            .await?
-        }
+        ))
+        .bind(now_us)
+        .fetch_optional(transaction)
+        .await?,
     };
     row.as_ref().map(job_of).transpose()
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::ids::{BatchId, NodeId, RouteId};
+use crate::ids::{BatchId, EdgeId, NodeId, RouteId};
 use crate::model::UnknownText;
 
 /// Why the store could not do it.
@@ -101,6 +101,10 @@ pub enum Corruption {
         /// The node.
         node_id: NodeId,
     },
+    /// What never changes of a node.
+    Node(NodeId),
+    /// What never changes of an edge.
+    Edge(EdgeId),
     /// A value that no version of this program writes.
     Value {
         /// Where it was read.
@@ -126,6 +130,8 @@ impl fmt::Display for Corruption {
             Self::Scan { route_id, node_id } => {
                 write!(f, "the scan of node {node_id} of route {route_id}")
             }
+            Self::Node(node_id) => write!(f, "node {node_id}"),
+            Self::Edge(edge_id) => write!(f, "edge {edge_id}"),
             Self::Value { column } => write!(f, "a value of {column}"),
             Self::UnknownText { column, unknown } => write!(f, "a value of {column} ({unknown})"),
             Self::Database => f.write_str("the database"),

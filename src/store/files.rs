@@ -42,7 +42,9 @@ pub(super) fn tighten(path: &Path) {
     let path_text = path.display();
     let mode = format!("{:o}", mode & 0o7777);
     match fs::set_permissions(path, Permissions::from_mode(FILE_MODE)) {
-        Ok(()) => tracing::warn!(path = %path_text, mode, "others could open a file: its mode is 600 now"),
+        Ok(()) => {
+            tracing::warn!(path = %path_text, mode, "others could open a file: its mode is 600 now")
+        }
         Err(error) => tracing::warn!(path = %path_text, mode, %error, "others can open a file"),
     }
 }
@@ -70,7 +72,11 @@ mod tests {
         assert_eq!(mode(&made.join("file")), 0o600);
         fs::set_permissions(&made, Permissions::from_mode(0o750)).unwrap();
         make_directory(&made).unwrap();
-        assert_eq!(mode(&made), 0o750, "a directory that is there is its keeper's");
+        assert_eq!(
+            mode(&made),
+            0o750,
+            "a directory that is there is its keeper's"
+        );
     }
 
     #[test]

@@ -116,9 +116,11 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(FREE_BYTES_MIN));
         let measured = Arc::clone(&free);
-        let space = Space::measured_by(directory.path(), move || {
-            Ok(measured.load(Ordering::SeqCst))
-        });
+        let space =
+            Space::measured_by(
+                directory.path(),
+                move || Ok(measured.load(Ordering::SeqCst)),
+            );
         let length = || std::fs::metadata(&space.path).ok().map(|file| file.len());
         assert!(space.has_room(), "a small disk is used without a reserve");
         assert_eq!(length(), None);

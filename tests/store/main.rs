@@ -11,6 +11,7 @@ mod graph;
 mod jobs;
 mod journal;
 mod life;
+mod lost;
 mod settled;
 mod support;
 mod tiers;
