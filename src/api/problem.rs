@@ -70,6 +70,7 @@ problem_kinds! {
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
     WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
+    Corrupt = INTERNAL_SERVER_ERROR, "corrupt", "Something stored is not what was written";
     Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
     ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";
     NotReady = SERVICE_UNAVAILABLE, "not-ready", "The service is not ready";
@@ -257,6 +258,11 @@ impl From<StoreError> for Problem {
                 ProblemKind::Overloaded,
                 "the store does not answer at the moment; send the same again later",
             ),
+            StoreError::Corrupt(_) => {
+                let mut problem = Self::new(ProblemKind::Corrupt, error.to_string());
+                problem.cause = Some(Arc::new(error));
+                problem
+            }
             _ => Self::internal(error),
         }
     }

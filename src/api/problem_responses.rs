@@ -14,6 +14,7 @@ use super::problem::{ProblemKind, ProblemKind as K};
 const ANY: &[ProblemKind] = &[
     K::InvalidParameter,
     K::Internal,
+    K::Corrupt,
     K::Overloaded,
     K::ShuttingDown,
 ];

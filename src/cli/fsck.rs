@@ -13,8 +13,8 @@ use crate::store;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Directory that holds the database; a service may be running on it.
-    #[arg(long, value_name = "DIRECTORY")]
-    data_dir: PathBuf,
+    #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
+    data: PathBuf,
     /// Let SQLite check the whole file as well. That is one long read, in which the write-ahead log
     /// of a running service cannot be cut back.
     #[arg(long)]
@@ -36,8 +36,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         bar.advance_to(done);
     };
     let report = runtime
-        .block_on(store::fsck(&args.data_dir, args.full, &on_progress))
-        .with_context(|| format!("cannot read the database in {}", args.data_dir.display()))?;
+        .block_on(store::fsck(&args.data, args.full, &on_progress))
+        .with_context(|| format!("cannot read the database in {}", args.data.display()))?;
     if let Some(bar) = progress.into_inner() {
         bar.finish();
     }

@@ -18,6 +18,12 @@ pub enum StoreError {
          used: make room on the disk and start again"
     )]
     FullBeforeMigration,
+    /// Only the service changes schemas.
+    #[error(
+        "the database's schema is that of an older version: the service brings it up to date when \
+         it starts"
+    )]
+    OldSchema,
     /// The writer is overloaded, recovering, or shutting down. Whether the write was committed is
     /// unknown only after an I/O error; repeating it is safe.
     #[error("the store does not take writes at the moment")]

@@ -1,16 +1,18 @@
 //! Whether a database holds what it should: its checksums, and the laws that its tables keep.
 //!
-//! Reads only, in short snapshots, beside a service that writes.
+//! Reads only, one statement after the other, beside a service that writes.
 
+use std::fmt::Display;
 use std::path::Path;
 
+use futures::TryStreamExt;
 use serde::Serialize;
 use sqlx::SqlitePool;
 
 use super::connection::Database;
 use super::error::{Corruption, StoreError};
-use super::records::BatchFilter;
-use super::{graph, intermediate_scans, journal, routes};
+use super::records::{BatchFilter, EdgeFilter};
+use super::{acceptances, graph, intermediate_scans, journal, map_versions, marker, routes};
 use crate::ids::RouteId;
 
 /// Rows of one read.
@@ -19,7 +21,7 @@ const PAGE: u32 = 256;
 const FAULTS_MAX: usize = 100;
 
 /// Statements that find what contradicts a law; each row names one fault.
-const LAWS: [(&str, &str); 10] = [
+const LAWS: [(&str, &str); 8] = [
     (
         "what a row refers to is there",
         "SELECT format('row %s of %s has no %s', rowid, \"table\", parent) \
@@ -47,23 +49,9 @@ const LAWS: [(&str, &str); 10] = [
              (SELECT count(*) FROM edges AS e WHERE e.route_key = routes.route_key))",
     ),
     (
-        "an edge has both its ends",
-        "SELECT format('edge %d of route %s', edge_id, id) FROM edges JOIN routes USING (route_key) \
-         WHERE 2 <> (SELECT count(*) FROM nodes WHERE nodes.route_key = edges.route_key \
-             AND node_id IN (from_node, to_node))",
-    ),
-    (
         "poses are finite",
         "SELECT format('node %d of route %s', node_id, id) FROM nodes JOIN routes USING (route_key) \
          WHERE NOT (abs(x) < 9e999 AND abs(y) < 9e999 AND abs(theta) < 3.1415927)",
-    ),
-    (
-        "information is not negative",
-        "SELECT format('edge %d of route %s', edge_id, id) FROM edges JOIN routes USING (route_key) \
-         WHERE NOT (info_xx >= 0 AND info_yy >= 0 AND info_tt >= 0 \
-             AND info_xy * info_xy <= info_xx * info_yy * (1 + 1e-9) \
-             AND info_xt * info_xt <= info_xx * info_tt * (1 + 1e-9) \
-             AND info_yt * info_yt <= info_yy * info_tt * (1 + 1e-9))",
     ),
     (
         "the sums over what has left count what has left",
@@ -120,30 +108,34 @@ pub type OnProgress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 /// read. A service may hold the directory.
 ///
 /// # Errors
-/// [`StoreError`] if the database cannot be read at all.
+/// [`StoreError`] if the database cannot be read at all, or has the schema of an older version.
 pub async fn fsck(
     data_dir: &Path,
     full: bool,
     on_progress: OnProgress<'_>,
 ) -> Result<FsckReport, StoreError> {
-    let readers = Database::in_directory(data_dir).open_readers().await?;
-    let total: i64 =
-        sqlx::query_scalar("SELECT coalesce(sum(batches + nodes + edges), 0) FROM routes")
-            .fetch_one(&readers)
-            .await?;
+    // Before the database is read: a service may commit meanwhile.
+    let commits = marker::commits_before(data_dir);
+    let database = Database::in_directory(data_dir);
+    let readers = database.open_readers().await?;
+    if !database.is_up_to_date(&mut *readers.acquire().await?).await? {
+        return Err(StoreError::OldSchema);
+    }
     let mut check = Check {
         readers: &readers,
         report: FsckReport::default(),
-        total: u64::try_from(total).unwrap_or_default(),
+        total: total_rows(&readers).await?,
         on_progress,
     };
+    check.commits(commits).await?;
     if full {
-        check.law("the file is sound", INTEGRITY).await;
+        check.law("the file is sound", INTEGRITY).await?;
     }
     for (law, statement) in LAWS {
-        check.law(law, statement).await;
+        check.law(law, statement).await?;
     }
-    check.rows().await?;
+    let rows = check.rows().await;
+    check.note("the routes", rows)?;
     let mut report = check.report;
     readers.close().await;
     report.sound = report.faults.is_empty();
@@ -152,6 +144,14 @@ pub async fn fsck(
 
 const INTEGRITY: &str =
     "SELECT integrity_check FROM pragma_integrity_check WHERE integrity_check <> 'ok'";
+
+async fn total_rows(readers: &SqlitePool) -> Result<u64, StoreError> {
+    let total: i64 =
+        sqlx::query_scalar("SELECT coalesce(sum(batches + nodes + edges), 0) FROM routes")
+            .fetch_one(readers)
+            .await?;
+    Ok(u64::try_from(total).unwrap_or_default())
+}
 
 struct Check<'a> {
     readers: &'a SqlitePool,
@@ -170,12 +170,40 @@ impl Check<'_> {
         }
     }
 
-    async fn law(&mut self, law: &str, statement: &'static str) {
-        let faults: Result<Vec<String>, _> =
-            sqlx::query_scalar(statement).fetch_all(self.readers).await;
-        match faults {
-            Ok(faults) => faults.into_iter().for_each(|what| self.fault(law, what)),
-            Err(error) => self.fault(law, format!("it could not be checked: {error}")),
+    /// Notes a read that found something corrupt.
+    ///
+    /// # Errors
+    /// Whatever else it failed with.
+    fn note<T>(&mut self, place: impl Display, read: Result<T, StoreError>) -> Result<(), StoreError> {
+        match read.map_err(StoreError::named) {
+            Err(StoreError::Corrupt(what)) => {
+                self.fault("what is read is what was written", format!("{place}: {what}"));
+            }
+            read => drop(read?),
+        }
+        Ok(())
+    }
+
+    async fn commits(&mut self, noted: Option<i64>) -> Result<(), StoreError> {
+        let there = marker::commits(&mut *self.readers.acquire().await?).await?;
+        if let Some(lost) = noted.map(|noted| noted - there).filter(|lost| *lost > 0) {
+            self.fault(
+                "every commit is there",
+                format!("the last {lost}: the write-ahead log is missing or not whole"),
+            );
+        }
+        Ok(())
+    }
+
+    async fn law(&mut self, law: &str, statement: &'static str) -> Result<(), StoreError> {
+        let readers = self.readers;
+        let mut faults = sqlx::query_scalar::<_, String>(statement).fetch(readers);
+        loop {
+            match faults.try_next().await {
+                Ok(Some(what)) => self.fault(law, what),
+                Ok(None) => return Ok(()),
+                Err(error) => return self.note(law, Err::<(), _>(error.into())),
+            }
         }
     }
 
@@ -185,9 +213,15 @@ impl Check<'_> {
             let page = routes::routes(self.readers, after.as_ref(), PAGE).await?;
             for route in &page {
                 self.report.routes += 1;
-                self.batches(&route.id).await?;
-                self.nodes(&route.id).await?;
-                self.edges(&route.id).await?;
+                let place = format!("route {}", route.id);
+                for read in [
+                    self.batches(&route.id, &place).await,
+                    self.nodes(&route.id, &place).await,
+                    self.edges(&route.id, &place).await,
+                    self.versions(&route.id, &place).await,
+                ] {
+                    self.note(&place, read)?;
+                }
             }
             match page.last() {
                 Some(last) => after = Some(last.id.clone()),
@@ -196,14 +230,14 @@ impl Check<'_> {
         }
     }
 
-    async fn batches(&mut self, route: &RouteId) -> Result<(), StoreError> {
+    async fn batches(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let mut after = None;
         loop {
             let filter = BatchFilter::default();
             let page = journal::batches(self.readers, route, &filter, after.as_ref(), PAGE).await?;
             for batch in &page {
                 let entry = journal::entry(self.readers, route, &batch.id).await;
-                self.note(route, entry)?;
+                self.note(place, entry)?;
             }
             let Some(last) = page.last() else {
                 return Ok(());
@@ -214,7 +248,7 @@ impl Check<'_> {
         }
     }
 
-    async fn nodes(&mut self, route: &RouteId) -> Result<(), StoreError> {
+    async fn nodes(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let (mut after, mut limit) = (None, PAGE);
         loop {
             let page = match graph::node_page(self.readers, route, after, limit).await {
@@ -224,7 +258,7 @@ impl Check<'_> {
                     continue;
                 }
                 Err(StoreError::Corrupt(Corruption::Node(id))) => {
-                    self.rotten(route, &Corruption::Node(id));
+                    self.note(place, Err::<(), _>(StoreError::Corrupt(Corruption::Node(id))))?;
                     (after, limit) = (Some(id), PAGE);
                     continue;
                 }
@@ -232,9 +266,9 @@ impl Check<'_> {
             };
             for node in &page {
                 let scan = graph::node_scan(self.readers, route, node.id).await;
-                self.note(route, scan)?;
+                self.note(place, scan)?;
                 let behind = intermediate_scans::check_behind(self.readers, route, node.id).await;
-                self.note(route, behind)?;
+                self.note(place, behind)?;
             }
             let Some(last) = page.last() else {
                 return Ok(());
@@ -245,13 +279,13 @@ impl Check<'_> {
         }
     }
 
-    async fn edges(&mut self, route: &RouteId) -> Result<(), StoreError> {
+    async fn edges(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let mut after = None;
-        let filter = super::EdgeFilter::default();
+        let filter = EdgeFilter::default();
         loop {
             let page = match graph::edge_page(self.readers, route, filter, after, PAGE).await {
                 Err(StoreError::Corrupt(Corruption::Edge(id))) => {
-                    self.rotten(route, &Corruption::Edge(id));
+                    self.note(place, Err::<(), _>(StoreError::Corrupt(Corruption::Edge(id))))?;
                     after = Some(id);
                     continue;
                 }
@@ -266,19 +300,28 @@ impl Check<'_> {
         }
     }
 
-    fn note<T>(&mut self, route: &RouteId, read: Result<T, StoreError>) -> Result<(), StoreError> {
-        match read {
-            Err(StoreError::Corrupt(what)) => self.rotten(route, &what),
-            read => drop(read?),
+    /// The pictures of a map's earlier versions, and what takes accepted changes back.
+    async fn versions(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
+        let mut after = 0;
+        loop {
+            let page = map_versions::map_versions(self.readers, route, after, PAGE).await?;
+            for version in &page {
+                let picture = map_versions::picture(self.readers, route, version.version).await;
+                self.note(format!("{place}, version {}", version.version), picture)?;
+            }
+            match page.last() {
+                Some(last) => after = last.version,
+                None => break,
+            }
+        }
+        let mut reader = self.readers.acquire().await?;
+        let accepted = acceptances::accepted_changes(&mut reader, route).await?;
+        drop(reader);
+        for change in accepted {
+            let undo = acceptances::acceptance(self.readers, change.alert_id).await;
+            self.note(format!("{place}, accepted alert {}", change.alert_id), undo)?;
         }
         Ok(())
-    }
-
-    fn rotten(&mut self, route: &RouteId, what: &Corruption) {
-        self.fault(
-            "what is read is what was written",
-            format!("{what}, route {route}"),
-        );
     }
 
     fn progress(&self) {

@@ -206,7 +206,8 @@ macro_rules! select_edges {
             "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
-             edges.subgraph_id, edges.delta_f, edges.checksum AS edge_checksum, a.x AS a_x, a.y AS a_y, a.theta AS a_theta, \
+             edges.subgraph_id, edges.delta_f, edges.checksum AS edge_checksum, \
+             a.x AS a_x, a.y AS a_y, a.theta AS a_theta, \
              b.x AS b_x, b.y AS b_y, b.theta AS b_theta, closures.x AS all_x, closures.y AS all_y, \
              closures.theta AS all_theta, closures.info_xx AS all_xx, \
              closures.info_xy AS all_xy, closures.info_xt AS all_xt, \

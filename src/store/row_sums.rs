@@ -19,6 +19,7 @@ pub(super) fn of_node(node: &NodeRecord) -> u32 {
     sum.integer(node.stamp.0);
     sum.pose(&node.odom_from_base);
     sum.integer(i64::from(node.trip_order));
+    sum.text(node.batch_id.as_str());
     sum.text(node.client_id.as_deref().unwrap_or_default());
     sum.0.finalize()
 }
@@ -29,6 +30,7 @@ pub(super) fn of_edge(edge: &EdgeRecord) -> u32 {
     for id in [edge.id.0, edge.from.0, edge.to.0] {
         sum.integer(id);
     }
+    sum.text(edge.batch_id.as_str());
     sum.text(edge.kind.name());
     sum.pose(&edge.measurement);
     sum.information(&edge.information);
@@ -81,6 +83,8 @@ impl Sum {
 
     fn text(&mut self, text: &str) {
         self.0.update(text.as_bytes());
+        // Where it ends: no byte of a text.
+        self.0.update(&[0xff]);
     }
 
     fn pose(&mut self, pose: &Pose2) {
