@@ -118,7 +118,10 @@ pub async fn fsck(
     let commits = marker::commits_before(data_dir);
     let database = Database::in_directory(data_dir);
     let readers = database.open_readers().await?;
-    if !database.is_up_to_date(&mut *readers.acquire().await?).await? {
+    if !database
+        .is_up_to_date(&mut *readers.acquire().await?)
+        .await?
+    {
         return Err(StoreError::OldSchema);
     }
     let mut check = Check {
@@ -174,10 +177,17 @@ impl Check<'_> {
     ///
     /// # Errors
     /// Whatever else it failed with.
-    fn note<T>(&mut self, place: impl Display, read: Result<T, StoreError>) -> Result<(), StoreError> {
+    fn note<T>(
+        &mut self,
+        place: impl Display,
+        read: Result<T, StoreError>,
+    ) -> Result<(), StoreError> {
         match read.map_err(StoreError::named) {
             Err(StoreError::Corrupt(what)) => {
-                self.fault("what is read is what was written", format!("{place}: {what}"));
+                self.fault(
+                    "what is read is what was written",
+                    format!("{place}: {what}"),
+                );
             }
             read => drop(read?),
         }
@@ -258,7 +268,10 @@ impl Check<'_> {
                     continue;
                 }
                 Err(StoreError::Corrupt(Corruption::Node(id))) => {
-                    self.note(place, Err::<(), _>(StoreError::Corrupt(Corruption::Node(id))))?;
+                    self.note(
+                        place,
+                        Err::<(), _>(StoreError::Corrupt(Corruption::Node(id))),
+                    )?;
                     (after, limit) = (Some(id), PAGE);
                     continue;
                 }
@@ -285,7 +298,10 @@ impl Check<'_> {
         loop {
             let page = match graph::edge_page(self.readers, route, filter, after, PAGE).await {
                 Err(StoreError::Corrupt(Corruption::Edge(id))) => {
-                    self.note(place, Err::<(), _>(StoreError::Corrupt(Corruption::Edge(id))))?;
+                    self.note(
+                        place,
+                        Err::<(), _>(StoreError::Corrupt(Corruption::Edge(id))),
+                    )?;
                     after = Some(id);
                     continue;
                 }

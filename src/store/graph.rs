@@ -553,27 +553,27 @@ pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
     let columns = [
         "info_xx", "info_xy", "info_xt", "info_yy", "info_yt", "info_tt",
     ];
-    let measurement = pose(row, ["x", "y", "theta"])?;
-    let information = information(row, columns)?;
-    let from_pose = pose(row, ["a_x", "a_y", "a_theta"])?;
-    let to_pose = pose(row, ["b_x", "b_y", "b_theta"])?;
-    let error = Pose2::edge_error(&from_pose, &to_pose, &measurement);
-    let edge = EdgeRecord {
+    let mut edge = EdgeRecord {
         id: EdgeId(row.try_get("edge_id")?),
         from: NodeId(row.try_get("from_node")?),
         to: NodeId(row.try_get("to_node")?),
         kind: text(row, "kind")?,
         status: text(row, "status")?,
         batch_id: name(row, "batch_id")?,
-        measurement,
-        information,
-        residual: information.squared_norm(&error),
+        measurement: pose(row, ["x", "y", "theta"])?,
+        information: information(row, columns)?,
+        residual: 0.0,
         subgraph_id: row.try_get("subgraph_id")?,
         delta_f: row.try_get("delta_f")?,
         closure: closure_of(row)?,
     };
     let what = Corruption::Edge(edge.id);
     row_sums::check(row, "edge_checksum", row_sums::of_edge(&edge), what)?;
+    // Only then: a wrong end has no pose.
+    let from_pose = pose(row, ["a_x", "a_y", "a_theta"])?;
+    let to_pose = pose(row, ["b_x", "b_y", "b_theta"])?;
+    let error = Pose2::edge_error(&from_pose, &to_pose, &edge.measurement);
+    edge.residual = edge.information.squared_norm(&error);
     Ok(edge)
 }
 

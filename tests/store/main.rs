@@ -12,6 +12,7 @@ mod jobs;
 mod journal;
 mod life;
 mod lost;
+mod rot;
 mod settled;
 mod support;
 mod tiers;
