@@ -182,15 +182,16 @@ impl Check<'_> {
         place: impl Display,
         read: Result<T, StoreError>,
     ) -> Result<(), StoreError> {
-        match read.map_err(StoreError::named) {
-            Err(StoreError::Corrupt(what)) => {
-                self.fault(
-                    "what is read is what was written",
-                    format!("{place}: {what}"),
-                );
-            }
-            read => drop(read?),
-        }
+        let what = match read.map_err(StoreError::named) {
+            Err(StoreError::Corrupt(what)) => what,
+            read => return read.map(drop),
+        };
+        let what = match what {
+            Corruption::Body { .. } | Corruption::Scan { .. } => what.to_string(),
+            Corruption::Node(_) | Corruption::Edge(_) => format!("{what} of {place}"),
+            _ => format!("{place}: {what}"),
+        };
+        self.fault("what is read is what was written", what);
         Ok(())
     }
 

@@ -42,7 +42,8 @@ impl Request for ReleaseOverdue {
              AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
                  AND jobs.trip_id = batches.trip_id) \
              GROUP BY batches.route_key, trip_id \
-             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= ? ORDER BY batch_key LIMIT ?",
+             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= ? \
+             ORDER BY batch_key LIMIT ?",
         )
         .bind(micros(self.now))
         .bind(RELEASED_MAX)

@@ -21,5 +21,6 @@ mod process;
 #[allow(dead_code, reason = "the tests of the interface use more of it")]
 mod receiver;
 mod restart;
+mod rot;
 mod running;
 mod state;

@@ -134,7 +134,7 @@ async fn a_flipped_bit_of_a_row_is_found_wherever_it_is() {
             };
             assert_eq!(what.to_string(), name, "{table}.{column}");
             let found = faults(&fixture).await;
-            let expected = format!("route r: {name}");
+            let expected = format!("{name} of route r");
             assert!(found.contains(&expected), "{table}.{column}: {found:?}");
             flip(&mut raw, (table, column, key)).await;
             read_all(&fixture.store).await.unwrap();
@@ -152,7 +152,11 @@ async fn a_flipped_bit_of_a_row_is_found_wherever_it_is() {
         ),
     ] {
         execute(&mut raw, statement.to_owned()).await;
-        assert!(faults(&fixture).await.contains(&format!("route r: {name}")));
+        assert!(
+            faults(&fixture)
+                .await
+                .contains(&format!("{name} of route r"))
+        );
     }
 }
 
@@ -217,16 +221,26 @@ async fn everything_that_is_corrupt_is_named_at_once() {
     let named = [
         "the body of batch b1 of route r",
         "the scan of node 5 of route r",
-        "node 6",
-        "node 7",
+        "node 6 of route r",
+        "node 7 of route r",
         "the scan of node 15 of route r",
-        "edge 4",
-        "edge 105",
+        "edge 4 of route r",
+        "edge 105 of route r",
     ];
-    assert_eq!(
-        faults(&fixture).await,
-        named.map(|what| format!("route r: {what}"))
-    );
+    assert_eq!(faults(&fixture).await, named);
+}
+
+/// SQLite does not keep it.
+#[tokio::test]
+async fn the_sign_of_a_zero_is_no_fault() {
+    let fixture = Fixture::new().await;
+    fixture.journal(upload("b", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut result = fixture.chain(&job, 2).await;
+    result.nodes[0].node.odom_from_base.x = -0.0;
+    result.edges[0].measurement.y = -0.0;
+    fixture.store.apply_result(result).await.unwrap();
+    read_all(&fixture.store).await.unwrap();
 }
 
 #[tokio::test]
