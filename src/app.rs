@@ -47,8 +47,11 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let options = StoreOptions {
         data_dir: config.data_dir.clone(),
     };
-    let store = Store::open(options)
-        .await
+    let opened = match config.accept_lost_log {
+        false => Store::open(options).await,
+        true => Store::open_without_log(options).await,
+    };
+    let store = opened
         .with_context(|| format!("cannot open the store in {}", config.data_dir.display()))?;
     let listener = connections::listen(config.listen)
         .with_context(|| format!("cannot listen on {}", config.listen))?;

@@ -21,6 +21,9 @@ pub struct ServiceArgs {
     /// Directory that holds the database; made if it is missing.
     #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
     pub data: PathBuf,
+    /// Go on without the last commits of a process that was killed if its write-ahead log is lost.
+    #[arg(long)]
+    pub accept_lost_log: bool,
     /// Memory for maps between their batches, MiB; those longest unused make room.
     #[arg(long, env = "MAPSHIFT_MAP_MEMORY_MB", default_value_t = 1024)]
     pub map_memory_mb: usize,
@@ -64,6 +67,8 @@ pub struct AppConfig {
     pub listen: SocketAddr,
     /// Directory that holds the database.
     pub data_dir: PathBuf,
+    /// Whether a database is opened whose write-ahead log is lost.
+    pub accept_lost_log: bool,
     /// How much is taken on.
     pub limits: Limits,
     /// How much is kept.
@@ -94,6 +99,7 @@ impl ServiceArgs {
         Ok(AppConfig {
             listen: self.listen,
             data_dir: self.data.clone(),
+            accept_lost_log: self.accept_lost_log,
             limits: Limits {
                 address_share_percent: self.address_share,
                 ..Limits::default()
@@ -140,6 +146,7 @@ mod tests {
         ServiceArgs {
             listen: listen.parse().unwrap(),
             data: "data".into(),
+            accept_lost_log: false,
             map_memory_mb: 64,
             keep_bodies_days: Some(2),
             address_share: 25,

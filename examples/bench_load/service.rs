@@ -19,6 +19,7 @@ pub async fn serve() -> anyhow::Result<()> {
     let config = AppConfig {
         listen: ([127, 0, 0, 1], 0).into(),
         data_dir: data_dir.clone(),
+        accept_lost_log: false,
         limits: Limits::default(),
         pipeline: PipelineOptions::default(),
         delivery: DeliveryOptions::default(),

@@ -9,6 +9,7 @@ use super::extract::NoQuery;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AnyProblems, ReadinessProblems};
 use crate::ids::RouteId;
+use crate::store::StoreError;
 
 /// Say that the process lives.
 ///
@@ -36,10 +37,13 @@ pub(super) async fn readyz(
         Ok(()) => Ok("ok\n"),
         Err(error) => {
             tracing::warn!(%error, "not ready");
-            Err(Problem::new(
-                ProblemKind::NotReady,
-                "the store does not take writes; the service's log says why",
-            ))
+            let detail = match error {
+                StoreError::Full => {
+                    "the disk is full: uploads are refused, reads and deletions go on"
+                }
+                _ => "the store does not take writes; the service's log says why",
+            };
+            Err(Problem::new(ProblemKind::NotReady, detail))
         }
     }
 }

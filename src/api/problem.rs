@@ -74,6 +74,7 @@ problem_kinds! {
     TooManyRequests = TOO_MANY_REQUESTS, "too-many-requests", "This address has its share under way";
     HeadersTooLarge = REQUEST_HEADER_FIELDS_TOO_LARGE, "headers-too-large", "The request's headers are too large";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
+    Corrupt = INTERNAL_SERVER_ERROR, "corrupt", "Something stored is not what was written";
     Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
     ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";
     NotReady = SERVICE_UNAVAILABLE, "not-ready", "The service is not ready";
@@ -272,6 +273,11 @@ impl From<StoreError> for Problem {
                 ProblemKind::Overloaded,
                 "the store does not answer at the moment; send the same again later",
             ),
+            StoreError::Corrupt(_) => {
+                let mut problem = Self::new(ProblemKind::Corrupt, error.to_string());
+                problem.cause = Some(Arc::new(error));
+                problem
+            }
             _ => Self::internal(error),
         }
     }

@@ -18,6 +18,7 @@ const ANY: &[ProblemKind] = &[
     K::TooManyRequests,
     K::HeadersTooLarge,
     K::Internal,
+    K::Corrupt,
     K::Overloaded,
     K::ShuttingDown,
 ];
@@ -95,8 +96,10 @@ problem_responses! {
         K::RetryRefused,
         K::DiskFull,
     ];
-    /// Of keeping a vehicle's uploads out, or no longer.
+    /// Of keeping a vehicle's uploads out.
     QuarantineProblems = [K::UnknownRoute, K::NotFound], with BODY;
+    /// Of releasing a vehicle.
+    ReleaseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::DiskFull];
     /// Of taking uploads out.
     RemovalProblems = [K::UnknownRoute], with BODY;
     /// Of reading an operation.

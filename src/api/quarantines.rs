@@ -12,7 +12,7 @@ use super::extract::{ApiPath, NoQuery};
 use super::note::checked_note;
 use super::parameters::{RouteParam, VehicleParam};
 use super::problem::Problem;
-use super::problem_responses::QuarantineProblems;
+use super::problem_responses::{QuarantineProblems, ReleaseProblems};
 use super::upload::small_json;
 use super::vehicles::{VehicleBody, known_vehicle};
 use crate::ids::{RouteId, VehicleId};
@@ -62,7 +62,7 @@ pub(super) async fn quarantine_vehicle(
 #[utoipa::path(
     post, path = "/v1/routes/{route}/vehicles/{vehicle}/release", tag = "vehicles",
     params(RouteParam, VehicleParam),
-    responses((status = 200, description = "The vehicle", body = VehicleBody), QuarantineProblems)
+    responses((status = 200, description = "The vehicle", body = VehicleBody), ReleaseProblems)
 )]
 pub(super) async fn release_vehicle(
     State(state): State<ApiState>,

@@ -77,6 +77,7 @@ const MAP_MEMORY_MB: usize = 256;
 
 async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<RunningApp> {
     let settings = ServiceArgs {
+        accept_lost_log: false,
         listen,
         data: data.to_owned(),
         map_memory_mb: MAP_MEMORY_MB,

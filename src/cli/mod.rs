@@ -8,6 +8,7 @@ mod comparison;
 mod demo;
 mod faults;
 mod fleet;
+mod fsck;
 mod graph_file;
 mod openapi;
 mod optimise;
@@ -56,6 +57,8 @@ enum Command {
     Buildings(buildings::Args),
     /// Measure what faults of odometry do to a map: steps made up, slip, a robot that is carried.
     Faults(faults::Args),
+    /// Check a database: checksums, and the laws that its tables keep.
+    Fsck(fsck::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -73,10 +76,15 @@ pub fn run() -> ExitCode {
         Command::Stability(args) => stability::run(args),
         Command::Buildings(args) => buildings::run(&args),
         Command::Faults(args) => faults::run(&args),
+        Command::Fsck(args) => return exit(fsck::run(&args)),
         Command::Openapi(args) => openapi::run(args),
     };
+    exit(outcome.map(|()| ExitCode::SUCCESS))
+}
+
+fn exit(outcome: anyhow::Result<ExitCode>) -> ExitCode {
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => {
             let _ = writeln!(io::stderr(), "error: {error:#}");
             ExitCode::FAILURE

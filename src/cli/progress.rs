@@ -75,6 +75,11 @@ impl Progress {
         }
     }
 
+    /// So many pieces are done.
+    pub(super) fn advance_to(&self, done: u64) {
+        self.advance(done.saturating_sub(self.done.load(Ordering::Relaxed)));
+    }
+
     /// Takes the bar away.
     pub(super) fn finish(self) {
         self.bar.finish_and_clear();

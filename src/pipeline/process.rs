@@ -18,7 +18,7 @@ use crate::change::Detector;
 use crate::ids::{NodeId, StampNs, VehicleId};
 use crate::ingest::batch_json;
 use crate::mapping::{
-    Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
+    Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap, Weighting,
 };
 use crate::model::{BatchFlag, BatchStatus, Stage};
 use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart};
@@ -45,7 +45,12 @@ pub(super) fn process(
     known: &Known,
 ) -> anyhow::Result<Processed> {
     let (origins, mut drives) = decode(job)?;
-    if let Some(outcome) = origins.last().zip(drives.last()).and_then(refuse_jump) {
+    let newest = origins.last().zip(drives.last());
+    let refused = match newest.and_then(refuse_jump) {
+        None if job.apart => newest.map(try_apart).transpose()?,
+        refused => refused,
+    };
+    if let Some(outcome) = refused {
         return Ok(Processed::Refused(Refusal {
             origins,
             outcomes: vec![outcome],
@@ -252,6 +257,20 @@ fn refuse_jump((origin, drive): (&Origin, &Drive)) -> Option<BatchOutcome> {
             "the odometry jumps by {longest_m:.0} m from one scan to the next"
         )),
         ..outcome_of(origin, BatchStatus::Quarantined)
+    })
+}
+
+/// Takes a batch through an empty map, which ends the process if the batch is why one was lost. If it
+/// is not, the batch waits with those before it.
+fn try_apart((origin, drive): (&Origin, &Drive)) -> anyhow::Result<BatchOutcome> {
+    RouteMap::new(Weighting::Robust).extend(drive)?;
+    Ok(BatchOutcome {
+        reason: Some(
+            "the service's process was lost while this batch was processed with those of its trip \
+             that wait before it: it waits with them"
+                .to_owned(),
+        ),
+        ..outcome_of(origin, BatchStatus::Unanchored)
     })
 }
 

@@ -8,9 +8,9 @@ use sqlx::sqlite::{
 };
 use sqlx::{ConnectOptions, SqliteConnection};
 
-use super::archive;
 use super::error::StoreError;
 use super::migrations::MIGRATIONS;
+use super::{archive, files};
 
 const FILE_NAME: &str = "mapshift.db";
 /// Before it, two connections that write and checkpoint at one instant can corrupt the file.
@@ -47,11 +47,29 @@ impl Database {
         }
     }
 
+    /// Makes the file if it is missing, and takes it from everybody but its owner; SQLite gives the
+    /// files beside it the same mode.
+    ///
+    /// # Errors
+    /// [`StoreError::Directory`].
+    pub(super) fn make_files(&self) -> Result<(), StoreError> {
+        for path in [self.path.clone(), self.beside("-wal"), self.beside("-shm")] {
+            files::tighten(&path);
+        }
+        let path = self.path.clone();
+        files::open(&path).map_err(|source| StoreError::Directory { path, source })?;
+        Ok(())
+    }
+
+    fn beside(&self, suffix: &str) -> PathBuf {
+        let mut path = self.path.clone().into_os_string();
+        path.push(suffix);
+        path.into()
+    }
+
     /// Length of the write-ahead log; 0 if there is none.
     pub(super) fn wal_bytes(&self) -> u64 {
-        let mut path = self.path.clone().into_os_string();
-        path.push("-wal");
-        std::fs::metadata(path).map_or(0, |log| log.len())
+        std::fs::metadata(self.beside("-wal")).map_or(0, |log| log.len())
     }
 
     /// Length of the database and its write-ahead log.
@@ -80,6 +98,15 @@ impl Database {
         Ok(connection)
     }
 
+    /// Whether the schema is what this version of the program needs.
+    pub(super) async fn is_up_to_date(
+        &self,
+        writer: &mut SqliteConnection,
+    ) -> Result<bool, StoreError> {
+        let newest = MIGRATIONS.iter().map(|migration| migration.version).max();
+        has_migration(writer, newest.unwrap_or_default()).await
+    }
+
     /// Brings the schema up to date.
     ///
     /// # Errors
@@ -95,12 +122,16 @@ impl Database {
         sqlx::query("PRAGMA foreign_keys = OFF")
             .execute(&mut *writer)
             .await?;
+        // An index of millions of rows is sorted in files, wherever SQLite finds a directory for them:
+        // that happens once, and would take as much memory as the rows.
+        set_temp_store(writer, "FILE").await?;
         MIGRATIONS.run(&mut *writer).await?;
         sqlx::query("PRAGMA foreign_keys = ON")
             .execute(&mut *writer)
             .await?;
         check_settings(writer).await?;
         archive::fill_if_missing(writer).await?;
+        set_temp_store(writer, "MEMORY").await?;
         if had_rates_per_lap {
             return Ok(Migrated { rates_set: 0 });
         }
@@ -143,6 +174,10 @@ impl Database {
             .pragma("mmap_size", "0")
             .pragma("cell_size_check", "ON")
             .pragma("trusted_schema", "OFF")
+            // What a statement sets aside: pages of a few hundred rows, or rows that are sorted for an
+            // answer that is held in memory anyway. In files, every statement would depend on a
+            // directory that is not the data directory.
+            .pragma("temp_store", "MEMORY")
             .disable_statement_logging()
     }
 }
@@ -175,6 +210,17 @@ async fn has_migration(
     .fetch_one(connection)
     .await?;
     Ok(applied)
+}
+
+async fn set_temp_store(
+    connection: &mut SqliteConnection,
+    place: &'static str,
+) -> Result<(), StoreError> {
+    let statement = format!("PRAGMA temp_store = {place}");
+    sqlx::query(sqlx::AssertSqlSafe(statement))
+        .execute(connection)
+        .await?;
+    Ok(())
 }
 
 async fn check_version(connection: &mut SqliteConnection) -> Result<(), StoreError> {
@@ -277,6 +323,7 @@ mod tests {
             ("PRAGMA mmap_size", 0),
             ("PRAGMA cell_size_check", 1),
             ("PRAGMA trusted_schema", 0),
+            ("PRAGMA temp_store", 2),
         ] {
             let found: i64 = sqlx::query_scalar(pragma)
                 .fetch_one(&mut writer)
@@ -285,6 +332,11 @@ mod tests {
             assert_eq!(found, wanted, "{pragma}");
         }
         let readers = database.open_readers().await.unwrap();
+        let temp_store: i64 = sqlx::query_scalar("PRAGMA temp_store")
+            .fetch_one(&readers)
+            .await
+            .unwrap();
+        assert_eq!(temp_store, 2);
         let write = sqlx::query("DELETE FROM routes").execute(&readers).await;
         assert!(write.is_err());
         assert!(truncate_wal(&mut writer).await.unwrap());

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::ids::{BatchId, NodeId, RouteId};
+use crate::ids::{BatchId, EdgeId, NodeId, RouteId};
 use crate::model::UnknownText;
 
 /// Why the store could not do it.
@@ -12,6 +12,18 @@ pub enum StoreError {
     /// The disk is full; nothing was written.
     #[error("the disk is full")]
     Full,
+    /// The disk is full, and the schema is not up to date; nothing was written.
+    #[error(
+        "the disk is full, and the database's schema has to be brought up to date before it can be \
+         used: make room on the disk and start again"
+    )]
+    FullBeforeMigration,
+    /// Only the service changes schemas.
+    #[error(
+        "the database's schema is that of an older version: the service brings it up to date when \
+         it starts"
+    )]
+    OldSchema,
     /// The writer is overloaded, recovering, or shutting down. Whether the write was committed is
     /// unknown only after an I/O error; repeating it is safe.
     #[error("the store does not take writes at the moment")]
@@ -29,6 +41,19 @@ pub enum StoreError {
         path: PathBuf,
         /// Why.
         source: std::io::Error,
+    },
+    /// The process before this one was lost, and so was its write-ahead log.
+    #[error(
+        "the last {commits} commits to mapshift.db in {} are lost, acknowledged uploads \
+         among them: the process before was not stopped in order, and its log mapshift.db-wal is \
+         missing or not whole. Put the log back as it was, or restore a backup and remove \
+         mapshift.open, or go on without what is lost: serve --accept-lost-log", directory.display()
+    )]
+    LostLog {
+        /// The data directory.
+        directory: PathBuf,
+        /// How many commits there were that are not there any more.
+        commits: i64,
     },
     /// What is stored is not what was stored; nothing was written.
     #[error("{0} is corrupt on the disk")]
@@ -82,6 +107,10 @@ pub enum Corruption {
         /// The node.
         node_id: NodeId,
     },
+    /// What never changes of a node.
+    Node(NodeId),
+    /// What never changes of an edge.
+    Edge(EdgeId),
     /// A value that no version of this program writes.
     Value {
         /// Where it was read.
@@ -107,6 +136,8 @@ impl fmt::Display for Corruption {
             Self::Scan { route_id, node_id } => {
                 write!(f, "the scan of node {node_id} of route {route_id}")
             }
+            Self::Node(node_id) => write!(f, "node {node_id}"),
+            Self::Edge(edge_id) => write!(f, "edge {edge_id}"),
             Self::Value { column } => write!(f, "a value of {column}"),
             Self::UnknownText { column, unknown } => write!(f, "a value of {column} ({unknown})"),
             Self::Database => f.write_str("the database"),

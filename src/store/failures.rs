@@ -76,6 +76,8 @@ impl Store {
 }
 
 const MICROS_PER_SECOND: i64 = 1_000_000;
+/// The longest pause before a job is tried again.
+pub(super) const PAUSE_MAX_US: i64 = 64 * MICROS_PER_SECOND;
 
 /// Puts a job back, or gives its batch up after the last try.
 pub(super) struct FailJob {
@@ -89,6 +91,7 @@ pub(super) struct FailJob {
 impl Request for FailJob {
     type Outcome = ();
     const QUEUES_JOBS: bool = true;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
@@ -128,6 +131,7 @@ pub(super) struct ReturnJob {
 impl Request for ReturnJob {
     type Outcome = ();
     const QUEUES_JOBS: bool = true;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
@@ -161,6 +165,7 @@ pub(super) struct QuarantineRotten {
 impl Request for QuarantineRotten {
     type Outcome = ();
     const QUEUES_JOBS: bool = true;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
@@ -190,5 +195,6 @@ mod tests {
     fn the_pauses_grow_fourfold() {
         let seconds: Vec<_> = (1..5).map(|k| backoff_us(k) / MICROS_PER_SECOND).collect();
         assert_eq!(seconds, [1, 4, 16, 64]);
+        assert_eq!(backoff_us(TRIES_MAX - 1), PAUSE_MAX_US);
     }
 }

@@ -6,6 +6,7 @@ use sqlx::SqliteConnection;
 use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
+use super::failures::PAUSE_MAX_US;
 use super::request::Request;
 use super::trips::{Place, skip_gap};
 
@@ -32,6 +33,7 @@ impl Request for ReleaseOverdue {
     const QUEUES_JOBS: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
+        self.follow_clock(transaction).await?;
         // A trip with a job has no gap: its held batches wait for a turn that will end.
         // SQLite takes the bare columns from the row with the least sequence.
         let rows: Vec<(i64, i64, String, i64)> = sqlx::query_as(
@@ -40,7 +42,8 @@ impl Request for ReleaseOverdue {
              AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
                  AND jobs.trip_id = batches.trip_id) \
              GROUP BY batches.route_key, trip_id \
-             HAVING received_at_us + hold_s * 1000000 <= ? ORDER BY batch_key LIMIT ?",
+             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= ? \
+             ORDER BY batch_key LIMIT ?",
         )
         .bind(micros(self.now))
         .bind(RELEASED_MAX)
@@ -58,5 +61,28 @@ impl Request for ReleaseOverdue {
             released += 1;
         }
         Ok(released)
+    }
+}
+
+impl ReleaseOverdue {
+    /// After the clock was put back: a batch that was received in what is the future now is held
+    /// from now on, and a job that waits for longer than jobs do waits no more.
+    async fn follow_clock(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let now_us = micros(self.now);
+        sqlx::query(
+            "UPDATE batches SET held_since_us = ?1 \
+             WHERE status = 'held' AND coalesce(held_since_us, received_at_us) > ?1",
+        )
+        .bind(now_us)
+        .execute(&mut *transaction)
+        .await?;
+        sqlx::query(
+            "UPDATE jobs SET run_after_us = ?1 WHERE state = 'queued' AND run_after_us > ?1 + ?2",
+        )
+        .bind(now_us)
+        .bind(PAUSE_MAX_US)
+        .execute(transaction)
+        .await?;
+        Ok(())
     }
 }

@@ -11,16 +11,16 @@ use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
-use super::{Store, named, of_snapshot, series_closures, settled, vehicles};
+use super::{Store, named, of_snapshot, row_sums, series_closures, settled, vehicles};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
 
 impl Store {
-    /// A route's active graph, read at one instant.
+    /// A route's active graph, read at one instant. A scan that has lost its checksum is left out.
     ///
     /// # Errors
-    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
+    /// [`StoreError::Corrupt`] if a node or an edge has.
     pub async fn load_graph(&self, route: &RouteId) -> Result<Option<RouteGraph>, StoreError> {
         let mut reader = self.reader().await?;
         let graph = load_snapshot(&mut reader, route).await;
@@ -73,10 +73,10 @@ impl Store {
     }
 
     /// Every active node with its scan and those behind it, by id: what a map picture is drawn
-    /// from.
+    /// from. A scan that has lost its checksum is left out.
     ///
     /// # Errors
-    /// [`StoreError::Corrupt`] with [`Corruption::Scan`] if a scan has lost its checksum.
+    /// [`StoreError::Corrupt`] if a node has.
     pub async fn nodes_with_scans(&self, route: &RouteId) -> Result<Vec<NodeWithScan>, StoreError> {
         named(nodes_with_scans(&self.shared.readers, route).await)
     }
@@ -156,7 +156,7 @@ macro_rules! node_columns {
     () => {
         "nodes.node_id, batches.id AS batch_id, batches.vehicle_id, batches.trip_id, stamp_ns, \
          x, y, theta, sigma_x, sigma_y, sigma_theta, odom_x, odom_y, odom_theta, drift_m, \
-         reference, active, subgraph_id, trip_order, client_id "
+         reference, active, subgraph_id, trip_order, client_id, nodes.checksum AS node_checksum "
     };
 }
 
@@ -206,7 +206,8 @@ macro_rules! select_edges {
             "SELECT edges.edge_id, from_node, to_node, edges.kind, edges.status, \
              batches.id AS batch_id, edges.x, edges.y, edges.theta, edges.info_xx, \
              edges.info_xy, edges.info_xt, edges.info_yy, edges.info_yt, edges.info_tt, \
-             edges.subgraph_id, edges.delta_f, a.x AS a_x, a.y AS a_y, a.theta AS a_theta, \
+             edges.subgraph_id, edges.delta_f, edges.checksum AS edge_checksum, \
+             a.x AS a_x, a.y AS a_y, a.theta AS a_theta, \
              b.x AS b_x, b.y AS b_y, b.theta AS b_theta, closures.x AS all_x, closures.y AS all_y, \
              closures.theta AS all_theta, closures.info_xx AS all_xx, \
              closures.info_xy AS all_xy, closures.info_xt AS all_xt, \
@@ -487,7 +488,7 @@ pub(super) async fn edge(
 }
 
 pub(super) fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
-    Ok(NodeRecord {
+    let node = NodeRecord {
         id: NodeId(row.try_get("node_id")?),
         batch_id: name(row, "batch_id")?,
         vehicle_id: name(row, "vehicle_id")?,
@@ -502,13 +503,17 @@ pub(super) fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
         subgraph_id: row.try_get("subgraph_id")?,
         trip_order: row.try_get("trip_order")?,
         client_id: row.try_get("client_id")?,
-    })
+    };
+    let what = Corruption::Node(node.id);
+    row_sums::check(row, "node_checksum", row_sums::of_node(&node), what)?;
+    Ok(node)
 }
 
 fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, StoreError> {
     let node = node_of(row)?;
     let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
-    let scan = has_scan.then(|| scan_of(row, route, node.id)).transpose()?;
+    let scan = has_scan.then(|| scan_of(row, route, node.id));
+    let scan = scan.map(sound_scan).transpose()?.flatten();
     Ok(NodeWithScan {
         node,
         scan,
@@ -531,29 +536,45 @@ pub(super) fn scan_of(
     Err(StoreError::Corrupt(Corruption::Scan { route_id, node_id }))
 }
 
+/// The scan for a map, which goes on without one that is corrupt.
+pub(super) fn sound_scan(scan: Result<Vec<u8>, StoreError>) -> Result<Option<Vec<u8>>, StoreError> {
+    match scan {
+        Ok(scan) => Ok(Some(scan)),
+        Err(StoreError::Corrupt(what)) => {
+            tracing::error!(%what, "is corrupt on the disk: the map goes on without it");
+            metrics::counter!("mapshift_corrupt_scans_total").increment(1);
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
 pub(super) fn edge_of(row: &SqliteRow) -> Result<EdgeRecord, StoreError> {
     let columns = [
         "info_xx", "info_xy", "info_xt", "info_yy", "info_yt", "info_tt",
     ];
-    let measurement = pose(row, ["x", "y", "theta"])?;
-    let information = information(row, columns)?;
-    let from_pose = pose(row, ["a_x", "a_y", "a_theta"])?;
-    let to_pose = pose(row, ["b_x", "b_y", "b_theta"])?;
-    let error = Pose2::edge_error(&from_pose, &to_pose, &measurement);
-    Ok(EdgeRecord {
+    let mut edge = EdgeRecord {
         id: EdgeId(row.try_get("edge_id")?),
         from: NodeId(row.try_get("from_node")?),
         to: NodeId(row.try_get("to_node")?),
         kind: text(row, "kind")?,
         status: text(row, "status")?,
         batch_id: name(row, "batch_id")?,
-        measurement,
-        information,
-        residual: information.squared_norm(&error),
+        measurement: pose(row, ["x", "y", "theta"])?,
+        information: information(row, columns)?,
+        residual: 0.0,
         subgraph_id: row.try_get("subgraph_id")?,
         delta_f: row.try_get("delta_f")?,
         closure: closure_of(row)?,
-    })
+    };
+    let what = Corruption::Edge(edge.id);
+    row_sums::check(row, "edge_checksum", row_sums::of_edge(&edge), what)?;
+    // Only then: a wrong end has no pose.
+    let from_pose = pose(row, ["a_x", "a_y", "a_theta"])?;
+    let to_pose = pose(row, ["b_x", "b_y", "b_theta"])?;
+    let error = Pose2::edge_error(&from_pose, &to_pose, &edge.measurement);
+    edge.residual = edge.information.squared_norm(&error);
+    Ok(edge)
 }
 
 fn closure_of(row: &SqliteRow) -> Result<Option<ClosureRecord>, StoreError> {

@@ -4,15 +4,15 @@
 use sqlx::query_builder::Separated;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
-use super::archive;
 use super::body::checksum;
 use super::error::StoreError;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
 use super::results::Members;
+use super::{archive, row_sums};
 use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::ids::{BatchId, EdgeId, LidarId, NodeId};
 
-/// Rows of one statement: SQLite binds at most 32,766 values, and an edge has 19.
+/// Rows of one statement: SQLite binds at most 32,766 values, and an edge and a node have 20.
 pub(super) const ROWS_MAX: usize = 256;
 
 type Values<'a, 'b> = Separated<'a, Sqlite, &'b str>;
@@ -27,8 +27,8 @@ pub(super) async fn insert_nodes(
     for rows in nodes.chunks(ROWS_MAX) {
         let mut query = QueryBuilder::new(
             "INSERT INTO nodes (route_key, node_id, batch_key, stamp_ns, x, y, theta, \
-             sigma_x, sigma_y, sigma_theta, odom_x, odom_y, odom_theta, drift_m, reference, active, subgraph_id, trip_order, \
-             client_id) ",
+             sigma_x, sigma_y, sigma_theta, odom_x, odom_y, odom_theta, drift_m, reference, \
+             active, subgraph_id, trip_order, client_id, checksum) ",
         );
         query.push_values(rows, |mut values, NodeWithScan { node, .. }| {
             values
@@ -45,7 +45,8 @@ pub(super) async fn insert_nodes(
                 .push_bind(node.active)
                 .push_bind(node.subgraph_id)
                 .push_bind(node.trip_order)
-                .push_bind(node.client_id.as_deref());
+                .push_bind(node.client_id.as_deref())
+                .push_bind(row_sums::of_node(node));
         });
         query.build().execute(&mut *transaction).await?;
         insert_scans(transaction, route_key, rows).await?;
@@ -90,7 +91,7 @@ pub(super) async fn insert_edges(
         let mut query = QueryBuilder::new(
             "INSERT INTO edges (route_key, edge_id, from_node, to_node, kind, status, batch_key, \
              x, y, theta, info_xx, info_xy, info_xt, info_yy, info_yt, info_tt, \
-             subgraph_id, delta_f) ",
+             subgraph_id, delta_f, checksum) ",
         );
         query.push_values(rows, |mut values, edge| {
             values
@@ -103,7 +104,10 @@ pub(super) async fn insert_edges(
                 .push_bind(batch_key(members, &edge.batch_id));
             push_pose(&mut values, &edge.measurement);
             push_information(&mut values, &edge.information);
-            values.push_bind(edge.subgraph_id).push_bind(edge.delta_f);
+            values
+                .push_bind(edge.subgraph_id)
+                .push_bind(edge.delta_f)
+                .push_bind(row_sums::of_edge(edge));
         });
         query.build().execute(&mut *transaction).await?;
     }

@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row, SqliteConnection, SqlitePool};
 use super::body::checksum;
 use super::columns::{corrupt, json_text, optional_name, pose};
 use super::error::StoreError;
-use super::graph::scan_of;
+use super::graph::{scan_of, sound_scan};
 use super::graph_rows::{ROWS_MAX, push_pose};
 use super::records::{IntermediateRecord, NewIntermediate, TrajectoryPose};
 use super::{Store, named};
@@ -130,14 +130,36 @@ fn intermediate_of(
     node: NodeId,
 ) -> Result<IntermediateRecord, StoreError> {
     let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
+    let scan = has_scan.then(|| scan_of(row, route, node));
     Ok(IntermediateRecord {
         stamp: StampNs(row.try_get("stamp_ns")?),
         keyframe_from_base: pose(row, ["x", "y", "theta"])?,
         odom_from_base: pose(row, ["odom_x", "odom_y", "odom_theta"])?,
         companion: optional_name(row, "companion")?,
         lends: row.try_get("lends")?,
-        scan: has_scan.then(|| scan_of(row, route, node)).transpose()?,
+        scan: scan.map(sound_scan).transpose()?.flatten(),
     })
+}
+
+/// Whether the scans behind a node have their checksums.
+///
+/// # Errors
+/// [`StoreError::Corrupt`] if one has not.
+pub(super) async fn check_behind(
+    readers: &SqlitePool,
+    route: &RouteId,
+    node: NodeId,
+) -> Result<(), StoreError> {
+    let rows = sqlx::query(
+        "SELECT scan_sha256, scan FROM routes JOIN intermediate_scans USING (route_key) \
+         WHERE routes.id = ? AND node_id = ? AND scan IS NOT NULL",
+    )
+    .bind(route.as_str())
+    .bind(node.0)
+    .fetch_all(readers)
+    .await?;
+    rows.iter()
+        .try_for_each(|row| scan_of(row, route, node).map(drop))
 }
 
 /// Where a trip was at each of its scans, keyframes and those between them, in the order of time.

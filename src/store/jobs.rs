@@ -1,24 +1,33 @@
 //! The queue of jobs: the fence, and the ways in which a job ends without a result.
 
+use std::time::Duration;
+
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection};
+use sqlx::{Connection, Row, SqliteConnection};
 
 use super::columns::micros;
 use super::error::StoreError;
+use super::request::Request;
 use super::trips::{Place, end_turn};
 
 /// How often a job is tried before its batch is quarantined.
 pub(super) const TRIES_MAX: i64 = 5;
 
-/// After so many processes that ended over a job, their ends count as tries.
-const ORPHANED_MAX: i64 = 20;
+/// After so many processes that were lost with a job its batch is quarantined: with the first one
+/// other jobs may have run as well, with the second one this job alone.
+const LOST_MAX: i64 = 2;
+/// How long a job waits after a start that a process was lost with. Whoever kills a service again
+/// and again, or a supply that flickers, does not meet the same job twice.
+pub(super) const LOST_PAUSE: Duration = Duration::from_secs(1);
 
 /// A job as its table has it.
 pub(super) struct Job {
     pub(super) job_id: i64,
     /// How often it was claimed.
     pub(super) attempts: i64,
+    /// With how many processes it was lost.
+    pub(super) orphaned: i64,
     /// Of its batch.
     pub(super) place: Place,
 }
@@ -28,6 +37,7 @@ pub(super) fn job_of(row: &SqliteRow) -> Result<Job, StoreError> {
     Ok(Job {
         job_id: row.try_get("job_id")?,
         attempts: row.try_get("attempts")?,
+        orphaned: row.try_get("orphaned")?,
         place: Place {
             batch_key: row.try_get("batch_key")?,
             route_key: row.try_get("route_key")?,
@@ -44,7 +54,7 @@ pub(super) async fn held_job(
     generation: i64,
 ) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query(
-        "SELECT job_id, attempts, batch_key, route_key, trip_id, sequence FROM jobs \
+        "SELECT job_id, attempts, orphaned, batch_key, route_key, trip_id, sequence FROM jobs \
          WHERE job_id = ? AND generation = ? AND state = 'running'",
     )
     .bind(job_id)
@@ -101,21 +111,60 @@ pub(super) async fn quarantine(
     Ok(())
 }
 
-/// Gives back the jobs that a dead process held: only right while the directory is locked. The
-/// end of a process is not the batch's fault and no try, unless it happens again and again.
-pub(super) async fn release_orphans(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
+/// Gives back the jobs that a dead process held: only right while the directory is locked. What
+/// the process died of is not known; the first time it is no try, and the second time the batch is
+/// quarantined.
+pub(super) async fn release_orphans(
+    connection: &mut SqliteConnection,
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
+    let rows = sqlx::query(
+        "UPDATE jobs SET orphaned = orphaned + 1 WHERE state = 'running' \
+         RETURNING job_id, attempts, orphaned, batch_key, route_key, trip_id, sequence",
+    )
+    .fetch_all(&mut *transaction)
+    .await?;
+    give_back_running(&mut transaction).await?;
+    for row in &rows {
+        let job = job_of(row)?;
+        let (orphaned, batch_key) = (job.orphaned, job.place.batch_key);
+        tracing::warn!(batch_key, orphaned, "a process was lost with a batch");
+        if orphaned >= LOST_MAX {
+            let reason = "the service's process was lost twice while it processed this batch, the \
+                          second time with nothing beside it";
+            give_up(&mut transaction, &job.place, reason, now).await?;
+        }
+    }
+    Ok(transaction.commit().await?)
+}
+
+/// Gives back every job that is held; none of them counts as tried.
+async fn give_back_running(transaction: &mut SqliteConnection) -> Result<(), StoreError> {
     sqlx::query(
         "UPDATE batches SET status = 'queued' \
          WHERE batch_key IN (SELECT batch_key FROM jobs WHERE state = 'running')",
     )
-    .execute(&mut *connection)
+    .execute(&mut *transaction)
     .await?;
-    let released = sqlx::query(
-        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL, orphaned = orphaned + 1, \
-         attempts = attempts - (orphaned < ?) WHERE state = 'running'",
+    sqlx::query(
+        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL, attempts = attempts - 1 \
+         WHERE state = 'running'",
     )
-    .bind(ORPHANED_MAX)
-    .execute(connection)
+    .execute(transaction)
     .await?;
-    Ok(released.rows_affected())
+    Ok(())
+}
+
+/// Gives back every job before an orderly end, which cuts off who still holds one.
+pub(super) struct ReturnAll;
+
+impl Request for ReturnAll {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        give_back_running(transaction).await
+    }
 }

@@ -1,9 +1,10 @@
 //! The lock that keeps a second process out of a data directory.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, TryLockError};
 use std::path::Path;
 
 use super::error::StoreError;
+use super::files;
 
 const FILE_NAME: &str = "mapshift.lock";
 
@@ -21,13 +22,10 @@ impl DirectoryLock {
             path: directory.to_path_buf(),
             source,
         };
-        std::fs::create_dir_all(directory).map_err(failed)?;
-        let file = OpenOptions::new()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(directory.join(FILE_NAME))
-            .map_err(failed)?;
+        files::make_directory(directory).map_err(failed)?;
+        let path = directory.join(FILE_NAME);
+        files::tighten(&path);
+        let file = files::open(&path).map_err(failed)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -37,9 +35,7 @@ impl DirectoryLock {
         }
         // A directory that was just made must itself survive a power cut.
         if let Some(parent) = directory.canonicalize().map_err(failed)?.parent() {
-            File::open(parent)
-                .and_then(|parent| parent.sync_all())
-                .map_err(failed)?;
+            files::sync_directory(parent).map_err(failed)?;
         }
         Ok(Self { _file: file })
     }

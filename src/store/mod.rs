@@ -10,6 +10,7 @@ mod alert_records;
 mod alert_rows;
 mod alerts;
 mod archive;
+mod backlog;
 mod body;
 mod claims;
 mod client_nodes;
@@ -19,6 +20,8 @@ mod decisions;
 mod error;
 mod export;
 mod failures;
+mod files;
+mod fsck;
 mod gaps;
 mod graph;
 mod graph_rows;
@@ -28,6 +31,7 @@ mod jobs;
 mod journal;
 mod lock;
 mod map_versions;
+mod marker;
 mod migrations;
 mod operations;
 mod quarantines;
@@ -39,8 +43,10 @@ mod results;
 mod retention;
 mod retries;
 mod routes;
+mod row_sums;
 mod series_closures;
 mod settled;
+mod space;
 mod trips;
 mod vehicles;
 mod webhook_attempts;
@@ -53,6 +59,7 @@ pub use alert_records::*;
 pub use archive::SubgraphSums;
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
+pub use fsck::{Fault, FsckReport, OnProgress, fsck};
 pub use quarantines::Quarantine;
 pub use records::*;
 pub use removal_records::*;
@@ -61,19 +68,23 @@ pub use series_closures::{SeriesClosure, SeriesClosures};
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
-use sqlx::{Sqlite, SqlitePool};
+use sqlx::{Connection, Sqlite, SqliteConnection, SqlitePool};
 use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use connection::Database;
 use inbox::Outbox;
 use lock::DirectoryLock;
+use marker::Marker;
 use request::Reply;
+use space::Space;
 use writer::{Health, Writer};
 
 /// Where and how to open the store.
@@ -97,8 +108,40 @@ struct Shared {
     jobs: Arc<Notify>,
     shutdown: CancellationToken,
     writer: Mutex<Option<JoinHandle<Result<(), StoreError>>>>,
+    opened: Instant,
     // After the readers: whoever takes the lock next finds no connection of ours.
     _lock: Arc<DirectoryLock>,
+}
+
+/// What is done with a database whose write-ahead log was lost.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum LostLog {
+    /// It is not opened.
+    Refused,
+    /// It is opened as it is.
+    Accepted,
+}
+
+impl LostLog {
+    /// Before anything is written: the log may yet be put back.
+    async fn check(
+        self,
+        directory: &Path,
+        connection: &mut SqliteConnection,
+    ) -> Result<(), StoreError> {
+        let left = marker::commits(connection).await?;
+        let commits = match marker::commits_before(directory) {
+            Some(before) if before > left => before - left,
+            _ => return Ok(()),
+        };
+        let directory = directory.to_path_buf();
+        if self == Self::Refused {
+            return Err(StoreError::LostLog { directory, commits });
+        }
+        let directory = directory.display();
+        tracing::error!(%directory, commits, "the last commits are lost, and that was accepted");
+        Ok(())
+    }
 }
 
 /// What became of a PUT.
@@ -130,15 +173,39 @@ impl Store {
     /// died, and starts the writer on the current runtime.
     ///
     /// # Errors
-    /// [`StoreError::Locked`] if another process holds the directory.
+    /// [`StoreError::Locked`] if another process holds the directory, [`StoreError::LostLog`] if
+    /// something that was acknowledged is not there any more.
     pub async fn open(options: StoreOptions) -> Result<Self, StoreError> {
+        Self::open_with(options, LostLog::Refused).await
+    }
+
+    /// Opens a store as [`Store::open`] does, even if something that was acknowledged is not there
+    /// any more.
+    ///
+    /// # Errors
+    /// As [`Store::open`], but for [`StoreError::LostLog`].
+    pub async fn open_without_log(options: StoreOptions) -> Result<Self, StoreError> {
+        Self::open_with(options, LostLog::Accepted).await
+    }
+
+    async fn open_with(options: StoreOptions, lost_log: LostLog) -> Result<Self, StoreError> {
         let data_dir = options.data_dir.clone();
         let lock = tokio::task::spawn_blocking(move || DirectoryLock::acquire(&data_dir))
             .await
             .map_err(|_| StoreError::Unavailable)??;
         let lock = Arc::new(lock);
         let database = Database::in_directory(&options.data_dir);
-        let mut connection = database.open_writer().await?;
+        let space = Space::of(&options.data_dir);
+        let has_room = space.has_room();
+        database.make_files()?;
+        let mut connection = database.open_writer().await.map_err(StoreError::named)?;
+        if let Err(lost) = lost_log.check(&options.data_dir, &mut connection).await {
+            connection.close().await?;
+            return Err(lost);
+        }
+        if !(has_room || database.is_up_to_date(&mut connection).await?) {
+            return Err(StoreError::FullBeforeMigration);
+        }
         let migrated = database.migrate(&mut connection).await?;
         if migrated.rates_set > 0 {
             tracing::warn!(
@@ -147,11 +214,16 @@ impl Store {
                 "false_alarm_rate means false alerts per lap now: every route was set to the default"
             );
         }
-        jobs::release_orphans(&mut connection).await?;
+        jobs::release_orphans(&mut connection, Timestamp::now()).await?;
         let readers = database.open_readers().await?;
+        let commits = marker::commits(&mut connection).await?;
+        let marker = Marker::create(&options.data_dir, commits)?;
 
         let (outbox, inbox) = inbox::queues();
-        let (health_sender, health) = watch::channel(Health::Ready);
+        let (health_sender, health) = watch::channel(match has_room {
+            true => Health::Ready,
+            false => Health::Full,
+        });
         let jobs = Arc::new(Notify::new());
         let shutdown = CancellationToken::new();
         let writer = Writer {
@@ -162,6 +234,8 @@ impl Store {
             jobs: Arc::clone(&jobs),
             shutdown: shutdown.clone(),
             lock: Arc::clone(&lock),
+            marker,
+            space,
         };
         let shared = Shared {
             database,
@@ -171,6 +245,7 @@ impl Store {
             jobs,
             shutdown,
             writer: Mutex::new(Some(tokio::spawn(writer.run()))),
+            opened: Instant::now(),
             _lock: lock,
         };
         Ok(Self {
@@ -185,6 +260,9 @@ impl Store {
     /// [`StoreError`] if the log could not be moved into the database; nothing acknowledged is
     /// lost by that.
     pub async fn close(self) -> Result<(), StoreError> {
+        // Whoever holds a job still is cut off now; that is not the batch's fault. If it cannot be
+        // noted, the next start takes it for a lost process.
+        let _ = self.work(jobs::ReturnAll).await;
         self.shared.shutdown.cancel();
         let writer = self.shared.writer.lock().await.take();
         let closed = match writer {

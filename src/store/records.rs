@@ -281,6 +281,9 @@ pub struct ClaimedJob {
     /// Whether the predecessor of the first entry never came, or was quarantined, and it is used
     /// on its own. Gaps further on show in the entries' sequences.
     pub after_gap: bool,
+    /// Whether batches of the trip wait that this one, which a process was lost with, is tried
+    /// without: it must not go into the map before them.
+    pub apart: bool,
 }
 
 /// A node as it is stored. Scans are the bytes of [`crate::scan::encode_scan`].

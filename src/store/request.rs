@@ -15,6 +15,8 @@ pub(super) trait Request: Send + Sync + 'static {
     type Outcome: Send + 'static;
     /// Whether a worker may find a job afterwards that it did not find before.
     const QUEUES_JOBS: bool;
+    /// Whether it is written on a full disk, in the reserve: what deletes, or notes a state.
+    const WHILE_FULL: bool = false;
 
     /// Writes. An error rolls everything back that this request wrote.
     fn execute(
@@ -39,6 +41,8 @@ pub(super) trait Write: Send {
     ) -> Pin<Box<dyn Future<Output = Result<(), StoreError>> + Send + 'a>>;
     /// See [`Request::QUEUES_JOBS`].
     fn queues_jobs(&self) -> bool;
+    /// See [`Request::WHILE_FULL`].
+    fn runs_while_full(&self) -> bool;
     /// Tells the outcome; only after the commit.
     fn acknowledge(self: Box<Self>);
     /// Tells that nothing is promised.
@@ -59,6 +63,10 @@ impl<R: Request> Write for Pending<R> {
 
     fn queues_jobs(&self) -> bool {
         R::QUEUES_JOBS
+    }
+
+    fn runs_while_full(&self) -> bool {
+        R::WHILE_FULL
     }
 
     fn acknowledge(self: Box<Self>) {

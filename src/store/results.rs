@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use sqlx::{Row, SqliteConnection};
 
-use super::Store;
 use super::alert_rows::write_alerts;
 use super::columns::{flags_text, micros, name, parse_flags};
 use super::error::StoreError;
@@ -15,6 +14,7 @@ use super::records::{Applied, BatchOutcome, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
 use super::vehicles::{put_calibration, put_trip_start};
+use super::{Store, backlog};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 use crate::model::BatchStatus;
@@ -76,6 +76,10 @@ impl Request for ApplyResult {
             end_batch(transaction, &members, outcome, nodes, result).await?;
         }
         end_turn(transaction, &place).await?;
+        let is_merged = |outcome: &BatchOutcome| outcome.status == BatchStatus::Merged;
+        if result.outcomes.iter().any(is_merged) {
+            backlog::queue_oldest(transaction, &place).await?;
+        }
         if !result.nodes.is_empty() {
             queue_unanchored(transaction, place.route_key, nodes).await?;
             queue_unanchored_edges(transaction, place.route_key, nodes).await?;

@@ -31,6 +31,7 @@ pub(super) struct DeleteBodies {
 impl Request for DeleteBodies {
     type Outcome = DeletedBodies;
     const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
 
     async fn execute(
         &self,

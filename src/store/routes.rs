@@ -185,6 +185,7 @@ pub(super) struct DeleteRoute {
 impl Request for DeleteRoute {
     type Outcome = Deleted;
     const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Deleted, StoreError> {
         let deleted = sqlx::query(

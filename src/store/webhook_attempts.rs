@@ -137,6 +137,7 @@ struct DeleteOld {
 impl Request for DeleteOld {
     type Outcome = u64;
     const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
         let deleted = sqlx::query(

@@ -159,6 +159,7 @@ struct Delete {
 impl Request for Delete {
     type Outcome = Edited;
     const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
         let deleted =

@@ -16,19 +16,23 @@ use super::connection::{Database, WAL_BYTES_MAX, truncate_wal};
 use super::error::{Corruption, Severity, StoreError};
 use super::inbox::Inbox;
 use super::lock::DirectoryLock;
+use super::marker::{Marker, count_commit};
 use super::request::Write;
+use super::space::Space;
 
 /// Pause between two attempts to recover from an I/O error.
 const RECOVERY_PAUSE: Duration = Duration::from_millis(250);
 /// Pause before the log is truncated again after a reader was in the way.
 const TRUNCATION_PAUSE: Duration = Duration::from_secs(5);
+/// How often the space on the disk is looked at.
+const SPACE_LOOK: Duration = Duration::from_millis(500);
 
 /// Whether writes are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Health {
     /// They are.
     Ready,
-    /// Not before a sound connection is back; the disk is full.
+    /// Only those that make room or note a state; the disk is full.
     Full,
     /// Not before a sound connection is back.
     Recovering,
@@ -64,6 +68,10 @@ pub(super) struct Writer {
     pub(super) shutdown: CancellationToken,
     /// Held as long as something may be written.
     pub(super) lock: Arc<DirectoryLock>,
+    /// Told of every commit.
+    pub(super) marker: Marker,
+    /// Where it is written.
+    pub(super) space: Space,
 }
 
 impl Writer {
@@ -73,10 +81,11 @@ impl Writer {
     /// [`StoreError`] if the database could not be closed soundly.
     pub(super) async fn run(mut self) -> Result<(), StoreError> {
         let mut recovery = tokio::time::interval(RECOVERY_PAUSE);
+        let mut space_look = tokio::time::interval(SPACE_LOOK);
         let mut truncate_not_before = Instant::now();
         let mut closing = false;
         loop {
-            let recovering = matches!(self.health(), Health::Full | Health::Recovering);
+            let recovering = self.connection.is_none() && self.health() != Health::Corrupt;
             tokio::select! {
                 biased;
                 () = self.shutdown.cancelled(), if !closing => {
@@ -89,6 +98,7 @@ impl Writer {
                     // rather than left waiting.
                     recovery.reset();
                 }
+                _ = space_look.tick() => self.look_at_space(),
                 group = self.inbox.next_group() => match group {
                     Some(group) => self.write(group).await,
                     None => break,
@@ -106,7 +116,29 @@ impl Writer {
         *self.health.borrow()
     }
 
-    async fn write(&mut self, group: Vec<Box<dyn Write>>) {
+    /// Refuses uploads before the last of the space is gone, and takes them again when there is some.
+    fn look_at_space(&self) {
+        match (self.health(), self.space.has_room()) {
+            (Health::Ready, false) => {
+                tracing::warn!("the disk is full: only what deletes is written");
+                self.set_health(Health::Full);
+            }
+            (Health::Full, true) if self.connection.is_some() => {
+                tracing::info!("there is space on the disk again");
+                self.set_health(Health::Ready);
+            }
+            _ => {}
+        }
+    }
+
+    async fn write(&mut self, mut group: Vec<Box<dyn Write>>) {
+        if self.health() == Health::Full {
+            let refused = group.extract_if(.., |write| !write.runs_while_full());
+            refuse_all(refused.collect(), || StoreError::Full);
+        }
+        if group.is_empty() {
+            return;
+        }
         let Err((mut group, error)) = self.commit(group).await else {
             return;
         };
@@ -149,8 +181,10 @@ impl Writer {
             });
             return Ok(());
         };
-        if let Err(error) = execute(connection, &mut group).await {
-            return Err((group, error));
+        match execute(connection, &mut group).await {
+            Ok(Some(commits)) => self.marker.note(commits),
+            Ok(None) => {}
+            Err(error) => return Err((group, error)),
         }
         let queues_jobs = group.iter().any(|write| write.queues_jobs());
         for write in group {
@@ -172,6 +206,7 @@ impl Writer {
             Severity::Corrupt => self.set_health(Health::Corrupt),
             Severity::Io => self.set_health(Health::Recovering),
             Severity::Statement | Severity::Busy | Severity::Full => {
+                self.look_at_space();
                 match self.database.open_writer().await {
                     Ok(connection) => self.connection = Some(connection),
                     Err(error) => self.set_health(health_after(&error)),
@@ -186,7 +221,10 @@ impl Writer {
         match self.open_and_truncate().await {
             Ok(Some(connection)) => {
                 self.connection = Some(connection);
-                self.set_health(Health::Ready);
+                self.set_health(match self.space.has_room() {
+                    true => Health::Ready,
+                    false => Health::Full,
+                });
                 tracing::info!("the store takes writes again");
             }
             Ok(None) => {}
@@ -221,19 +259,23 @@ impl Writer {
     async fn finish(mut self) -> Result<(), StoreError> {
         let connection = self.connection.take();
         let mut connection = connection.ok_or(StoreError::Unavailable)?;
-        truncate_wal(&mut connection).await?;
+        if truncate_wal(&mut connection).await? {
+            self.marker.remove();
+        }
         connection.close().await?;
         drop(self.lock);
         Ok(())
     }
 }
 
-/// Executes a group in one transaction.
+/// Executes a group in one transaction. Returns how many commits there are with it, if it has
+/// changed anything.
 async fn execute(
     connection: &mut SqliteConnection,
     group: &mut [Box<dyn Write>],
-) -> Result<(), StoreError> {
+) -> Result<Option<i64>, StoreError> {
     let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
+    let before = total_changes(&mut transaction).await?;
     for write in group {
         if let Err(error) = write.execute(&mut transaction).await {
             if error.severity() == Severity::Write {
@@ -242,7 +284,19 @@ async fn execute(
             return Err(error);
         }
     }
-    Ok(transaction.commit().await?)
+    let commits = match total_changes(&mut transaction).await? == before {
+        true => None,
+        false => Some(count_commit(&mut transaction).await?),
+    };
+    transaction.commit().await?;
+    Ok(commits)
+}
+
+/// How many rows a connection has changed.
+async fn total_changes(connection: &mut SqliteConnection) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar("SELECT total_changes()")
+        .fetch_one(connection)
+        .await
 }
 
 fn refuse_all(group: Vec<Box<dyn Write>>, error: impl Fn() -> StoreError) {
@@ -265,6 +319,7 @@ mod tests {
     use super::super::inbox::{Outbox, queues};
     use super::super::request::Request;
     use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
 
     /// What a request of these tests does.
     #[derive(Clone, Copy)]
@@ -296,8 +351,25 @@ mod tests {
         }
     }
 
+    /// What is written on a full disk as well.
+    struct MakeRoom;
+
+    impl Request for MakeRoom {
+        type Outcome = ();
+        const QUEUES_JOBS: bool = false;
+        const WHILE_FULL: bool = true;
+
+        async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+            sqlx::query("DELETE FROM deeds")
+                .execute(transaction)
+                .await?;
+            Ok(())
+        }
+    }
+
     struct Bench {
         database: Database,
+        free_bytes: Arc<AtomicU64>,
         outbox: Outbox,
         health: watch::Receiver<Health>,
         shutdown: CancellationToken,
@@ -312,6 +384,7 @@ mod tests {
             let lock = DirectoryLock::acquire(directory.path()).unwrap();
             let database = Database::in_directory(directory.path());
             let mut connection = database.open_writer().await.unwrap();
+            database.migrate(&mut connection).await.unwrap();
             sqlx::query("CREATE TABLE deeds (bytes BLOB NOT NULL) STRICT")
                 .execute(&mut connection)
                 .await
@@ -328,6 +401,8 @@ mod tests {
             let (outbox, inbox) = queues();
             let (sender, health) = watch::channel(Health::Ready);
             let shutdown = CancellationToken::new();
+            let free_bytes = Arc::new(AtomicU64::new(u64::MAX));
+            let measured = Arc::clone(&free_bytes);
             let writer = Writer {
                 database: database.clone(),
                 connection: Some(connection),
@@ -336,9 +411,14 @@ mod tests {
                 jobs: Arc::new(Notify::new()),
                 shutdown: shutdown.clone(),
                 lock: Arc::new(lock),
+                marker: Marker::create(directory.path(), 0).unwrap(),
+                space: Space::measured_by(directory.path(), move || {
+                    Ok(measured.load(Ordering::SeqCst))
+                }),
             };
             Self {
                 database,
+                free_bytes,
                 outbox,
                 health,
                 shutdown,
@@ -347,7 +427,7 @@ mod tests {
             }
         }
 
-        async fn ask(&self, deed: Deed) -> Result<(), StoreError> {
+        async fn ask<R: Request<Outcome = ()>>(&self, deed: R) -> Result<(), StoreError> {
             let reply = self.outbox.send_upload(deed).await?;
             reply.await.unwrap()
         }
@@ -377,6 +457,23 @@ mod tests {
         bench.ask(Deed::Add(100_000)).await.unwrap();
         assert_eq!(bench.rows().await, 2);
         assert_eq!(*bench.health.borrow(), Health::Ready);
+        bench.finish().await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_disk_that_others_fill_is_noticed_and_what_deletes_is_written() {
+        let bench = Bench::new(1_000).await;
+        let mut health = bench.health.clone();
+        bench.ask(Deed::Add(10)).await.unwrap();
+        bench.free_bytes.store(0, Ordering::SeqCst);
+        health.wait_for(|now| *now == Health::Full).await.unwrap();
+        let refused = bench.ask(Deed::Add(10)).await;
+        assert!(matches!(refused, Err(StoreError::Full)), "{refused:?}");
+        bench.ask(MakeRoom).await.unwrap();
+        assert_eq!(bench.rows().await, 0);
+        bench.free_bytes.store(u64::MAX, Ordering::SeqCst);
+        health.wait_for(|now| *now == Health::Ready).await.unwrap();
+        bench.ask(Deed::Add(10)).await.unwrap();
         bench.finish().await.unwrap();
     }
 

@@ -65,6 +65,7 @@ impl Service {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
+            accept_lost_log: false,
             limits,
             pipeline: PipelineOptions::default(),
             delivery,

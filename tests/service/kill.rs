@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
+use mapshift::store::fsck;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -79,6 +80,8 @@ async fn kills_leave_no_trace(kills: usize, seed: u64) {
         assert_eq!(client.put("line", batch).await, Put::Replayed);
     }
     assert!(State::of(&client, "line").await == undisturbed);
+    let report = fsck(directory.path(), true, &|_, _| {}).await.unwrap();
+    assert!(report.sound, "{:?}", report.faults);
 }
 
 async fn has_work(client: &Client) -> bool {

@@ -24,5 +24,6 @@ mod quarantines;
 mod receiver;
 mod removals;
 mod restart;
+mod rot;
 mod running;
 mod state;

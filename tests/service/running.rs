@@ -35,6 +35,7 @@ impl Running {
         let config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.join("data"),
+            accept_lost_log: false,
             limits: Limits::default(),
             pipeline: PipelineOptions::default(),
             delivery,

@@ -3,7 +3,7 @@
 use mapshift::graph::EdgeKind;
 use mapshift::ids::VehicleId;
 use mapshift::model::BatchStatus;
-use mapshift::store::{BatchContent, ClaimedJob, RouteCounts};
+use mapshift::store::{BatchContent, ClaimedJob, RouteCounts, fsck};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sqlx::SqliteConnection;
@@ -149,6 +149,9 @@ async fn counters_and_states_agree_with_the_tables_after_random_work() {
         }
         let record = fixture.store.route(&route()).await.unwrap().unwrap();
         assert!(record.counts.nodes > 20 && record.counts.loop_closures > 2);
+        let report = fsck(fixture.directory.path(), true, &|_, _| {}).await;
+        let report = report.unwrap();
+        assert!(report.sound, "{:?}", report.faults);
         fixture.store.close().await.unwrap();
     }
 }

@@ -11,6 +11,8 @@ mod graph;
 mod jobs;
 mod journal;
 mod life;
+mod lost;
+mod rot;
 mod settled;
 mod support;
 mod tiers;

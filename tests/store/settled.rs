@@ -228,7 +228,7 @@ async fn nodes_from_before_are_numbered_within_their_trips() {
     let numbering = migration
         .split_inclusive(';')
         .find(|sql| sql.contains("UPDATE nodes"));
-    sqlx::query("UPDATE nodes SET trip_order = 0")
+    sqlx::query("UPDATE nodes SET trip_order = 0, checksum = NULL")
         .execute(&mut raw)
         .await
         .unwrap();

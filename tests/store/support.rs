@@ -56,6 +56,16 @@ impl Fixture {
         self.store.claim_job(at(seconds), LEASE).await.unwrap()
     }
 
+    /// The job that a process was lost with: not in the first second after the start.
+    pub async fn claim_lost(&self) -> ClaimedJob {
+        loop {
+            if let Some(job) = self.claim(0).await {
+                return job;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
     pub async fn revision(&self, route: &RouteId) -> i64 {
         self.store.route(route).await.unwrap().unwrap().revision
     }

@@ -25,7 +25,7 @@ use crate::render::{Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
     AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,
-    NodeRecord, RouteUpdate, Store, StoreOptions,
+    NodeRecord, RouteUpdate, Store, StoreOptions, fsck,
 };
 
 /// Where the box is put down.
@@ -178,8 +178,12 @@ impl Bench {
             .unwrap()
     }
 
+    /// What the map is; whatever has happened to it, the database is sound.
     pub async fn state(&self) -> MapState {
         let store = &self.engine.store;
+        let report = fsck(self.directory.path(), false, &|_, _| {}).await;
+        let report = report.unwrap();
+        assert!(report.sound, "{:?}", report.faults);
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         let g2o = write_g2o(workspace.map.graph());
         let keyframes = workspace.map.keyframes().iter();

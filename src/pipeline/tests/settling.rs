@@ -223,6 +223,7 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     assert_eq!(left.len(), trajectory.len(), "also of what has left");
     let settled = store.trip_nodes(&route(), &trip).await.unwrap();
     assert!(settled.iter().all(|node| !node.active || node.reference));
+    bench.state().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -266,4 +267,5 @@ async fn what_was_accepted_can_be_undone_after_it_has_settled() {
         .unwrap();
     bench.decide(again, AlertAction::Accept).await;
     lap(&bench, 11).await;
+    bench.state().await;
 }

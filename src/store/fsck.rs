@@ -1,0 +1,349 @@
+//! Whether a database holds what it should: its checksums, and the laws that its tables keep.
+//!
+//! Reads only, one statement after the other, beside a service that writes.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use futures::TryStreamExt;
+use serde::Serialize;
+use sqlx::SqlitePool;
+
+use super::connection::Database;
+use super::error::{Corruption, StoreError};
+use super::records::{BatchFilter, EdgeFilter};
+use super::{acceptances, graph, intermediate_scans, journal, map_versions, marker, routes};
+use crate::ids::RouteId;
+
+/// Rows of one read.
+const PAGE: u32 = 256;
+/// Faults that are named.
+const FAULTS_MAX: usize = 100;
+
+/// Statements that find what contradicts a law; each row names one fault.
+const LAWS: [(&str, &str); 8] = [
+    (
+        "what a row refers to is there",
+        "SELECT format('row %s of %s has no %s', rowid, \"table\", parent) \
+         FROM pragma_foreign_key_check",
+    ),
+    (
+        "a batch has a job while it is queued or processing, and then alone",
+        "SELECT format('job %d', job_id) FROM jobs LEFT JOIN batches USING (batch_key) \
+         WHERE status IS NULL OR status NOT IN ('queued', 'processing') \
+         UNION ALL SELECT format('batch %s of trip %s', id, trip_id) FROM batches \
+         WHERE status IN ('queued', 'processing') \
+         AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.batch_key = batches.batch_key)",
+    ),
+    (
+        "a merged batch has as many nodes as it says",
+        "SELECT format('batch %s of trip %s', id, trip_id) FROM batches \
+         WHERE status = 'merged' AND nodes_added <> \
+             (SELECT count(*) FROM nodes WHERE nodes.batch_key = batches.batch_key)",
+    ),
+    (
+        "a route has as many rows as it says",
+        "SELECT format('route %s', id) FROM routes WHERE (batches, nodes, edges) <> ( \
+             (SELECT count(*) FROM batches AS b WHERE b.route_key = routes.route_key), \
+             (SELECT count(*) FROM nodes AS n WHERE n.route_key = routes.route_key), \
+             (SELECT count(*) FROM edges AS e WHERE e.route_key = routes.route_key))",
+    ),
+    (
+        "poses are finite",
+        "SELECT format('node %d of route %s', node_id, id) FROM nodes JOIN routes USING (route_key) \
+         WHERE NOT (abs(x) < 9e999 AND abs(y) < 9e999 AND abs(theta) < 3.1415927)",
+    ),
+    (
+        "the sums over what has left count what has left",
+        "SELECT format('route %s', id) FROM routes WHERE \
+         (SELECT coalesce(sum(nodes), 0) FROM archive_sums AS s \
+             WHERE s.route_key = routes.route_key) <> \
+         (SELECT count(*) FROM nodes AS n WHERE n.route_key = routes.route_key AND n.active = 0)",
+    ),
+    (
+        "the edges of an alert are there",
+        "SELECT format('edge %s of alert %s', named.value, alerts.id) \
+         FROM alerts, json_each(alerts.edges) AS named WHERE NOT EXISTS (SELECT 1 FROM edges \
+             WHERE edges.route_key = alerts.route_key AND edges.edge_id = named.value)",
+    ),
+    (
+        "a map has a picture of each version before the present one",
+        "SELECT format('route %s', id) FROM routes WHERE map_version - 1 <> \
+             (SELECT count(*) FROM map_versions AS v WHERE v.route_key = routes.route_key)",
+    ),
+];
+
+/// What was found in a database.
+#[derive(Debug, Default, Serialize)]
+pub struct FsckReport {
+    /// Whether nothing is wrong.
+    pub sound: bool,
+    /// Routes whose rows were read.
+    pub routes: u64,
+    /// Uploads whose bodies were read.
+    pub batches: u64,
+    /// Nodes that were read, with their scans and those behind them.
+    pub nodes: u64,
+    /// Edges that were read.
+    pub edges: u64,
+    /// What is wrong.
+    pub faults: Vec<Fault>,
+    /// Faults beyond those named.
+    pub faults_left_off: u64,
+}
+
+/// Something that is wrong.
+#[derive(Debug, Serialize, PartialEq, Eq)]
+pub struct Fault {
+    /// What does not hold.
+    pub law: String,
+    /// Where it does not.
+    pub what: String,
+}
+
+/// How far the check has come: the rows that it has read, and all that there are.
+pub type OnProgress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+
+/// Checks the database of a data directory; `full` has SQLite check its file as well, in one long
+/// read. A service may hold the directory.
+///
+/// # Errors
+/// [`StoreError`] if the database cannot be read at all, or has the schema of an older version.
+pub async fn fsck(
+    data_dir: &Path,
+    full: bool,
+    on_progress: OnProgress<'_>,
+) -> Result<FsckReport, StoreError> {
+    // Before the database is read: a service may commit meanwhile.
+    let commits = marker::commits_before(data_dir);
+    let database = Database::in_directory(data_dir);
+    let readers = database.open_readers().await?;
+    if !database
+        .is_up_to_date(&mut *readers.acquire().await?)
+        .await?
+    {
+        return Err(StoreError::OldSchema);
+    }
+    let mut check = Check {
+        readers: &readers,
+        report: FsckReport::default(),
+        total: total_rows(&readers).await?,
+        on_progress,
+    };
+    check.commits(commits).await?;
+    if full {
+        check.law("the file is sound", INTEGRITY).await?;
+    }
+    for (law, statement) in LAWS {
+        check.law(law, statement).await?;
+    }
+    let rows = check.rows().await;
+    check.note("the routes", rows)?;
+    let mut report = check.report;
+    readers.close().await;
+    report.sound = report.faults.is_empty();
+    Ok(report)
+}
+
+const INTEGRITY: &str =
+    "SELECT integrity_check FROM pragma_integrity_check WHERE integrity_check <> 'ok'";
+
+async fn total_rows(readers: &SqlitePool) -> Result<u64, StoreError> {
+    let total: i64 =
+        sqlx::query_scalar("SELECT coalesce(sum(batches + nodes + edges), 0) FROM routes")
+            .fetch_one(readers)
+            .await?;
+    Ok(u64::try_from(total).unwrap_or_default())
+}
+
+struct Check<'a> {
+    readers: &'a SqlitePool,
+    report: FsckReport,
+    total: u64,
+    on_progress: OnProgress<'a>,
+}
+
+impl Check<'_> {
+    fn fault(&mut self, law: &str, what: String) {
+        if self.report.faults.len() < FAULTS_MAX {
+            let law = law.to_owned();
+            self.report.faults.push(Fault { law, what });
+        } else {
+            self.report.faults_left_off += 1;
+        }
+    }
+
+    /// Notes a read that found something corrupt.
+    ///
+    /// # Errors
+    /// Whatever else it failed with.
+    fn note<T>(
+        &mut self,
+        place: impl Display,
+        read: Result<T, StoreError>,
+    ) -> Result<(), StoreError> {
+        let what = match read.map_err(StoreError::named) {
+            Err(StoreError::Corrupt(what)) => what,
+            read => return read.map(drop),
+        };
+        let what = match what {
+            Corruption::Body { .. } | Corruption::Scan { .. } => what.to_string(),
+            Corruption::Node(_) | Corruption::Edge(_) => format!("{what} of {place}"),
+            _ => format!("{place}: {what}"),
+        };
+        self.fault("what is read is what was written", what);
+        Ok(())
+    }
+
+    async fn commits(&mut self, noted: Option<i64>) -> Result<(), StoreError> {
+        let there = marker::commits(&mut *self.readers.acquire().await?).await?;
+        if let Some(lost) = noted.map(|noted| noted - there).filter(|lost| *lost > 0) {
+            self.fault(
+                "every commit is there",
+                format!("the last {lost}: the write-ahead log is missing or not whole"),
+            );
+        }
+        Ok(())
+    }
+
+    async fn law(&mut self, law: &str, statement: &'static str) -> Result<(), StoreError> {
+        let readers = self.readers;
+        let mut faults = sqlx::query_scalar::<_, String>(statement).fetch(readers);
+        loop {
+            match faults.try_next().await {
+                Ok(Some(what)) => self.fault(law, what),
+                Ok(None) => return Ok(()),
+                Err(error) => return self.note(law, Err::<(), _>(error.into())),
+            }
+        }
+    }
+
+    async fn rows(&mut self) -> Result<(), StoreError> {
+        let mut after = None;
+        loop {
+            let page = routes::routes(self.readers, after.as_ref(), PAGE).await?;
+            for route in &page {
+                self.report.routes += 1;
+                let place = format!("route {}", route.id);
+                for read in [
+                    self.batches(&route.id, &place).await,
+                    self.nodes(&route.id, &place).await,
+                    self.edges(&route.id, &place).await,
+                    self.versions(&route.id, &place).await,
+                ] {
+                    self.note(&place, read)?;
+                }
+            }
+            match page.last() {
+                Some(last) => after = Some(last.id.clone()),
+                None => return Ok(()),
+            }
+        }
+    }
+
+    async fn batches(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
+        let mut after = None;
+        loop {
+            let filter = BatchFilter::default();
+            let page = journal::batches(self.readers, route, &filter, after.as_ref(), PAGE).await?;
+            for batch in &page {
+                let entry = journal::entry(self.readers, route, &batch.id).await;
+                self.note(place, entry)?;
+            }
+            let Some(last) = page.last() else {
+                return Ok(());
+            };
+            after = Some(last.id.clone());
+            self.report.batches += page.len() as u64;
+            self.progress();
+        }
+    }
+
+    async fn nodes(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
+        let (mut after, mut limit) = (None, PAGE);
+        loop {
+            let page = match graph::node_page(self.readers, route, after, limit).await {
+                // Those before it in the page are read first, one by one.
+                Err(StoreError::Corrupt(Corruption::Node(_))) if limit > 1 => {
+                    limit = 1;
+                    continue;
+                }
+                Err(StoreError::Corrupt(Corruption::Node(id))) => {
+                    self.note(
+                        place,
+                        Err::<(), _>(StoreError::Corrupt(Corruption::Node(id))),
+                    )?;
+                    (after, limit) = (Some(id), PAGE);
+                    continue;
+                }
+                page => page?,
+            };
+            for node in &page {
+                let scan = graph::node_scan(self.readers, route, node.id).await;
+                self.note(place, scan)?;
+                let behind = intermediate_scans::check_behind(self.readers, route, node.id).await;
+                self.note(place, behind)?;
+            }
+            let Some(last) = page.last() else {
+                return Ok(());
+            };
+            after = Some(last.id);
+            self.report.nodes += page.len() as u64;
+            self.progress();
+        }
+    }
+
+    async fn edges(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
+        let mut after = None;
+        let filter = EdgeFilter::default();
+        loop {
+            let page = match graph::edge_page(self.readers, route, filter, after, PAGE).await {
+                Err(StoreError::Corrupt(Corruption::Edge(id))) => {
+                    self.note(
+                        place,
+                        Err::<(), _>(StoreError::Corrupt(Corruption::Edge(id))),
+                    )?;
+                    after = Some(id);
+                    continue;
+                }
+                page => page?,
+            };
+            let Some(last) = page.last() else {
+                return Ok(());
+            };
+            after = Some(last.id);
+            self.report.edges += page.len() as u64;
+            self.progress();
+        }
+    }
+
+    /// The pictures of a map's earlier versions, and what takes accepted changes back.
+    async fn versions(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
+        let mut after = 0;
+        loop {
+            let page = map_versions::map_versions(self.readers, route, after, PAGE).await?;
+            for version in &page {
+                let picture = map_versions::picture(self.readers, route, version.version).await;
+                self.note(format!("{place}, version {}", version.version), picture)?;
+            }
+            match page.last() {
+                Some(last) => after = last.version,
+                None => break,
+            }
+        }
+        let mut reader = self.readers.acquire().await?;
+        let accepted = acceptances::accepted_changes(&mut reader, route).await?;
+        drop(reader);
+        for change in accepted {
+            let undo = acceptances::acceptance(self.readers, change.alert_id).await;
+            self.note(format!("{place}, accepted alert {}", change.alert_id), undo)?;
+        }
+        Ok(())
+    }
+
+    fn progress(&self) {
+        let report = &self.report;
+        let done = report.batches + report.nodes + report.edges;
+        (self.on_progress)(done, self.total);
+    }
+}
