@@ -182,17 +182,20 @@ impl Check<'_> {
         place: impl Display,
         read: Result<T, StoreError>,
     ) -> Result<(), StoreError> {
-        let what = match read.map_err(StoreError::named) {
-            Err(StoreError::Corrupt(what)) => what,
-            read => return read.map(drop),
-        };
+        match read.map_err(StoreError::named) {
+            Err(StoreError::Corrupt(what)) => self.corrupt(place, &what),
+            read => drop(read?),
+        }
+        Ok(())
+    }
+
+    fn corrupt(&mut self, place: impl Display, what: &Corruption) {
         let what = match what {
             Corruption::Body { .. } | Corruption::Scan { .. } => what.to_string(),
             Corruption::Node(_) | Corruption::Edge(_) => format!("{what} of {place}"),
             _ => format!("{place}: {what}"),
         };
         self.fault("what is read is what was written", what);
-        Ok(())
     }
 
     async fn commits(&mut self, noted: Option<i64>) -> Result<(), StoreError> {
@@ -269,10 +272,7 @@ impl Check<'_> {
                     continue;
                 }
                 Err(StoreError::Corrupt(Corruption::Node(id))) => {
-                    self.note(
-                        place,
-                        Err::<(), _>(StoreError::Corrupt(Corruption::Node(id))),
-                    )?;
+                    self.corrupt(place, &Corruption::Node(id));
                     (after, limit) = (Some(id), PAGE);
                     continue;
                 }
@@ -299,10 +299,7 @@ impl Check<'_> {
         loop {
             let page = match graph::edge_page(self.readers, route, filter, after, PAGE).await {
                 Err(StoreError::Corrupt(Corruption::Edge(id))) => {
-                    self.note(
-                        place,
-                        Err::<(), _>(StoreError::Corrupt(Corruption::Edge(id))),
-                    )?;
+                    self.corrupt(place, &Corruption::Edge(id));
                     after = Some(id);
                     continue;
                 }

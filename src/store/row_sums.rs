@@ -4,7 +4,6 @@
 //! They cover what never changes. A node's pose is left out: every solve writes it anew, and finds it
 //! again if it is wrong. Rows from before there were checksums have none.
 
-use crc32fast::Hasher;
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
@@ -21,7 +20,7 @@ pub(super) fn of_node(node: &NodeRecord) -> u32 {
     sum.integer(i64::from(node.trip_order));
     sum.text(node.batch_id.as_str());
     sum.text(node.client_id.as_deref().unwrap_or_default());
-    sum.0.finalize()
+    crc32fast::hash(&sum.0)
 }
 
 /// Of what never changes of an edge, and of what its closure says.
@@ -47,7 +46,7 @@ pub(super) fn of_edge(edge: &EdgeRecord) -> u32 {
             sum.number(number);
         }
     }
-    sum.0.finalize()
+    crc32fast::hash(&sum.0)
 }
 
 /// Checks a row's checksum, if it has one.
@@ -67,24 +66,25 @@ pub(super) fn check(
     }
 }
 
+/// What a checksum covers.
 #[derive(Default)]
-struct Sum(Hasher);
+struct Sum(Vec<u8>);
 
 impl Sum {
     fn integer(&mut self, value: i64) {
-        self.0.update(&value.to_le_bytes());
+        self.0.extend_from_slice(&value.to_le_bytes());
     }
 
     fn number(&mut self, value: f64) {
         // SQLite does not keep the sign of a zero.
         let value = if value == 0.0 { 0.0 } else { value };
-        self.0.update(&value.to_le_bytes());
+        self.0.extend_from_slice(&value.to_le_bytes());
     }
 
     fn text(&mut self, text: &str) {
-        self.0.update(text.as_bytes());
+        self.0.extend_from_slice(text.as_bytes());
         // Where it ends: no byte of a text.
-        self.0.update(&[0xff]);
+        self.0.push(0xff);
     }
 
     fn pose(&mut self, pose: &Pose2) {
