@@ -10,7 +10,7 @@ use mapshift::store::{
 };
 use uuid::Uuid;
 
-use crate::support::{Fixture, at, route, upload};
+use crate::support::{Fixture, at, by, route, upload};
 
 const PLAIN: u128 = 1;
 const WITH_TENTATIVE: u128 = 2;
@@ -26,7 +26,7 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
         include_tentative,
         created_at: at(0),
     };
-    let registered = store.register_webhook(webhook).await.unwrap();
+    let registered = store.register_webhook(webhook, &by()).await.unwrap();
     assert_eq!(registered, Registered::Created);
 }
 
@@ -225,7 +225,10 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
         ..WebhookUpdate::default()
     };
     let id = WebhookId(Uuid::from_u128(PLAIN));
-    store.update_webhook(id, None, update, at(5)).await.unwrap();
+    store
+        .update_webhook(id, None, update, &by(), at(5))
+        .await
+        .unwrap();
     write(&fixture, "b6", &alert(3, Tier::Tentative))
         .await
         .unwrap();
