@@ -30,7 +30,7 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
     assert_eq!(registered, Registered::Created);
 }
 
-fn alert(number: u128, tier: Tier) -> AlertRecord {
+pub fn alert(number: u128, tier: Tier) -> AlertRecord {
     let corners = [[0.0, 0.0], [0.1 + 0.2, 0.0], [0.3, 1.0 / 3.0]];
     AlertRecord {
         id: AlertId(Uuid::from_u128(number)),
@@ -81,7 +81,7 @@ fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
 }
 
 /// A batch whose job writes the alert.
-async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<(), StoreError> {
+pub async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<(), StoreError> {
     fixture.journal(upload(batch, batch, 0)).await;
     let job = fixture.claim(0).await.unwrap();
     let mut result = fixture.result(&job, BatchStatus::Merged).await;
