@@ -94,7 +94,7 @@ async fn dismissal(fixture: &Fixture) -> Decision {
     Decision {
         base_revision: fixture.revision(&route()).await,
         action: AlertAction::Dismiss,
-        actor: by(),
+        actor: by().clone(),
         alert: next,
         map: None,
     }
@@ -113,24 +113,23 @@ async fn full() -> Fixture {
     let mut result = fixture.result(&job, BatchStatus::Quarantined).await;
     result.outcomes[0].reason = Some("too far".to_owned());
     store.apply_result(result).await.unwrap();
-    let registered = store.register_webhook(webhook(1), &by()).await;
+    let registered = store.register_webhook(webhook(1), by()).await;
     assert_eq!(registered.unwrap(), Registered::Created);
     ask(&fixture, 1, removal(false)).await.unwrap();
     fixture
 }
 
 async fn ask(fixture: &Fixture, number: u128, request: RemovalRequest) -> Result<(), StoreError> {
-    let id = operation_id(number);
-    let asked = fixture.store.ask_for(id, &route(), request, &by(), at(15));
+    let (id, route) = (operation_id(number), route());
+    let asked = fixture.store.ask_for(id, &route, request, by(), at(15));
     asked.await
 }
 
 /// Every row, in the order of commits.
 async fn rows(fixture: &Fixture) -> Vec<AuditRecord> {
-    let page = fixture
-        .store
-        .audit_page(&AuditFilter::default(), None, 1_000);
-    let mut rows = page.await.unwrap();
+    let filter = AuditFilter::default();
+    let page = fixture.store.audit_page(&filter, None, 1_000).await;
+    let mut rows = page.unwrap();
     rows.sort_by_key(|row| row.key);
     rows
 }
@@ -187,7 +186,7 @@ async fn a_route_that_is_made_changed_and_deleted_leaves_a_row_each() {
         (named("Hall", 5), Put::Updated),
         (named("Hall", 5), Put::Updated), // the same once more
     ] {
-        let put = store.put_route(&route(), update, &by(), at(1)).await;
+        let put = store.put_route(&route(), update, by(), at(1)).await;
         assert_eq!(put.unwrap(), became);
     }
     for (expected, became) in [
@@ -195,13 +194,13 @@ async fn a_route_that_is_made_changed_and_deleted_leaves_a_row_each() {
         (None, Deleted::Done),
         (None, Deleted::NotThere),
     ] {
-        let deletion = store.delete_route(&route(), expected, &by(), at(2)).await;
+        let deletion = store.delete_route(&route(), expected, by(), at(2)).await;
         assert_eq!(deletion.unwrap(), became);
     }
     let made = json!({"display_name": null, "geo_anchor": null, "settings": settings(600)});
     let changed = json!({"display_name": "Hall", "geo_anchor": null, "settings": settings(5)});
     assert_eq!(
-        told_since(&fixture, 0, &by()).await,
+        told_since(&fixture, 0, by()).await,
         [
             told(AuditAction::RouteCreated, "r", Value::Null, made.clone()),
             told(AuditAction::RouteChanged, "r", made, changed.clone()),
@@ -218,7 +217,7 @@ async fn a_detector_that_is_fixed_leaves_no_row() {
     let before = rows(&fixture).await;
     let mut seed = named("Hall", 5);
     seed.settings.detector = Some(Detector::Seed);
-    let put = fixture.store.put_route(&route(), seed, &by(), at(1)).await;
+    let put = fixture.store.put_route(&route(), seed, by(), at(1)).await;
     assert_eq!(put.unwrap(), Put::DetectorFixed);
     assert_eq!(rows(&fixture).await, before);
 }
@@ -235,7 +234,7 @@ fn webhook_told(active: bool, description: Value, gone_at: Value) -> Value {
 async fn a_webhook_leaves_a_row_for_each_change_and_none_of_its_secrets() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;
-    store.register_webhook(webhook(1), &by()).await.unwrap();
+    store.register_webhook(webhook(1), by()).await.unwrap();
     let tickets = WebhookUpdate {
         description: Some("tickets".to_owned()),
         ..WebhookUpdate::default()
@@ -250,7 +249,7 @@ async fn a_webhook_leaves_a_row_for_each_change_and_none_of_its_secrets() {
         (tickets, None, Edited::Done), // the same once more
         (other_token, None, Edited::Done),
     ] {
-        let edited = store.update_webhook(webhook_id(1), revision, update, &by(), at(2));
+        let edited = store.update_webhook(webhook_id(1), revision, update, by(), at(2));
         assert_eq!(edited.await.unwrap(), became);
     }
     for (revision, became) in [
@@ -258,14 +257,14 @@ async fn a_webhook_leaves_a_row_for_each_change_and_none_of_its_secrets() {
         (None, Edited::Done),
         (None, Edited::Unknown),
     ] {
-        let deleted = store.delete_webhook(webhook_id(1), revision, &by(), at(3));
+        let deleted = store.delete_webhook(webhook_id(1), revision, by(), at(3));
         assert_eq!(deleted.await.unwrap(), became);
     }
     let id = webhook_id(1);
     let made = webhook_told(true, Value::Null, Value::Null);
     let changed = webhook_told(true, json!("tickets"), Value::Null);
     assert_eq!(
-        told_since(&fixture, 1, &by()).await,
+        told_since(&fixture, 1, by()).await,
         [
             told(AuditAction::WebhookCreated, id, Value::Null, made.clone()),
             told(AuditAction::WebhookChanged, id, made, changed.clone()),
@@ -294,11 +293,11 @@ async fn a_webhook_that_goes_with_its_route_has_a_row_of_its_own() {
         ..webhook(2)
     };
     for webhook in [webhook(1), of_all] {
-        store.register_webhook(webhook, &by()).await.unwrap();
+        store.register_webhook(webhook, by()).await.unwrap();
     }
-    let deleted = store.delete_route(&route(), None, &by(), at(20)).await;
+    let deleted = store.delete_route(&route(), None, by(), at(20)).await;
     assert_eq!(deleted.unwrap(), Deleted::Done);
-    let told = told_since(&fixture, 3, &by()).await;
+    let told = told_since(&fixture, 3, by()).await;
     let told: Vec<_> = told.iter().map(|row| (row.0, row.1.as_str())).collect();
     let id = webhook_id(1).to_string();
     assert_eq!(
@@ -314,7 +313,7 @@ async fn a_webhook_that_goes_with_its_route_has_a_row_of_its_own() {
 async fn a_webhook_that_the_service_disables_is_noted_as_its_own_doing() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;
-    store.register_webhook(webhook(1), &by()).await.unwrap();
+    store.register_webhook(webhook(1), by()).await.unwrap();
     for _ in 0..2 {
         store
             .queue_webhook_test(webhook_id(1), at(11))
@@ -369,7 +368,7 @@ async fn a_decision_leaves_a_row_with_what_was_and_what_is() {
     let before = json!({"status": "open", "by": "system", "note": null});
     let after = json!({"status": "dismissed", "by": "kim", "note": "a parked lorry"});
     assert_eq!(
-        told_since(&fixture, count, &by()).await,
+        told_since(&fixture, count, by()).await,
         [told(AuditAction::AlertDismissed, alert_id(), before, after)]
     );
 }
@@ -381,7 +380,7 @@ async fn a_removal_is_noted_when_it_is_asked_for_and_when_it_has_ended() {
     let store = &fixture.store;
     let asked = json!({"trips": ["gone"], "erase": false, "note": "its lidar was loose"});
     assert_eq!(
-        told_since(&fixture, count - 1, &by()).await,
+        told_since(&fixture, count - 1, by()).await,
         [told(
             AuditAction::RemovalAsked,
             operation_id(1),
@@ -462,15 +461,14 @@ async fn a_batch_that_is_tried_again_leaves_one_row() {
     let fixture = full().await;
     let count = rows(&fixture).await.len();
     for (batch, is_queued) in [("q", true), ("q", false), ("gone", false), ("none", false)] {
-        let retried = fixture
-            .store
-            .retry_batch(&route(), &batch_id(batch), &by(), at(20));
+        let (route, batch) = (route(), batch_id(batch));
+        let retried = fixture.store.retry_batch(&route, &batch, by(), at(20));
         assert_eq!(retried.await.unwrap() == Retried::Queued, is_queued);
     }
     let before = json!({"status": "quarantined", "reason": "too far"});
     let after = json!({"status": "queued", "reason": "too far"});
     assert_eq!(
-        told_since(&fixture, count, &by()).await,
+        told_since(&fixture, count, by()).await,
         [told(AuditAction::BatchRetried, "q", before, after)]
     );
 }
@@ -538,24 +536,24 @@ async fn no_change_is_made_without_its_row() {
     let failed = Err("out of luck".to_owned());
     let refused = [
         store
-            .put_route(&another, RouteUpdate::default(), &by(), at(20))
+            .put_route(&another, RouteUpdate::default(), by(), at(20))
             .await
             .is_err(),
         store
-            .put_route(&route(), named("Hall", 5), &by(), at(20))
+            .put_route(&route(), named("Hall", 5), by(), at(20))
             .await
             .is_err(),
         store
-            .delete_route(&route(), None, &by(), at(20))
+            .delete_route(&route(), None, by(), at(20))
             .await
             .is_err(),
-        store.register_webhook(webhook(2), &by()).await.is_err(),
+        store.register_webhook(webhook(2), by()).await.is_err(),
         store
-            .update_webhook(webhook_id(1), None, edit, &by(), at(20))
+            .update_webhook(webhook_id(1), None, edit, by(), at(20))
             .await
             .is_err(),
         store
-            .delete_webhook(webhook_id(1), None, &by(), at(20))
+            .delete_webhook(webhook_id(1), None, by(), at(20))
             .await
             .is_err(),
         store.record_attempt(gone).await.is_err(),
@@ -573,7 +571,7 @@ async fn no_change_is_made_without_its_row() {
             .await
             .is_err(),
         store
-            .retry_batch(&route(), &batch_id("q"), &by(), at(20))
+            .retry_batch(&route(), &batch_id("q"), by(), at(20))
             .await
             .is_err(),
     ];
@@ -588,7 +586,7 @@ async fn parts_follow_each_other_by_time_without_gap_or_repetition() {
     let store = &fixture.store;
     for (hold_s, second) in [(1, 50), (2, 30), (3, 50), (4, 40), (5, 50)] {
         let update = named("Hall", hold_s);
-        let put = store.put_route(&route(), update, &by(), at(second)).await;
+        let put = store.put_route(&route(), update, by(), at(second)).await;
         assert_eq!(put.unwrap(), Put::Updated);
     }
     let hold_s = |row: &AuditRecord| row.after.as_ref().unwrap()["settings"]["hold_s"].clone();

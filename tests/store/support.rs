@@ -1,5 +1,6 @@
 //! Shared by the tests of the store.
 
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use jiff::Timestamp;
@@ -118,7 +119,7 @@ pub async fn open(directory: &TempDir) -> Store {
 pub async fn put_route(store: &Store, id: &str) {
     let id = RouteId::new(id).unwrap();
     store
-        .put_route(&id, RouteUpdate::default(), &by(), at(0))
+        .put_route(&id, RouteUpdate::default(), by(), at(0))
         .await
         .unwrap();
 }
@@ -128,10 +129,11 @@ pub fn at(seconds: i64) -> Timestamp {
 }
 
 /// Who makes the changes of these tests.
-pub fn by() -> Actor {
-    Actor::Local {
+pub fn by() -> &'static Actor {
+    static BY: LazyLock<Actor> = LazyLock::new(|| Actor::Local {
         address: "192.0.2.7".to_owned(),
-    }
+    });
+    &BY
 }
 
 pub fn route() -> RouteId {

@@ -26,7 +26,7 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
         include_tentative,
         created_at: at(0),
     };
-    let registered = store.register_webhook(webhook, &by()).await.unwrap();
+    let registered = store.register_webhook(webhook, by()).await.unwrap();
     assert_eq!(registered, Registered::Created);
 }
 
@@ -226,7 +226,7 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
     };
     let id = WebhookId(Uuid::from_u128(PLAIN));
     store
-        .update_webhook(id, None, update, &by(), at(5))
+        .update_webhook(id, None, update, by(), at(5))
         .await
         .unwrap();
     write(&fixture, "b6", &alert(3, Tier::Tentative))

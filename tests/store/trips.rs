@@ -98,7 +98,7 @@ async fn each_route_has_its_own_patience() {
         },
         ..RouteUpdate::default()
     };
-    let put = fixture.store.put_route(&hasty, update, &by(), at(0)).await;
+    let put = fixture.store.put_route(&hasty, update, by(), at(0)).await;
     assert_eq!(put.unwrap(), mapshift::store::Put::Updated);
     fixture.journal(upload("b", "t", 1)).await;
     let mut batch = upload("b", "t", 1);
