@@ -13,7 +13,7 @@ CREATE TABLE audit (
     action    TEXT    NOT NULL,
     -- The route's name; NULL for what is about all routes. No foreign key: the row outlives the route.
     route_id  TEXT,
-    -- What was changed: the name of a route or a batch, the id of an alert, a webhook, an operation.
+    -- What was changed: the name of a route, a batch or a vehicle, the id of an alert, a webhook, an operation.
     subject   TEXT    NOT NULL,
     -- What was there before and after, as JSON without secrets; NULL where there is no such thing.
     before    TEXT    CHECK (json_valid(before)),

@@ -42,8 +42,8 @@ pub(super) struct AuditBody {
     /// The route, which may be gone; null for what is about all routes.
     #[schema(required)]
     route_id: Option<String>,
-    /// What was changed: the name of the route or the batch, the id of the alert, the webhook or the
-    /// operation.
+    /// What was changed: the name of the route, the batch or the vehicle, the id of the alert, the webhook
+    /// or the operation.
     subject: String,
     /// What was there before; null if nothing was. Never a secret; a `?…` at the end of a webhook's URL
     /// stands for a query, which may hold one.
@@ -118,8 +118,8 @@ impl From<AuditRecord> for AuditBody {
 
 /// List who changed what.
 ///
-/// Changes of routes, alerts and webhooks, removals and retries of batches, the newest first, in parts:
-/// when, from which address, what was there before and after. Uploads are listed with their route. An
+/// Changes of routes, alerts and webhooks, removals and retries of batches, quarantines of vehicles, the
+/// newest first, in parts: when, from which address, what was there before and after. Uploads are listed with their route. An
 /// entry is written together with its change and kept for good, also when the route is deleted. What
 /// changes nothing has none: a dry run, or the same settings put again.
 #[utoipa::path(

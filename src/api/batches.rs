@@ -201,9 +201,11 @@ pub(super) struct BatchBody {
     /// Why it is there, for people.
     #[schema(required)]
     reason: Option<String>,
-    /// What was noticed: `clock_skew`, `empty_scans`, `gap` (batches before it never came), `late`,
-    /// `map_mended` (with it a segment of the map was put right; a resolved `map_mismatch` says
-    /// which), `not_localised` (at its end nobody knew where the vehicle was), `wild_odometry`, …
+    /// What was noticed: `clock_skew` (its clock is more than a day ahead; a trip that begins more
+    /// than a week ahead counts from its arrival, in the graph and in alerts), `empty_scans`, `gap`
+    /// (batches before it never came), `late`, `map_mended` (with it a segment of the map was put
+    /// right; a resolved `map_mismatch` says which), `not_localised` (at its end nobody knew where
+    /// the vehicle was), `wild_odometry`, …
     flags: Vec<String>,
     /// Number of scans.
     scans: i64,

@@ -22,6 +22,7 @@ mod layers;
 mod limits;
 mod maps;
 mod nodes;
+mod note;
 mod offload;
 mod openapi;
 mod operations;
@@ -29,6 +30,7 @@ mod paging;
 mod parameters;
 pub mod problem;
 mod problem_responses;
+mod quarantines;
 mod quota;
 mod raw_answer;
 mod reading;
@@ -79,6 +81,8 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(retries::retry_batch))
         .routes(routes!(edge_batches::put_edge_batch))
         .routes(routes!(removals::post_removal))
+        .routes(routes!(quarantines::quarantine_vehicle))
+        .routes(routes!(quarantines::release_vehicle))
         .routes(routes!(removals::get_operation))
         .routes(routes!(nodes::list_nodes))
         .routes(routes!(nodes::get_node))

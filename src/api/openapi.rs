@@ -136,6 +136,7 @@ mod tests {
                 "Decision",
                 "Registration",
                 "Change",
+                "Post",
             ];
             let is_request = sent_by_clients.iter().any(|end| name.ends_with(end));
             let properties = schema["properties"].as_object();

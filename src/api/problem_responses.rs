@@ -95,6 +95,8 @@ problem_responses! {
         K::RetryRefused,
         K::DiskFull,
     ];
+    /// Of keeping a vehicle's uploads out, or no longer.
+    QuarantineProblems = [K::UnknownRoute, K::NotFound], with BODY;
     /// Of taking uploads out.
     RemovalProblems = [K::UnknownRoute], with BODY;
     /// Of reading an operation.

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
+use super::note::checked_note;
 use super::parameters::{OperationParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{OperationProblems, RemovalProblems};
@@ -20,7 +21,6 @@ use crate::model::{Actor, OperationStatus};
 use crate::store::{Meant, OperationRecord, RemovalRequest, RemovalResult};
 
 const NAMES_MAX: usize = 1_000;
-const NOTE_CHARS_MAX: usize = 2_000;
 
 /// What to take out: exactly one of `batches`, `trips` and `vehicle_id`.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -147,15 +147,6 @@ impl RemovalPost {
         {
             return refuse("/trips", "name 1 to 1,000 trips");
         }
-        let unprintable = |c: char| c.is_control() && c != '\n' && c != '\t';
-        if self.note.as_ref().is_some_and(|note| {
-            note.chars().count() > NOTE_CHARS_MAX || note.chars().any(unprintable)
-        }) {
-            return refuse(
-                "/note",
-                "a note has at most 2,000 characters, and of control characters line breaks and tabs alone",
-            );
-        }
         let meant = match (self.batches, self.trips, self.vehicle_id) {
             (Some(batches), None, None) => Meant::Batches(batches),
             (None, Some(trips), None) => Meant::Trips(trips),
@@ -169,7 +160,7 @@ impl RemovalPost {
             meant,
             dry_run: self.dry_run.unwrap_or(false),
             erase: self.erase.unwrap_or(false),
-            note: self.note.filter(|note| !note.is_empty()),
+            note: checked_note(self.note)?,
         })
     }
 }

@@ -90,8 +90,8 @@ struct RouteSettingsBody {
     false_alarm_rate: f64,
     /// How long a batch waits for its predecessor, seconds.
     hold_s: u32,
-    /// How far a batch may move what others have mapped, metres; one that would move it farther is
-    /// quarantined.
+    /// How far a batch may move what others have mapped, metres; one that would move it farther, and
+    /// farther than three standard deviations of its pose, is quarantined.
     max_shift_m: f64,
 }
 
@@ -138,7 +138,7 @@ struct RouteSettingsPut {
     #[schema(minimum = 0, maximum = 604800)]
     hold_s: Option<u32>,
     /// How far a batch may move what others have mapped, metres; 0.02 for a new route. One that would
-    /// move it farther is quarantined.
+    /// move it farther, and farther than three standard deviations of its pose, is quarantined.
     #[schema(minimum = 0.001, maximum = 1.0, example = 0.02)]
     max_shift_m: Option<f64>,
 }

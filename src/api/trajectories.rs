@@ -98,8 +98,8 @@ pub(super) async fn get_trajectory(
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<Response, Problem> {
     let (first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
-    let corrections = state.store.trip_corrections(&route_id, &trip_id).await?;
-    let corrections = corrections.unwrap_or_default();
+    let start = state.store.trip_start(&route_id, &trip_id).await?;
+    let corrections = start.unwrap_or_default().corrections;
     let corrections = corrections.applied().iter().map(correction_body);
     let document = TrajectoryJson::new(&TrajectoryBody {
         trip_id: trip_id.to_string(),

@@ -17,7 +17,7 @@ use crate::calibration::{
     AppliedCorrection, CalibratedTrip, Quantity, TripCorrections, VehicleCalibration,
 };
 use crate::ids::{AlertId, LidarId, RouteId, VehicleId};
-use crate::store::{LidarRecord, VehicleRecord};
+use crate::store::{KeptOut, LidarRecord, VehicleRecord};
 
 /// A vehicle as a route knows it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -86,8 +86,11 @@ struct RelativeMountBody {
 enum VehicleStateName {
     /// Nothing speaks against it.
     Trusted,
-    /// An undecided alert of kind `vehicle_suspect` names it.
+    /// An undecided alert of kind `vehicle_suspect` names it, or three of its newest ten batches were
+    /// kept out of the map.
     Suspect,
+    /// Somebody keeps its uploads out of the map.
+    Quarantined,
 }
 
 /// What a vehicle has sent.
@@ -235,27 +238,58 @@ pub(super) async fn get_vehicle(
     State(state): State<ApiState>,
     ApiPath((route_id, vehicle_id)): ApiPath<(RouteId, VehicleId)>,
 ) -> Result<Json<VehicleBody>, Problem> {
-    state.known_route(&route_id).await?;
-    let vehicle = state.store.vehicle(&route_id, &vehicle_id).await?;
-    let vehicle = vehicle.ok_or_else(|| {
-        let detail = format!("route {route_id} has no batch of a vehicle {vehicle_id}");
+    known_vehicle(&state, &route_id, &vehicle_id).await
+}
+
+/// A vehicle as it is now.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
+pub(super) async fn known_vehicle(
+    state: &ApiState,
+    route: &RouteId,
+    vehicle: &VehicleId,
+) -> Result<Json<VehicleBody>, Problem> {
+    state.known_route(route).await?;
+    let known = state.store.vehicle(route, vehicle).await?;
+    let known = known.ok_or_else(|| {
+        let detail = format!("route {route} has no batch of a vehicle {vehicle}");
         Problem::new(ProblemKind::NotFound, detail)
     })?;
-    Ok(Json(vehicle.into()))
+    Ok(Json(known.into()))
+}
+
+/// Whether a vehicle is believed, and why not.
+fn state_of(vehicle: &VehicleRecord) -> (VehicleStateName, Vec<String>) {
+    let quarantine = vehicle.quarantine.as_ref().map(|quarantine| {
+        let note = quarantine.note.as_deref().unwrap_or("no reason was given");
+        format!("kept out of the map since {}: {note}", quarantine.since)
+    });
+    let suspicions = vehicle.suspected_by.iter();
+    let suspicions = suspicions.map(|alert| format!("alert {alert} suspects it"));
+    let kept_out = vehicle.kept_out.as_ref().map(|kept_out| {
+        let KeptOut { batches, reason } = kept_out;
+        let newest = reason.as_deref().unwrap_or("no reason is known");
+        format!(
+            "{batches} of its newest batches were kept out of the map, the last because: {newest}"
+        )
+    });
+    let state = match (&quarantine, vehicle.suspected_by.is_empty(), &kept_out) {
+        (Some(_), ..) => VehicleStateName::Quarantined,
+        (None, true, None) => VehicleStateName::Trusted,
+        _ => VehicleStateName::Suspect,
+    };
+    let reasons = quarantine.into_iter().chain(suspicions).chain(kept_out);
+    (state, reasons.collect())
 }
 
 impl From<VehicleRecord> for VehicleBody {
     fn from(vehicle: VehicleRecord) -> Self {
-        let state = match vehicle.suspected_by.is_empty() {
-            true => VehicleStateName::Trusted,
-            false => VehicleStateName::Suspect,
-        };
-        let reasons = vehicle.suspected_by.iter();
-        let reasons = reasons.map(|alert| format!("alert {alert} suspects it"));
+        let (state, reasons) = state_of(&vehicle);
         Self {
             id: vehicle.id.to_string(),
             state,
-            reasons: reasons.collect(),
+            reasons,
             suspected_by: vehicle.suspected_by.clone(),
             counts: VehicleCountsBody {
                 trips: vehicle.trips,

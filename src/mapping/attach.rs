@@ -2,7 +2,7 @@
 
 use super::given::{End, GivenEdge, GivenGraph};
 use super::keyframe::Keyframe;
-use super::partners;
+use super::partners::Covering;
 use super::route_map::RouteMap;
 use crate::geometry::Information;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
@@ -157,12 +157,15 @@ impl RouteMap {
 
     /// Decides which of the nodes from a place on are references.
     fn refer_to_given(&mut self, first: usize) {
-        for k in first..self.keyframes.len() {
+        let mut given = Covering::default();
+        for (k, keyframe) in self.keyframes.iter_mut().enumerate() {
             let pose = self.graph.nodes()[k].pose;
-            let others = self.keyframes[..k].iter().zip(self.graph.nodes());
-            let given = others.filter(|(other, _)| other.reference && other.scan.is_none());
-            let covered = partners::is_covered(&pose, given.map(|(_, node)| node.pose));
-            self.keyframes[k].reference = !covered;
+            if k >= first {
+                keyframe.reference = !given.covers(&pose);
+            }
+            if keyframe.reference && keyframe.scan.is_none() {
+                given.insert(pose);
+            }
         }
     }
 }

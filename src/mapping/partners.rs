@@ -4,6 +4,8 @@
 //! before: tied to the map before a change, the signal stays lap after lap; tied to the previous
 //! lap it vanishes at once.
 
+use std::collections::BTreeMap;
+
 use super::keyframe::Keyframe;
 use crate::geometry::{Pose2, angle_difference_rad};
 use crate::matching::Visibility;
@@ -43,6 +45,35 @@ pub(super) fn is_covered(pose: &Pose2, references: impl Iterator<Item = Pose2>) 
         (reference.translation() - pose.translation()).norm() < COVERED_DISTANCE_M
             && angle_difference_rad(reference.theta, pose.theta) < COVERED_TURN_RAD
     })
+}
+
+/// References by where they are: to ask of very many places whether they are covered.
+#[derive(Default)]
+pub(super) struct Covering {
+    /// Squares of [`COVERED_DISTANCE_M`].
+    squares: BTreeMap<(i64, i64), Vec<Pose2>>,
+}
+
+impl Covering {
+    pub(super) fn insert(&mut self, reference: Pose2) {
+        let square = square_of(&reference);
+        self.squares.entry(square).or_default().push(reference);
+    }
+
+    /// As [`is_covered`] by all that were inserted.
+    pub(super) fn covers(&self, pose: &Pose2) -> bool {
+        let (x, y) = square_of(pose);
+        let columns = (x - 1..=x + 1).flat_map(|x| self.squares.range((x, y - 1)..=(x, y + 1)));
+        is_covered(
+            pose,
+            columns.flat_map(|(_, references)| references).copied(),
+        )
+    }
+}
+
+fn square_of(pose: &Pose2) -> (i64, i64) {
+    let [x, y] = [pose.x, pose.y].map(|metres| (metres / COVERED_DISTANCE_M).floor() as i64);
+    (x, y)
 }
 
 /// Share of the new scan's points that lie where the old scan looked; 0 without an old scan.

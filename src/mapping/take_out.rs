@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 
 use super::keyframe::Keyframe;
-use super::partners;
+use super::partners::Covering;
 use super::route_map::RouteMap;
-use crate::change::Layers;
+use crate::change::{Layer, Layers};
 use crate::graph::{Edge, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
 
@@ -57,19 +57,25 @@ impl RouteMap {
 
     /// Makes references of the nodes, the oldest first, that no reference of their layer covers.
     fn refer_where_none_is(&mut self) {
-        for k in 0..self.keyframes.len() {
-            let keyframe = &self.keyframes[k];
-            if keyframe.reference || keyframe.is_lost() {
-                continue;
+        let kind = |keyframe: &Keyframe| (keyframe.scan.is_some(), keyframe.layer());
+        let mut references: Vec<((bool, Layer), Covering)> = Vec::new();
+        for only_known in [true, false] {
+            for (keyframe, node) in self.keyframes.iter_mut().zip(self.graph.nodes()) {
+                if keyframe.reference != only_known || keyframe.is_lost() {
+                    continue;
+                }
+                let kind = kind(keyframe);
+                let place = references.iter().position(|(other, _)| *other == kind);
+                let place = place.unwrap_or_else(|| {
+                    references.push((kind, Covering::default()));
+                    references.len() - 1
+                });
+                let like = &mut references[place].1;
+                if only_known || !like.covers(&node.pose) {
+                    keyframe.reference = true;
+                    like.insert(node.pose);
+                }
             }
-            let is_like = |other: &Keyframe| {
-                other.scan.is_some() == keyframe.scan.is_some() && other.layer() == keyframe.layer()
-            };
-            let others = self.keyframes.iter().zip(self.graph.nodes());
-            let references = others.filter(|(other, _)| other.reference && is_like(other));
-            let pose = self.graph.nodes()[k].pose;
-            let covered = partners::is_covered(&pose, references.map(|(_, node)| node.pose));
-            self.keyframes[k].reference = !covered;
         }
     }
 }

@@ -71,8 +71,8 @@ struct Rotations {
 
 /// The pose within the window at which the points, in the base frame, fit the grid best.
 ///
-/// `None` if no pose reaches `score_min`. With `rival`, it tells whether the place is unlike all
-/// others.
+/// `None` if no pose reaches `score_min`, and where so many come near it that looking at them all would
+/// take too long: such points fit anywhere. With `rival`, it tells whether the place is unlike all others.
 pub fn search(
     grid: &LikelihoodGrid,
     points: &[Vector2<f64>],
@@ -93,7 +93,7 @@ pub fn search(
     };
     let full = 255.0 * points.len() as f64;
     let floor = (params.score_min * full) as u32;
-    let best = descend(grid, &rotations, reach, floor, Wanted::Best, |_| true)?;
+    let best = descend(grid, &rotations, reach, floor, Wanted::Best, |_| true).ok()??;
     let pose = to_pose(&best);
     // Whether any pose of a candidate's square is: nothing is lost by passing over the hill of the
     // best pose, and along a corridor hills are long.
@@ -114,7 +114,7 @@ pub fn search(
             true => Wanted::Best,
             false => Wanted::Any,
         };
-        descend(grid, &rotations, reach, rival_floor, wanted, elsewhere)
+        descend(grid, &rotations, reach, rival_floor, wanted, elsewhere).ok()?
     } else {
         None
     };
@@ -162,6 +162,13 @@ enum Wanted {
     Any,
 }
 
+/// So many candidates may be branched for each search, and as many more as there are squares to begin with.
+/// Searches in real buildings take some hundred, at most 100,000.
+const BRANCHES_MAX: usize = 200_000;
+
+/// Too many candidates are about as good as the best.
+struct Exhausted;
+
 /// Depth-first branch and bound: the leaf with the greatest sum above `floor`, or any with one,
 /// that is `allowed`, as is every candidate that has such a leaf.
 fn descend(
@@ -171,16 +178,18 @@ fn descend(
     floor: u32,
     wanted: Wanted,
     allowed: impl Fn(&Candidate) -> bool,
-) -> Option<Candidate> {
+) -> Result<Option<Candidate>, Exhausted> {
     let mut top = grid.level_count() - 1;
     while top > 0 && (1i64 << top) > 2 * reach + 1 {
         top -= 1;
     }
     let side = 1i64 << top;
     let mut roots = Vec::new();
+    let mut branches_left = BRANCHES_MAX;
     for turn in 0..rotations.cells.len() {
         for x in (-reach..=reach).step_by(side as usize) {
             for y in (-reach..=reach).step_by(side as usize) {
+                branches_left += 1;
                 let bound = sum(grid, &rotations.cells[turn], x, y, top, floor);
                 if bound > floor {
                     roots.push(Candidate {
@@ -208,16 +217,17 @@ fn descend(
             }
             if candidate.level == 0 {
                 if wanted == Wanted::Any {
-                    return Some(candidate);
+                    return Ok(Some(candidate));
                 }
                 floor = candidate.bound;
                 best = Some(candidate);
                 continue;
             }
+            branches_left = branches_left.checked_sub(1).ok_or(Exhausted)?;
             branch(grid, rotations, reach, floor, &candidate, &mut stack);
         }
     }
-    best
+    Ok(best)
 }
 
 /// Pushes the four children of a candidate that may beat the floor, the best last.

@@ -79,6 +79,10 @@ text_enum! {
         RemovalFailed = "removal.failed",
         /// An upload was queued for another try.
         BatchRetried = "batch.retried",
+        /// A vehicle's uploads are kept out of a map from now on.
+        VehicleQuarantined = "vehicle.quarantined",
+        /// They are kept out no longer.
+        VehicleReleased = "vehicle.released",
     }
 }
 

@@ -129,11 +129,11 @@ pub(super) fn process_edges(
     // What has scans was measured by itself, and what others brought is theirs: edges alone move
     // neither.
     let vehicle = edges.origins.last().map(|origin| &origin.vehicle_id);
-    let before = PosesBefore::of(&workspace.map, |keyframe| {
+    let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
         keyframe.scan.is_none() && workspace.vehicles.get(&keyframe.trip) == vehicle
     });
     let attached = workspace.map.attach(&graph)?;
-    if let Some(shift) = before.too_far(&workspace.map, workspace.max_shift_m) {
+    if let Some(shift) = before.too_far(&workspace.map) {
         let reasons = selected.iter().map(|k| (*k, shift.to_string()));
         refused.extend(reasons);
         return Ok(Processed::Refused(Refusal {

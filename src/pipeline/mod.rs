@@ -10,6 +10,7 @@
 mod accept;
 mod alerts;
 mod calibrate;
+mod clock;
 mod decide;
 mod edges;
 mod engine;

@@ -1,9 +1,11 @@
 //! One job of scans, from its bodies to what is to be saved: the computation, without any waiting.
 
 use anyhow::Context;
+use jiff::Timestamp;
 
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
+use super::clock::clock_ahead_ns;
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
 use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added};
@@ -13,21 +15,21 @@ use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
 use crate::calibration::{Corrections, TripCorrections};
 use crate::change::Detector;
-use crate::ids::{NodeId, VehicleId};
+use crate::ids::{NodeId, StampNs, VehicleId};
 use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap,
 };
 use crate::model::{BatchFlag, BatchStatus, Stage};
-use crate::store::{BatchOutcome, ClaimedJob, JobResult};
+use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
 
-/// What is known of the corrections of a job's trip.
+/// What is known of a job's trip.
 pub(super) enum Known {
-    /// They were decided when the trip began.
-    Decided(TripCorrections),
+    /// What was decided when it began.
+    Decided(TripStart),
     /// The trip begins now. What was corrected in the vehicle's newest trip that has said something.
     Before(TripCorrections),
 }
@@ -42,20 +44,27 @@ pub(super) fn process(
     job: &ClaimedJob,
     known: &Known,
 ) -> anyhow::Result<Processed> {
-    let (origins, drives) = decode(job)?;
+    let (origins, mut drives) = decode(job)?;
     if let Some(outcome) = origins.last().zip(drives.last()).and_then(refuse_jump) {
         return Ok(Processed::Refused(Refusal {
             origins,
             outcomes: vec![outcome],
         }));
     }
-    let drive = join(&drives);
     let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
     let vehicle = vehicle.context("a job without batches")?;
-    let corrections = corrections(&workspace, &vehicle, &drive, known);
-    let drive = corrected(drive, &corrections);
+    let received_at = job.entries[0].batch.received_at;
+    let start = trip_start(&workspace, &vehicle, &join(&drives), received_at, known);
+    for drive in &mut drives {
+        set_back(drive, start.clock_ahead_ns);
+    }
+    let corrections = &start.corrections;
+    let drive = corrected(join(&drives), corrections);
     let kept = kept_scans(&workspace.map, &drive.trip);
-    let before = PosesBefore::of(&workspace.map, |keyframe| keyframe.trip == drive.trip);
+    let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
+        keyframe.trip == drive.trip
+    });
+    let before = before.within_sigmas(&workspace.saved_nodes);
     let extended = workspace.map.extend(&drive);
     if let Some(shift) = too_far(&workspace, &before) {
         return Ok(Processed::Refused(Refusal {
@@ -81,7 +90,7 @@ pub(super) fn process(
         vehicles: &workspace.vehicles,
         trip: &drive.trip,
         vehicle: &vehicle,
-        corrections: &corrections,
+        corrections,
     };
     let words = asked.calibrations(&kept);
     for word in &words {
@@ -90,7 +99,7 @@ pub(super) fn process(
     let (workspace, mut result) = conclude(workspace, job, &origins, added, outcomes)?;
     result.calibrations = words;
     if let Known::Before(_) = known {
-        result.corrections = Some((drive.trip, corrections));
+        result.trip_start = Some((drive.trip, start));
     }
     Ok(Processed::Taken(Box::new((workspace, result))))
 }
@@ -100,28 +109,39 @@ pub(super) fn process(
 fn too_far(workspace: &Workspace, before: &PosesBefore) -> Option<Shift> {
     let is_complete = workspace.stage == Stage::Monitoring;
     let is_guarded = is_complete && workspace.detector == Detector::Fused;
-    is_guarded
-        .then(|| before.too_far(&workspace.map, workspace.max_shift_m))
-        .flatten()
+    is_guarded.then(|| before.too_far(&workspace.map)).flatten()
 }
 
-/// What is corrected for a drive. A map by the paper's rule corrects nothing: it is what the paper
-/// would make of what was sent.
-fn corrections(
+/// What is corrected of a trip, and by its clock. A map by the paper's rule corrects nothing: it is what
+/// the paper would make of what was sent.
+fn trip_start(
     workspace: &Workspace,
     vehicle: &VehicleId,
     drive: &Drive,
+    received_at: Timestamp,
     known: &Known,
-) -> TripCorrections {
+) -> TripStart {
     match (known, drive.scans.first()) {
-        (Known::Decided(corrections), _) => corrections.clone(),
+        (Known::Decided(start), _) => start.clone(),
         (Known::Before(before), Some(first)) if workspace.detector == Detector::Fused => {
-            let begins = (&drive.trip, first.stamp);
+            let (map, trip) = (&workspace.map, &drive.trip);
+            let clock_ahead_ns = clock_ahead_ns(&drive.scans, received_at, map, trip);
+            let begins = (trip, StampNs(first.stamp.0 - clock_ahead_ns));
             let primary = primary_of(drive);
             let calibrations = &workspace.calibrations;
-            calibrations.corrections_for(vehicle, before, primary, begins)
+            TripStart {
+                corrections: calibrations.corrections_for(vehicle, before, primary, begins),
+                clock_ahead_ns,
+            }
         }
-        _ => TripCorrections::default(),
+        _ => TripStart::default(),
+    }
+}
+
+/// Takes from a drive's stamps what its clock is ahead.
+fn set_back(drive: &mut Drive, clock_ahead_ns: i64) {
+    for scan in &mut drive.scans {
+        scan.stamp.0 -= clock_ahead_ns;
     }
 }
 

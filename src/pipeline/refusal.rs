@@ -1,9 +1,11 @@
 //! A job of which nothing is taken into the map.
 
 use super::engine::Engine;
+use super::process::outcome_of;
 use super::result::{Added, Origin, of_added};
 use super::workspace::Workspace;
-use crate::store::{BatchOutcome, ClaimedJob, JobResult};
+use crate::model::BatchStatus;
+use crate::store::{BatchOutcome, ClaimedJob, JobResult, Quarantine};
 
 /// What came of a job.
 pub(super) enum Processed {
@@ -17,6 +19,28 @@ pub(super) enum Processed {
 pub(super) struct Refusal {
     pub origins: Vec<Origin>,
     pub outcomes: Vec<BatchOutcome>,
+}
+
+/// What becomes of the batches of a job whose vehicle somebody keeps out of the map.
+pub(super) fn of_quarantine(job: &ClaimedJob, quarantine: &Quarantine) -> Refusal {
+    let note = quarantine.note.as_deref().unwrap_or("no reason was given");
+    let origins = job.entries.iter().map(|entry| Origin {
+        batch_id: entry.batch.id.clone(),
+        vehicle_id: entry.batch.vehicle_id.clone(),
+        trip_id: entry.batch.trip_id.clone(),
+    });
+    let origins: Vec<Origin> = origins.collect();
+    let outcomes = origins.iter().map(|origin| BatchOutcome {
+        reason: Some(format!(
+            "vehicle {} is kept out of the map: {note}",
+            origin.vehicle_id
+        )),
+        ..outcome_of(origin, BatchStatus::Quarantined)
+    });
+    Refusal {
+        outcomes: outcomes.collect(),
+        origins,
+    }
 }
 
 /// The result of a refused job, on the map as it is stored: the one in memory was tried on.

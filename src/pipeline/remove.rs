@@ -141,7 +141,7 @@ fn take_out(
     removable: Removable,
 ) -> anyhow::Result<(Workspace, Removal)> {
     let Removable { nodes, edges, .. } = &removable;
-    let before = PosesBefore::of(&workspace.map, |keyframe| {
+    let before = PosesBefore::of(&workspace.map, 0.0, |keyframe| {
         nodes.binary_search(&keyframe.node).is_ok()
     });
     let base_revision = workspace.revision;

@@ -117,7 +117,7 @@ pub(super) fn of_added(
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
         calibrations: Vec::new(),
-        corrections: None,
+        trip_start: None,
         stage: workspace.stage,
         processed_at: Timestamp::now(),
     };

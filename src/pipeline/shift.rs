@@ -6,9 +6,20 @@ use std::fmt;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::NodeId;
 use crate::mapping::{Keyframe, RouteMap};
+use crate::store::NodeChange;
+
+/// A pose may move by so many of its standard deviations: that is no news to it.
+const SIGMAS: f64 = 3.0;
 
 /// Where nodes were before a job, in the order of the graph.
-pub(super) struct PosesBefore(Vec<(NodeId, Pose2)>);
+pub(super) struct PosesBefore(Vec<PoseBefore>);
+
+struct PoseBefore {
+    node: NodeId,
+    pose: Pose2,
+    /// How far it may move, metres.
+    shift_max_m: f64,
+}
 
 /// A node that a job moved farther than any other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,34 +31,51 @@ pub(super) struct Shift {
 }
 
 impl PosesBefore {
-    /// The nodes of a map that a job is about to extend, but for those that it may move.
-    pub fn of(map: &RouteMap, may_move: impl Fn(&Keyframe) -> bool) -> Self {
+    /// The nodes of a map that a job is about to extend, but for those that it may move anywhere; the
+    /// others by `shift_max_m`.
+    pub fn of(map: &RouteMap, shift_max_m: f64, may_move: impl Fn(&Keyframe) -> bool) -> Self {
         let nodes = map.keyframes().iter().zip(map.graph().nodes());
         let kept = nodes.filter(|(keyframe, _)| !may_move(keyframe));
-        Self(kept.map(|(_, node)| (node.id, node.pose)).collect())
+        let kept = kept.map(|(_, node)| PoseBefore {
+            node: node.id,
+            pose: node.pose,
+            shift_max_m,
+        });
+        Self(kept.collect())
     }
 
-    /// The node that has moved farthest since, if that is farther than `max_shift_m`.
-    pub fn too_far(&self, map: &RouteMap, max_shift_m: f64) -> Option<Shift> {
-        let farthest = self.farthest(map);
-        farthest.filter(|shift| shift.distance_m > max_shift_m)
+    /// The same; poses that are not certain may move as far as they are uncertain. `known` is by id.
+    #[must_use]
+    pub fn within_sigmas(mut self, known: &[NodeChange]) -> Self {
+        for before in &mut self.0 {
+            let place = known.binary_search_by_key(&before.node, |known| known.id);
+            let sigma = place.ok().and_then(|place| known[place].sigma);
+            if let Some(sigma) = sigma {
+                let uncertain_m = SIGMAS * sigma.x_m.max(sigma.y_m);
+                before.shift_max_m = before.shift_max_m.max(uncertain_m);
+            }
+        }
+        self
+    }
+
+    /// Of the nodes that have moved farther since than they may the one that has moved farthest.
+    pub fn too_far(&self, map: &RouteMap) -> Option<Shift> {
+        let moved = self.0.iter().filter_map(|before| {
+            let now = map.graph().node(before.node)?.pose;
+            let from = before.pose.translation();
+            let distance_m = (now.translation() - from).norm();
+            (distance_m > before.shift_max_m).then_some(Shift { from, distance_m })
+        });
+        moved.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
     }
 
     /// How far the node that has moved farthest since has moved, metres.
     pub fn farthest_m(&self, map: &RouteMap) -> f64 {
-        self.farthest(map).map_or(0.0, |shift| shift.distance_m)
-    }
-
-    fn farthest(&self, map: &RouteMap) -> Option<Shift> {
-        let moved = self.0.iter().filter_map(|(id, before)| {
-            let now = map.graph().node(*id)?.pose;
-            let from = before.translation();
-            Some(Shift {
-                from,
-                distance_m: (now.translation() - from).norm(),
-            })
+        let moved = self.0.iter().filter_map(|before| {
+            let now = map.graph().node(before.node)?.pose;
+            Some((now.translation() - before.pose.translation()).norm())
         });
-        moved.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
+        moved.fold(0.0, f64::max)
     }
 }
 

@@ -12,7 +12,7 @@ use tokio_util::task::AbortOnDropHandle;
 use super::edges::{EdgeJob, process_edges};
 use super::engine::Engine;
 use super::process::{Known, process};
-use super::refusal::{Processed, refuse};
+use super::refusal::{Processed, of_quarantine, refuse};
 use super::retention::delete_bodies;
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::watch::Watch;
@@ -176,12 +176,15 @@ pub(super) async fn compute(
     let own = job.entries.last().context("a job without batches")?;
     let (trip, options) = (own.batch.trip_id.clone(), *options);
     let (route, kept_job) = (&job.route_id, Arc::clone(job));
+    if let Some(quarantine) = store.quarantine(route, &own.batch.vehicle_id).await? {
+        return refuse(engine, job, of_quarantine(job, &quarantine)).await;
+    }
     let processed = match own.batch.kind {
         BatchKind::Scans => {
             let recalled = recall_trip(store, route, &trip).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
             workspace.map.heed(interrupt);
-            let known = known_corrections(store, &workspace, job).await?;
+            let known = known_start(store, &workspace, job).await?;
             let work = move || {
                 solve_recalled(&mut workspace.map, &recalled);
                 settle(&mut workspace, &trip, &[], &options)?;
@@ -211,9 +214,9 @@ pub(super) async fn compute(
     }
 }
 
-/// What is known of the corrections of a job's trip: decided when it began, by what its vehicle's
-/// trips had said by then in the order of the jobs.
-pub(super) async fn known_corrections(
+/// What is known of a job's trip: decided when it began, by what its vehicle's trips had said by then
+/// in the order of the jobs.
+pub(super) async fn known_start(
     store: &Store,
     workspace: &Workspace,
     job: &ClaimedJob,
@@ -222,15 +225,15 @@ pub(super) async fn known_corrections(
         return Ok(Known::Before(TripCorrections::default()));
     };
     let route = &job.route_id;
-    if let Some(decided) = store.trip_corrections(route, &own.batch.trip_id).await? {
+    if let Some(decided) = store.trip_start(route, &own.batch.trip_id).await? {
         return Ok(Known::Decided(decided));
     }
     let newest = workspace.calibrations.newest_trip(&own.batch.vehicle_id);
     let before = match newest {
-        Some(trip) => store.trip_corrections(route, trip).await?,
+        Some(trip) => store.trip_start(route, trip).await?,
         None => None,
     };
-    Ok(Known::Before(before.unwrap_or_default()))
+    Ok(Known::Before(before.unwrap_or_default().corrections))
 }
 
 /// A job was interrupted.

@@ -25,7 +25,7 @@ pub struct AuditRecord {
     pub action: AuditAction,
     /// The route, which may be gone; `None` for what is about all routes.
     pub route_id: Option<RouteId>,
-    /// What was changed: the name of a route or a batch, the id of an alert, a webhook, an operation.
+    /// What was changed: the name of a route, a batch or a vehicle, the id of an alert, a webhook, an operation.
     pub subject: String,
     /// What was there before; `None` for what is new.
     pub before: Option<Value>,

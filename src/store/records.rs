@@ -501,10 +501,19 @@ pub struct JobResult {
     pub stage: Stage,
     /// What the trip says of its vehicle by each of its lidars that was asked.
     pub calibrations: Vec<TripCalibrationRecord>,
-    /// What is corrected from now on while a trip is driven, where that was decided.
-    pub corrections: Option<(TripId, TripCorrections)>,
+    /// What was decided of a trip that begins.
+    pub trip_start: Option<(TripId, TripStart)>,
     /// When it was computed.
     pub processed_at: Timestamp,
+}
+
+/// What is decided of a trip when its first scans are processed, and the same to its end.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TripStart {
+    /// What is corrected while it is driven.
+    pub corrections: TripCorrections,
+    /// What is taken from its stamps because its clock is ahead, nanoseconds.
+    pub clock_ahead_ns: i64,
 }
 
 /// The part of a node that a solve or a decision changes.

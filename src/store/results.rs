@@ -14,7 +14,7 @@ use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
-use super::vehicles::{put_calibration, put_corrections};
+use super::vehicles::{put_calibration, put_trip_start};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 use crate::model::BatchStatus;
@@ -68,8 +68,8 @@ impl Request for ApplyResult {
         for calibration in &result.calibrations {
             put_calibration(transaction, place.route_key, calibration).await?;
         }
-        if let Some((trip, corrections)) = &result.corrections {
-            put_corrections(transaction, place.route_key, trip, corrections).await?;
+        if let Some((trip, start)) = &result.trip_start {
+            put_trip_start(transaction, place.route_key, trip, start).await?;
         }
         let nodes = raise_route(transaction, &place, result).await?;
         for outcome in &result.outcomes {

@@ -7,9 +7,15 @@ use sqlx::{Row, SqliteConnection};
 
 use super::columns::{alert_id, json, json_text, name, optional_json, time};
 use super::error::StoreError;
+use super::quarantines::{Quarantine, quarantine_of};
+use super::records::TripStart;
 use super::{Store, named};
 use crate::calibration::{CalibratedTrip, TRIPS_MAX, TripCalibration, TripCorrections};
 use crate::ids::{AlertId, LidarId, RouteId, StampNs, TripId, VehicleId};
+use crate::model::BatchStatus;
+
+/// So many of its newest ten batches kept out make a vehicle suspect.
+const KEPT_OUT_MIN: i64 = 3;
 
 /// What a trip says of its vehicle by one of its lidars, as a result brings it.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,12 +63,25 @@ pub struct VehicleRecord {
     pub last_seen: Timestamp,
     /// Undecided alerts that suspect it.
     pub suspected_by: Vec<AlertId>,
+    /// Whether somebody keeps its uploads out of the map.
+    pub quarantine: Option<Quarantine>,
+    /// What became of its newest batches, if several of them were kept out.
+    pub kept_out: Option<KeptOut>,
     /// What is corrected in the newest of its trips of which that has been decided.
     pub corrections: TripCorrections,
     /// What its newest trips say of its only lidar, the oldest first.
     pub calibrations: Vec<CalibratedTrip>,
     /// Its lidars, if it has named several, by name.
     pub lidars: Vec<LidarRecord>,
+}
+
+/// Uploads of a vehicle that the map does not want.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeptOut {
+    /// How many of the newest ten.
+    pub batches: i64,
+    /// Why the last of them was.
+    pub reason: Option<String>,
 }
 
 impl Store {
@@ -93,25 +112,25 @@ impl Store {
         Ok(named(found)?.pop())
     }
 
-    /// What is corrected while a trip is driven; `None` where that has not been decided.
+    /// What was decided of a trip; `None` where nothing has been.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn trip_corrections(
+    pub async fn trip_start(
         &self,
         route: &RouteId,
         trip: &TripId,
-    ) -> Result<Option<TripCorrections>, StoreError> {
+    ) -> Result<Option<TripStart>, StoreError> {
         let read = sqlx::query(
-            "SELECT corrections FROM routes JOIN trips USING (route_key) \
+            "SELECT corrections, clock_ahead_ns FROM routes JOIN trips USING (route_key) \
              WHERE routes.id = ? AND trip_id = ?",
         )
         .bind(route.as_str())
         .bind(trip.as_str())
         .fetch_optional(&self.shared.readers)
         .await?;
-        let row = read.map(|row| optional_json(&row, "corrections"));
-        Ok(row.transpose()?.flatten())
+        let start = read.and_then(|row| start_of(&row).transpose());
+        start.transpose()
     }
 
     /// The vehicles after a name, or the one of a name that is not empty.
@@ -149,6 +168,8 @@ impl Store {
                 trips: row.try_get("trip_count")?,
                 last_seen: time(row, "last_seen_us")?,
                 suspected_by: suspected_by(&mut reader, route_key, &id).await?,
+                quarantine: quarantine_of(&mut reader, route, &id).await?,
+                kept_out: kept_out(&mut reader, route_key, &id).await?,
                 corrections: newest_corrections(&mut reader, route_key, &id).await?,
                 calibrations,
                 lidars,
@@ -189,23 +210,33 @@ pub(super) async fn put_calibration(
     Ok(())
 }
 
-/// Keeps what is corrected while a trip is driven; what has been decided before stands.
-pub(super) async fn put_corrections(
+/// Keeps what was decided of a trip; what has been decided before stands.
+pub(super) async fn put_trip_start(
     transaction: &mut SqliteConnection,
     route_key: i64,
     trip: &TripId,
-    corrections: &TripCorrections,
+    start: &TripStart,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "UPDATE trips SET corrections = ? \
-         WHERE route_key = ? AND trip_id = ? AND corrections IS NULL",
+        "UPDATE trips SET corrections = $1, clock_ahead_ns = $2 \
+         WHERE route_key = $3 AND trip_id = $4 AND corrections IS NULL",
     )
-    .bind(json_text(corrections)?)
+    .bind(json_text(&start.corrections)?)
+    .bind(start.clock_ahead_ns)
     .bind(route_key)
     .bind(trip.as_str())
     .execute(transaction)
     .await?;
     Ok(())
+}
+
+fn start_of(row: &SqliteRow) -> Result<Option<TripStart>, StoreError> {
+    let corrections = optional_json(row, "corrections")?;
+    let clock_ahead_ns = row.try_get("clock_ahead_ns")?;
+    Ok(corrections.map(|corrections| TripStart {
+        corrections,
+        clock_ahead_ns,
+    }))
 }
 
 async fn newest_corrections(
@@ -319,6 +350,33 @@ async fn calibrations(
         }
     }
     Ok((of_only_one, lidars))
+}
+
+/// What became of a vehicle's newest ten batches of which something has, if three were kept out.
+async fn kept_out(
+    reader: &mut SqliteConnection,
+    route_key: i64,
+    vehicle: &VehicleId,
+) -> Result<Option<KeptOut>, StoreError> {
+    let rows: Vec<(String, Option<String>)> = sqlx::query_as(
+        "SELECT status, reason FROM batches \
+         WHERE route_key = $1 AND vehicle_id = $2 \
+         AND status IN ('merged', 'unanchored', 'quarantined') \
+         ORDER BY batch_key DESC LIMIT 10",
+    )
+    .bind(route_key)
+    .bind(vehicle.as_str())
+    .fetch_all(reader)
+    .await?;
+    let mut reasons = rows
+        .into_iter()
+        .filter(|(status, _)| *status == BatchStatus::Quarantined.name())
+        .map(|(_, reason)| reason);
+    let Some(reason) = reasons.next() else {
+        return Ok(None);
+    };
+    let batches = 1 + reasons.count() as i64;
+    Ok((batches >= KEPT_OUT_MIN).then_some(KeptOut { batches, reason }))
 }
 
 async fn suspected_by(

@@ -75,7 +75,7 @@ pub async fn directory() -> TempDir {
         changed_edges: Vec::new(),
         alerts: vec![appeared(&hall), disappeared(&hall)],
         calibrations: Vec::new(),
-        corrections: None,
+        trip_start: None,
         stage: Stage::Mapping,
         processed_at: now,
         route_id: hall,

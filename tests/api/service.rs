@@ -181,7 +181,7 @@ async fn store_map(
         changed_edges: Vec::new(),
         alerts: Vec::new(),
         calibrations: Vec::new(),
-        corrections: None,
+        trip_start: None,
         stage: Stage::Mapping,
         processed_at: now,
         route_id,

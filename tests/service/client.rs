@@ -106,6 +106,17 @@ impl Client {
         (answer.status().as_u16(), answer.json().await.unwrap())
     }
 
+    /// Posts; the status and the answer.
+    pub async fn post(&self, path: String, body: Value) -> (u16, Value) {
+        let request = self.http.post(format!("{}{path}", self.url));
+        let request = match body {
+            Value::Null => request,
+            body => request.json(&body),
+        };
+        let answer = request.send().await.unwrap();
+        (answer.status().as_u16(), answer.json().await.unwrap())
+    }
+
     /// A batch once nobody works on it.
     pub async fn ended(&self, route: &str, id: &str) -> Value {
         let give_up = Instant::now() + PATIENCE;

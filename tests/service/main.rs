@@ -18,6 +18,7 @@ mod odd_trips;
 mod order;
 mod parallel;
 mod process;
+mod quarantines;
 #[path = "../common/receiver.rs"]
 #[allow(dead_code, reason = "the tests of the interface use more of it")]
 mod receiver;

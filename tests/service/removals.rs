@@ -88,19 +88,22 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
     let never = driven(&drives, Some("lap-2")).await;
     let expected = State::of(&never.client, "line").await;
     let (own, others) = (after.poses(), expected.poses());
-    assert!(own.len() > 100);
-    for (key, pose) in &own {
-        // Which of its scans become keyframes depends a little on the map.
-        let Some(other) = others.get(key) else {
-            continue;
-        };
-        let apart_m = (pose.translation() - other.translation()).norm();
-        let apart_rad = wrap_angle(pose.theta - other.theta).abs();
-        assert!(
-            apart_m < 1e-3 && apart_rad < 1e-3,
-            "{key:?}: {apart_m} m, {apart_rad} rad"
-        );
-    }
+    // Which of a trip's scans become keyframes depends a little on the map.
+    let both = own
+        .iter()
+        .filter_map(|(key, pose)| Some((pose, others.get(key)?)));
+    let apart = both.map(|(a, b)| {
+        let apart_m = (a.translation() - b.translation()).norm();
+        (apart_m, wrap_angle(a.theta - b.theta).abs())
+    });
+    let (mut apart_m, apart_rad): (Vec<f64>, Vec<f64>) = apart.unzip();
+    apart_m.sort_by(f64::total_cmp);
+    assert!(apart_m.len() > 100);
+    let (median_m, most_m) = (apart_m[apart_m.len() / 2], apart_m[apart_m.len() - 1]);
+    // Laps after it were matched with a map that had it in it.
+    println!("apart by {median_m:.5} m, {most_m:.5} m at most");
+    assert!(median_m < 1e-3 && most_m < 3e-3, "{median_m} {most_m}");
+    assert!(apart_rad.iter().all(|apart_rad| *apart_rad < 1e-3));
     assert_eq!(alerts(client).await, alerts(&never.client).await);
     never.stop().await;
 
@@ -131,7 +134,7 @@ async fn the_first_trip_can_go_and_the_map_lives_on() {
     let after = State::of(client, "line").await;
     for (key, pose) in after.poses() {
         let moved_m = (pose.translation() - before[&key].translation()).norm();
-        assert!(moved_m < 0.05, "{key:?} moved by {moved_m} m");
+        assert!(moved_m < 0.1, "{key:?} moved by {moved_m} m");
     }
     assert!(after.nodes.iter().any(|node| node["reference"] == true));
     let lap = Drive::through(&HALL, &first_vehicle(), ("agv-03", "after"), 96, 9);

@@ -1,13 +1,13 @@
 //! The audit: one row for each change, written with it.
 
 use mapshift::change::{AlertAction, AlertStatus, Tier};
-use mapshift::ids::{AlertId, OperationId, TripId, WebhookId};
+use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
 use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector};
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
-    Deleted, Edited, HistoryEntry, Meant, NewWebhook, OperationRecord, Put, Registered, Removal,
-    RemovalRequest, RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate, SettingsUpdate,
-    StoreError, WebhookRecord, WebhookSecret, WebhookUpdate,
+    Deleted, Edited, HistoryEntry, Meant, NewWebhook, OperationRecord, Put, Quarantine, Registered,
+    Removal, RemovalRequest, RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate,
+    SettingsUpdate, StoreError, WebhookRecord, WebhookSecret, WebhookUpdate,
 };
 use serde_json::{Value, json};
 use uuid::Uuid;
@@ -473,6 +473,46 @@ async fn a_batch_that_is_tried_again_leaves_one_row() {
     );
 }
 
+#[tokio::test]
+async fn a_vehicle_that_is_kept_out_and_released_leaves_a_row_each() {
+    let fixture = full().await;
+    let (count, route) = (rows(&fixture).await.len(), route());
+    let quarantine = |second, note: &str| Quarantine {
+        since: at(second),
+        note: Some(note.to_owned()),
+    };
+    let (known, unknown) = (vehicle("v"), vehicle("nobody"));
+    for (vehicle, quarantine, is_known) in [
+        (&known, None, true), // it was not kept out
+        (&known, Some(quarantine(20, "loose mount")), true),
+        (&known, Some(quarantine(21, "another")), true), // the first note stays
+        (&known, None, true),
+        (&known, None, true), // the same once more
+        (&unknown, Some(quarantine(22, "who?")), false),
+    ] {
+        let store = &fixture.store;
+        let put = store.put_quarantine(&route, vehicle, quarantine, by(), at(23));
+        assert_eq!(put.await.unwrap(), is_known);
+    }
+    let kept_out = json!({"since": at(20), "note": "loose mount"});
+    assert_eq!(
+        told_since(&fixture, count, by()).await,
+        [
+            told(
+                AuditAction::VehicleQuarantined,
+                "v",
+                Value::Null,
+                kept_out.clone()
+            ),
+            told(AuditAction::VehicleReleased, "v", kept_out, Value::Null),
+        ]
+    );
+}
+
+fn vehicle(name: &str) -> VehicleId {
+    VehicleId::new(name).unwrap()
+}
+
 /// What changes can change.
 #[derive(Debug, PartialEq)]
 struct State {
@@ -482,6 +522,7 @@ struct State {
     alert: Option<AlertRecord>,
     operations: Vec<OperationRecord>,
     batches: Vec<BatchStatus>,
+    quarantine: Option<Quarantine>,
 }
 
 impl State {
@@ -498,6 +539,7 @@ impl State {
             alert: store.alert(alert_id()).await.unwrap(),
             operations,
             batches: vec![fixture.status("gone").await, fixture.status("q").await],
+            quarantine: store.quarantine(&route(), &vehicle("v")).await.unwrap(),
         }
     }
 }
@@ -534,6 +576,10 @@ async fn no_change_is_made_without_its_row() {
         ..WebhookUpdate::default()
     };
     let failed = Err("out of luck".to_owned());
+    let kept_out = Quarantine {
+        since: at(20),
+        note: None,
+    };
     let refused = [
         store
             .put_route(&another, RouteUpdate::default(), by(), at(20))
@@ -574,8 +620,12 @@ async fn no_change_is_made_without_its_row() {
             .retry_batch(&route(), &batch_id("q"), by(), at(20))
             .await
             .is_err(),
+        store
+            .put_quarantine(&route(), &vehicle("v"), Some(kept_out), by(), at(20))
+            .await
+            .is_err(),
     ];
-    assert_eq!(refused, [true; 12]);
+    assert_eq!(refused, [true; 13]);
     assert_eq!(State::of(&fixture).await, before);
 }
 

@@ -84,7 +84,7 @@ impl Fixture {
             changed_edges: vec![],
             alerts: vec![],
             calibrations: Vec::new(),
-            corrections: None,
+            trip_start: None,
             stage: Stage::Mapping,
             processed_at: at(50),
         }

@@ -105,6 +105,7 @@ async fn what_trips_say_of_their_vehicle_is_kept_and_replaced() {
 #[tokio::test]
 async fn what_is_corrected_in_a_trip_is_decided_once() {
     use mapshift::calibration::{AppliedCorrection, Estimate, Quantity, TripCorrections};
+    use mapshift::store::TripStart;
     let fixture = Fixture::new().await;
     let trip = TripId::new("t").unwrap();
     let corrections = |yaw_rad: f64| {
@@ -117,8 +118,12 @@ async fn what_is_corrected_in_a_trip_is_decided_once() {
         TripCorrections::new(vec![yaw])
     };
     let known = async || {
-        let read = fixture.store.trip_corrections(&route(), &trip).await;
+        let read = fixture.store.trip_start(&route(), &trip).await;
         read.unwrap()
+    };
+    let start = |yaw_rad: f64| TripStart {
+        corrections: corrections(yaw_rad),
+        clock_ahead_ns: (yaw_rad * 1e10) as i64,
     };
     for (sequence, yaw_rad) in [0.1 / 3.0, 0.5].into_iter().enumerate() {
         let batch = upload(&format!("b{sequence}"), "t", sequence as i64);
@@ -126,10 +131,10 @@ async fn what_is_corrected_in_a_trip_is_decided_once() {
         assert_eq!(known().await.is_some(), sequence > 0);
         let job = fixture.claim(0).await.unwrap();
         let mut result = fixture.result(&job, BatchStatus::Unanchored).await;
-        result.corrections = Some((trip.clone(), corrections(yaw_rad)));
+        result.trip_start = Some((trip.clone(), start(yaw_rad)));
         let applied = fixture.store.apply_result(result).await.unwrap();
         assert_eq!(applied, Applied::Committed);
-        assert_eq!(known().await, Some(corrections(0.1 / 3.0)));
+        assert_eq!(known().await, Some(start(0.1 / 3.0)));
     }
     let vehicle = fixture.store.vehicle(&route(), &vehicle()).await.unwrap();
     assert_eq!(vehicle.unwrap().corrections, corrections(0.1 / 3.0));

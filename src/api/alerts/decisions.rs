@@ -12,6 +12,7 @@ use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::if_match::if_match;
+use crate::api::note::checked_note;
 use crate::api::parameters::{AlertParam, IfAlertMatches};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::DecisionProblems;
@@ -22,7 +23,6 @@ use crate::model::Actor;
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{AlertRecord, SYSTEM};
 
-const NOTE_CHARS_MAX: usize = 2_000;
 const NAME_CHARS_MAX: usize = 100;
 /// Who decided, where nobody says so.
 const UNNAMED: &str = "anonymous";
@@ -51,15 +51,7 @@ impl AlertDecision {
         let refuse = |pointer: &str, detail: &str| {
             Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer))
         };
-        let unprintable = |c: char| c.is_control() && c != '\n' && c != '\t';
-        if let Some(note) = &self.note
-            && (note.chars().count() > NOTE_CHARS_MAX || note.chars().any(unprintable))
-        {
-            return refuse(
-                "/note",
-                "a note has at most 2,000 characters, and of control characters line breaks and tabs alone",
-            );
-        }
+        let note = checked_note(self.note)?;
         let by = self.by.unwrap_or_else(|| UNNAMED.to_owned());
         let length = by.chars().count();
         if !(1..=NAME_CHARS_MAX).contains(&length) || by.chars().any(char::is_control) {
@@ -71,10 +63,7 @@ impl AlertDecision {
         if by.eq_ignore_ascii_case(SYSTEM) {
             return refuse("/by", "\"system\" is the service itself: give another name");
         }
-        Ok(Reason {
-            note: self.note.filter(|note| !note.is_empty()),
-            by,
-        })
+        Ok(Reason { by, note })
     }
 }
 

@@ -1,5 +1,6 @@
 //! The partner policy in rooms where every share is known.
 
+use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -132,6 +133,22 @@ fn shares_are_as_by_geometry() {
     let steep = 1.0 - (3.0_f64 / 4.2).asin() / std::f64::consts::FRAC_PI_2;
     let flat = (4.0_f64 / 4.2).acos() / std::f64::consts::FRAC_PI_2;
     assert!((share(4.2) - steep - flat).abs() < 0.05, "{}", share(4.2));
+}
+
+proptest! {
+    #[test]
+    fn what_is_covered_is_found_by_its_square(
+        references in proptest::collection::vec(any_pose(), 0..30),
+        pose in any_pose(),
+    ) {
+        let mut covering = Covering::default();
+        references.iter().for_each(|reference| covering.insert(*reference));
+        prop_assert_eq!(covering.covers(&pose), is_covered(&pose, references.into_iter()));
+    }
+}
+
+fn any_pose() -> impl Strategy<Value = Pose2> {
+    (-1.0..1.0_f64, -1.0..1.0_f64, -4.0..4.0_f64).prop_map(|(x, y, theta)| Pose2::new(x, y, theta))
 }
 
 #[test]

@@ -12,7 +12,7 @@ use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
 use super::super::refusal::Processed;
-use super::super::worker::{compute, known_corrections};
+use super::super::worker::{compute, known_start};
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding, Tier};
@@ -120,7 +120,7 @@ impl Bench {
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         // What a detector says of the lap is set aside: here findings are made by hand.
         let alerts = workspace.alerts.clone();
-        let known = known_corrections(store, &workspace, &job).await.unwrap();
+        let known = known_start(store, &workspace, &job).await.unwrap();
         let Processed::Taken(taken) = process(workspace, &job, &known).unwrap() else {
             panic!("the lap was refused");
         };

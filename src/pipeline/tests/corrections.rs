@@ -128,8 +128,8 @@ async fn drive_all(restarts: bool) -> Driven {
             }
         }
         let store = &bench.engine.store;
-        let known = store.trip_corrections(&route(), &name(trip)).await.unwrap();
-        corrections.push(known.unwrap());
+        let known = store.trip_start(&route(), &name(trip)).await.unwrap();
+        corrections.push(known.unwrap().corrections);
         alerts.push(bench.alerts().await);
     }
     Driven {

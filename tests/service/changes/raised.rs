@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use jiff::{SignedDuration, Timestamp};
 use mapshift::sim::Shape;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::shop::{Shop, crate_in_the_middle, trip_name, vehicle_name};
 use super::told::{
@@ -197,5 +198,40 @@ async fn what_leaves_again_is_resolved_until_it_returns() {
     assert_eq!(names(&alert, "trip_ids"), [trip_name(5)]);
     assert!(time(&alert, "first_seen") < time(&alert, "since"));
     assert!(reach_beyond(&alert, &crate_in_the_middle()) <= BEYOND_MAX_M);
+    service.stop().await;
+}
+
+/// The vehicle that sees it has a clock that is two years ahead.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_clock_that_is_ahead_makes_nothing_last_for_years() {
+    let shop = Shop::new(4).with_crate(2, Some(3));
+    let service = empty_route().await;
+    let client = &service.client;
+    for lap in 0..2 {
+        assert!(after_lap(client, &shop, lap).await.is_empty());
+    }
+    let mut ahead = shop.drive(2);
+    ahead.began += SignedDuration::from_hours(2 * 365 * 24);
+    client.put_all(ROUTE, &ahead.batches(60)).await;
+    for batch in client.merged(ROUTE).await {
+        let is_ahead = batch["trip_id"] == ahead.trip;
+        let expected = if is_ahead {
+            json!(["clock_skew"])
+        } else {
+            json!([])
+        };
+        assert_eq!(batch["flags"], expected, "{batch}");
+    }
+    let alert = only(alerts(client).await);
+    assert_eq!(
+        (&alert["kind"], &alert["status"]),
+        (&json!("appeared"), &json!("open"))
+    );
+    assert!(time(&alert, "last_seen") < Timestamp::now());
+    let mut after = shop.drive(3);
+    after.began = after.began.max(Timestamp::now());
+    client.put_all(ROUTE, &after.batches(60)).await;
+    client.merged(ROUTE).await;
+    assert_eq!(only(alerts(client).await)["status"], "resolved");
     service.stop().await;
 }

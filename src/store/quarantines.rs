@@ -1,0 +1,155 @@
+//! Vehicles of which somebody wants nothing more in the map.
+
+use jiff::Timestamp;
+use serde::Serialize;
+use sqlx::{Row, SqliteConnection};
+
+use super::audit::{self, Change};
+use super::columns::{json_text, micros, time};
+use super::error::StoreError;
+use super::request::Request;
+use super::{Store, named};
+use crate::ids::{RouteId, VehicleId};
+use crate::model::{Actor, AuditAction};
+
+/// Since when a vehicle's uploads are kept out of the map, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Quarantine {
+    /// When somebody asked for it.
+    pub since: Timestamp,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+impl Store {
+    /// Whether a vehicle's uploads are kept out of a route's map.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn quarantine(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+    ) -> Result<Option<Quarantine>, StoreError> {
+        let mut reader = self.reader().await?;
+        named(quarantine_of(&mut reader, route, vehicle).await)
+    }
+
+    /// Keeps a vehicle's uploads out of a route's map from now on (`Some`), or no longer; what is so
+    /// already stays as it is. False if the route knows no such vehicle.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn put_quarantine(
+        &self,
+        route: &RouteId,
+        vehicle: &VehicleId,
+        quarantine: Option<Quarantine>,
+        by: &Actor,
+        now: Timestamp,
+    ) -> Result<bool, StoreError> {
+        let put = PutQuarantine {
+            route: route.clone(),
+            vehicle: vehicle.clone(),
+            quarantine,
+            by: by.clone(),
+            now,
+        };
+        self.work(put).await
+    }
+}
+
+pub(super) async fn quarantine_of(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+    vehicle: &VehicleId,
+) -> Result<Option<Quarantine>, StoreError> {
+    let row = sqlx::query(
+        "SELECT since_us, note FROM routes JOIN vehicle_quarantines USING (route_key) \
+         WHERE routes.id = $1 AND vehicle_id = $2",
+    )
+    .bind(route.as_str())
+    .bind(vehicle.as_str())
+    .fetch_optional(reader)
+    .await?;
+    let quarantine = row.map(|row| {
+        Ok::<_, StoreError>(Quarantine {
+            since: time(&row, "since_us")?,
+            note: row.try_get("note")?,
+        })
+    });
+    quarantine.transpose()
+}
+
+struct PutQuarantine {
+    route: RouteId,
+    vehicle: VehicleId,
+    quarantine: Option<Quarantine>,
+    by: Actor,
+    now: Timestamp,
+}
+
+impl Request for PutQuarantine {
+    type Outcome = bool;
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let route_key: Option<i64> = sqlx::query_scalar(
+            "SELECT route_key FROM routes JOIN batches USING (route_key) \
+             WHERE routes.id = $1 AND vehicle_id = $2 LIMIT 1",
+        )
+        .bind(self.route.as_str())
+        .bind(self.vehicle.as_str())
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(route_key) = route_key else {
+            return Ok(false);
+        };
+        let before = quarantine_of(transaction, &self.route, &self.vehicle).await?;
+        let written = match &self.quarantine {
+            Some(quarantine) => sqlx::query(
+                "INSERT INTO vehicle_quarantines (route_key, vehicle_id, since_us, note) \
+                 VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING",
+            )
+            .bind(route_key)
+            .bind(self.vehicle.as_str())
+            .bind(micros(quarantine.since))
+            .bind(&quarantine.note),
+            None => sqlx::query(
+                "DELETE FROM vehicle_quarantines WHERE route_key = $1 AND vehicle_id = $2",
+            )
+            .bind(route_key)
+            .bind(self.vehicle.as_str()),
+        };
+        written.execute(&mut *transaction).await?;
+        self.note(transaction, before).await?;
+        Ok(true)
+    }
+}
+
+impl PutQuarantine {
+    /// Writes the audit's row, unless everything is as it was.
+    async fn note(
+        &self,
+        transaction: &mut SqliteConnection,
+        before: Option<Quarantine>,
+    ) -> Result<(), StoreError> {
+        let after = quarantine_of(transaction, &self.route, &self.vehicle).await?;
+        if before == after {
+            return Ok(());
+        }
+        let change = Change {
+            at: self.now,
+            actor: &self.by,
+            action: match after {
+                Some(_) => AuditAction::VehicleQuarantined,
+                None => AuditAction::VehicleReleased,
+            },
+            route_id: Some(self.route.as_str()),
+            subject: self.vehicle.as_str(),
+            before: before.as_ref().map(json_text).transpose()?,
+            after: after.as_ref().map(json_text).transpose()?,
+        };
+        audit::write(transaction, change).await
+    }
+}

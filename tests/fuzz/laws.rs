@@ -1,0 +1,98 @@
+//! What holds of every decoder, whatever bytes it is given. The fuzz targets look for bytes for which it
+//! does not; `tests/decoders.rs` keeps those that were found from coming back.
+
+use mapshift::geometry::Pose2;
+use mapshift::ingest::g2o::{read_g2o, write_g2o};
+use mapshift::ingest::{CarmenLog, batch_json, edges_json};
+use mapshift::scan::{LaserScan, decode_scan, encode_scan};
+
+/// The decoders by the names of their corpora.
+pub const DECODERS: [(&str, fn(&[u8])); 5] = [
+    ("batch_json", batch_json),
+    ("edges_json", edges_json),
+    ("carmen", carmen),
+    ("g2o", g2o),
+    ("scan", scan),
+];
+
+fn received_at() -> jiff::Timestamp {
+    jiff::Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_secs(1_795_500_000)
+}
+
+fn assert_finite(pose: &Pose2) {
+    assert!(pose.is_finite(), "{pose:?}");
+}
+
+fn assert_sound(scan: &LaserScan) {
+    assert!(scan.ranges_m().flatten().all(f64::is_finite));
+    let again = decode_scan(&encode_scan(scan).unwrap()).unwrap();
+    assert_eq!(again, *scan);
+}
+
+/// What is taken is finite, in the order of time, and survives its compact form; what is not has a reason.
+pub fn batch_json(bytes: &[u8]) {
+    match batch_json::decode(bytes, received_at()) {
+        Ok(batch) => {
+            assert!(!batch.scans.is_empty());
+            for scan in &batch.scans {
+                assert_finite(&scan.odom_from_base);
+                assert_sound(&scan.scan);
+            }
+            assert!(batch.scans.is_sorted_by_key(|scan| scan.stamp));
+        }
+        Err(error) => assert!(!error.detail.is_empty()),
+    }
+}
+
+/// What is taken is finite.
+pub fn edges_json(bytes: &[u8]) {
+    match edges_json::decode(bytes, received_at()) {
+        Ok(batch) => {
+            batch
+                .nodes
+                .iter()
+                .for_each(|node| assert_finite(&node.pose));
+            for edge in &batch.edges {
+                assert_finite(&edge.measurement);
+                assert!(edge.information.is_positive_definite(0.0));
+            }
+        }
+        Err(error) => assert!(!error.detail.is_empty()),
+    }
+}
+
+/// What is read is finite.
+pub fn carmen(bytes: &[u8]) {
+    if let Ok(log) = CarmenLog::read(bytes) {
+        assert!(!log.scans.is_empty());
+        for scan in &log.scans {
+            assert_finite(&scan.odom_from_base);
+            assert!(
+                scan.ranges_m
+                    .iter()
+                    .flatten()
+                    .all(|range_m| range_m.is_finite())
+            );
+        }
+    }
+}
+
+/// What is read and written is read as the same.
+pub fn g2o(bytes: &[u8]) {
+    let Ok(read) = read_g2o(&String::from_utf8_lossy(bytes)) else {
+        return;
+    };
+    let written = write_g2o(&read.graph);
+    let again = read_g2o(&written).unwrap();
+    assert_eq!(write_g2o(&again.graph), written);
+}
+
+/// What is read is sound; bytes that are compressed already are given as they are, too.
+pub fn scan(bytes: &[u8]) {
+    let compressed = zstd::bulk::compress(bytes, 1).unwrap();
+    for bytes in [bytes, &compressed] {
+        if let Ok(scan) = decode_scan(bytes) {
+            assert_sound(&scan);
+        }
+    }
+}
