@@ -55,8 +55,10 @@ impl Bench {
         let bench = Self::open(directory).await;
         let update = RouteUpdate::default();
         let store = &bench.engine.store;
-        let made = store.put_route(&route(), update, &Actor::System, at(0));
-        made.await.unwrap();
+        let made = store
+            .put_route(&route(), update, &Actor::System, at(0))
+            .await;
+        made.unwrap();
         bench
     }
 
