@@ -26,6 +26,7 @@ use jiff::{SignedDuration, Timestamp};
 use mapshift::change::AlertStatus;
 use mapshift::geometry::{Pose2, distance_to_polygon};
 use mapshift::ids::{BatchId, RouteId, TripId, VehicleId};
+use mapshift::model::Actor;
 use mapshift::pipeline::{self, PipelineOptions};
 use mapshift::render::{Curve, Plot, to_svg};
 use mapshift::sim::{ChangeEvent, Changes, Hall, Scene, SimScan, Vehicle};
@@ -114,7 +115,8 @@ impl Bench {
         let store = Store::open(StoreOptions { data_dir }).await?;
         let route = RouteId::new("laps")?;
         let update = RouteUpdate::default();
-        store.put_route(&route, update, Timestamp::now()).await?;
+        let made = store.put_route(&route, update, &Actor::System, Timestamp::now());
+        made.await?;
         Ok(Self {
             scene,
             fleet: fleet.collect(),

@@ -1,6 +1,7 @@
 //! Whose share a request counts against.
 
 use std::convert::Infallible;
+use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
 use axum::extract::FromRequestParts;
@@ -20,6 +21,15 @@ impl From<IpAddr> for ClientAddress {
             }
             address => address,
         })
+    }
+}
+
+impl fmt::Display for ClientAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            IpAddr::V4(address) => address.fmt(f),
+            IpAddr::V6(network) => write!(f, "{network}/64"),
+        }
     }
 }
 
@@ -47,5 +57,11 @@ mod tests {
         assert_ne!(client("2001:db8:1:2::3"), client("2001:db8:1:3::3"));
         assert_eq!(client("::ffff:192.0.2.1"), client("192.0.2.1"));
         assert_ne!(client("192.0.2.2"), client("192.0.2.1"));
+    }
+
+    #[test]
+    fn a_client_is_told_as_far_as_it_is_known() {
+        assert_eq!(client("::ffff:192.0.2.1").to_string(), "192.0.2.1");
+        assert_eq!(client("2001:db8:1:2::3").to_string(), "2001:db8:1:2::/64");
     }
 }

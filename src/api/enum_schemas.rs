@@ -8,8 +8,8 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
-    AlertAction, AlertEventKind, AlertStatus, BatchKind, BatchStatus, BeamVerdict, ChangeKind,
-    DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, OperationStatus,
+    AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
+    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, OperationStatus,
     ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
 };
 
@@ -45,6 +45,7 @@ enum_schemas! {
     AlertAction as "AlertActionName": "What can be done with an alert: the last part of a path.";
     AlertEventKind as "WebhookEventName": "What a webhook can tell of.";
     AlertStatus as "AlertStatusName": "What became of an alert.";
+    AuditAction as "AuditActionName": "What was done.";
     BatchKind as "BatchKindName": "What a batch holds.";
     BatchStatus as "BatchStatusName": "Where a batch is on its way.";
     BeamVerdict as "BeamVerdictName": "What one scan says of a point of another.";

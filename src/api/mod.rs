@@ -4,7 +4,9 @@
 //! lead ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving
 //! and workers.
 
+mod actor;
 mod alerts;
+mod audit;
 mod batches;
 mod client_address;
 mod documents;
@@ -13,6 +15,7 @@ mod edges;
 mod enum_schemas;
 mod export;
 mod extract;
+mod filters;
 mod graph;
 mod if_match;
 mod layers;
@@ -103,6 +106,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         ))
         .routes(routes!(webhooks::test_webhook))
         .routes(routes!(webhooks::list_deliveries))
+        .routes(routes!(audit::list_audit))
 }
 
 /// Operations that draw, or compute from much that is stored.

@@ -25,6 +25,7 @@ use super::webhooks::add_calls;
         (name = "alerts", description = "Where the world has changed, and what was decided about it"),
         (name = "webhooks", description = "Who is told of alerts by a POST: signed as Standard Webhooks has it, with the bytes whose base64 follows `whsec_` in the secret as key"),
         (name = "map", description = "Pictures and versions of the map"),
+        (name = "audit", description = "Who changed what, when, and from where"),
         (name = "operations", description = "For those who run the service")
     ),
     components(schemas(ProblemBody, FieldError))

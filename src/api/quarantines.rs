@@ -4,6 +4,7 @@ use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
+use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -16,6 +17,7 @@ use super::problem_responses::{QuarantineProblems, ReleaseProblems};
 use super::upload::small_json;
 use super::vehicles::{VehicleBody, known_vehicle};
 use crate::ids::{RouteId, VehicleId};
+use crate::model::Actor;
 use crate::store::Quarantine;
 
 /// What goes with it; an empty body is as good as `{}`.
@@ -43,15 +45,16 @@ pub(super) async fn quarantine_vehicle(
     State(state): State<ApiState>,
     ApiPath((route, vehicle)): ApiPath<(RouteId, VehicleId)>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<VehicleBody>, Problem> {
     let post: QuarantinePost = small_json(&state, &headers, body).await?;
     let quarantine = Quarantine {
-        since: jiff::Timestamp::now(),
+        since: Timestamp::now(),
         note: checked_note(post.note)?,
     };
-    put(&state, &route, &vehicle, Some(quarantine)).await
+    put(&state, &route, &vehicle, Some(quarantine), &by).await
 }
 
 /// Release a vehicle.
@@ -68,8 +71,9 @@ pub(super) async fn release_vehicle(
     State(state): State<ApiState>,
     ApiPath((route, vehicle)): ApiPath<(RouteId, VehicleId)>,
     _: NoQuery,
+    by: Actor,
 ) -> Result<Json<VehicleBody>, Problem> {
-    put(&state, &route, &vehicle, None).await
+    put(&state, &route, &vehicle, None, &by).await
 }
 
 async fn put(
@@ -77,11 +81,12 @@ async fn put(
     route: &RouteId,
     vehicle: &VehicleId,
     quarantine: Option<Quarantine>,
+    by: &Actor,
 ) -> Result<Json<VehicleBody>, Problem> {
     // One that is not there is the problem of reading it.
     state
         .store
-        .put_quarantine(route, vehicle, quarantine)
+        .put_quarantine(route, vehicle, quarantine, by, Timestamp::now())
         .await?;
     known_vehicle(state, route, vehicle).await
 }

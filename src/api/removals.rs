@@ -17,7 +17,7 @@ use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{OperationProblems, RemovalProblems};
 use super::upload::small_json;
 use crate::ids::{BatchId, OperationId, RouteId, TripId, VehicleId};
-use crate::model::OperationStatus;
+use crate::model::{Actor, OperationStatus};
 use crate::store::{Meant, OperationRecord, RemovalRequest, RemovalResult};
 
 const NAMES_MAX: usize = 1_000;
@@ -185,11 +185,12 @@ pub(super) async fn post_removal(
     State(state): State<ApiState>,
     ApiPath(route): ApiPath<RouteId>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
     let post: RemovalPost = small_json(&state, &headers, body).await?;
-    let id = state.removals.ask_for(&route, post.check()?).await?;
+    let id = state.removals.ask_for(&route, post.check()?, &by).await?;
     let operation = known_operation(&state, id).await?;
     let location = format!("/v1/operations/{id}");
     let body = Json(OperationBody::from(operation));

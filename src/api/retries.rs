@@ -3,6 +3,7 @@
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
 
 use super::ApiState;
 use super::batches::{BatchBody, known_batch};
@@ -11,6 +12,7 @@ use super::parameters::{BatchParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::RetryProblems;
 use crate::ids::{BatchId, RouteId};
+use crate::model::Actor;
 use crate::store::Retried;
 
 /// Try a batch again.
@@ -26,8 +28,12 @@ pub(super) async fn retry_batch(
     State(state): State<ApiState>,
     ApiPath((route, batch)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
+    by: Actor,
 ) -> Result<Response, Problem> {
-    if let Retried::Refused(reason) = state.store.retry_batch(&route, &batch).await? {
+    let retried = state
+        .store
+        .retry_batch(&route, &batch, &by, Timestamp::now());
+    if let Retried::Refused(reason) = retried.await? {
         let detail = format!("batch {batch} cannot be tried again: {reason}");
         return Err(Problem::new(ProblemKind::RetryRefused, detail));
     }

@@ -20,7 +20,7 @@ use super::problem_responses::{
 };
 use super::upload::small_json;
 use crate::ids::RouteId;
-use crate::model::{Detector, Stage};
+use crate::model::{Actor, Detector, Stage};
 use crate::store::{
     Deleted, GeoAnchor, Put, RouteEdition, RouteRecord, RouteUpdate, SettingsUpdate,
 };
@@ -309,6 +309,7 @@ pub(super) async fn put_route(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<RouteId>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -317,7 +318,8 @@ pub(super) async fn put_route(
         expected: expected(&state, &headers, &id).await?,
         ..put.check()?
     };
-    let status = match state.store.put_route(&id, update, Timestamp::now()).await? {
+    let put = state.store.put_route(&id, update, &by, Timestamp::now());
+    let status = match put.await? {
         Put::Created => StatusCode::CREATED,
         Put::Updated => StatusCode::OK,
         Put::Stale => return Err(not_as_if_match_says()),
@@ -385,13 +387,17 @@ pub(super) async fn delete_route(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<RouteId>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     if headers.contains_key(header::IF_MATCH) {
         state.known_route(&id).await?;
     }
     let expected = expected(&state, &headers, &id).await?;
-    match state.store.delete_route(&id, expected).await? {
+    let deletion = state
+        .store
+        .delete_route(&id, expected, &by, Timestamp::now());
+    match deletion.await? {
         Deleted::Done => Ok(StatusCode::NO_CONTENT),
         Deleted::NotThere => Err(Problem::unknown_route()),
         Deleted::Stale => Err(not_as_if_match_says()),

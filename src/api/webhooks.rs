@@ -10,6 +10,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -21,6 +22,7 @@ use super::parameters::WebhookParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AnyProblems, WebhookDeletionProblems, WebhookProblems};
 use crate::ids::WebhookId;
+use crate::model::Actor;
 use crate::store::{Edited, WebhookRecord};
 use crate::webhooks::UrlRefusal;
 
@@ -93,10 +95,12 @@ pub(super) async fn delete_webhook(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<WebhookId>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     let revision = wanted_revision(&headers, &known_webhook(&state, id).await?)?;
-    check_edited(state.store.delete_webhook(id, revision).await?)?;
+    let now = Timestamp::now();
+    check_edited(state.store.delete_webhook(id, revision, &by, now).await?)?;
     Ok(StatusCode::NO_CONTENT)
 }
 

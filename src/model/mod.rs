@@ -5,6 +5,7 @@
 //! such as what a status allows, stands in that room. Begin with [`TextEnum`].
 
 mod alert;
+mod audit;
 mod batch;
 mod calibration;
 mod edge;
@@ -14,6 +15,7 @@ mod route;
 mod webhook;
 
 pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, Tier};
+pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
@@ -119,6 +121,7 @@ mod tests {
         check_read(AlertAction::name);
         check_read(AlertEventKind::name);
         check_read(AlertStatus::name);
+        check_read(AuditAction::name);
         check_read(BatchFlag::name);
         check_read(BatchKind::name);
         check_read(BatchStatus::name);

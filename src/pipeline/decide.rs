@@ -8,6 +8,7 @@ use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
 use crate::ids::{AlertId, EdgeId, NodeId};
+use crate::model::Actor;
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
 /// A decision is computed anew so often while batches or other decisions come in between.
@@ -22,7 +23,9 @@ pub struct Order {
     pub revision: i64,
     /// What to do.
     pub action: AlertAction,
-    /// Who wants it.
+    /// Whose request it is, for the audit.
+    pub actor: Actor,
+    /// Who wants it, as they say.
     pub by: String,
     /// Why, for people.
     pub note: Option<String>,
@@ -113,6 +116,8 @@ impl Decisions {
         let alert = next(alert, order, status);
         let decision = Decision {
             base_revision,
+            action: order.action,
+            actor: order.actor.clone(),
             alert: alert.clone(),
             map: None,
         };
@@ -203,6 +208,8 @@ fn compute(
     workspace.map.settle_screen();
     let decision = Decision {
         base_revision,
+        action: order.action,
+        actor: order.actor.clone(),
         alert: next(alert, order, status),
         map: Some(map),
     };

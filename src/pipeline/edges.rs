@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::Context;
 
-use super::process::{conclude, count_added, outcome_of};
+use super::process::{conclude, count_added};
 use super::refusal::{Processed, Refusal};
-use super::result::{Added, AddedEdge, AddedNode, Origin};
+use super::result::{Added, AddedEdge, AddedNode, Origin, outcome_of};
 use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::NodeId;

@@ -8,7 +8,9 @@ use super::calibrate::{Asked, kept_scans};
 use super::clock::clock_ahead_ns;
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
-use super::result::{Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added};
+use super::result::{
+    Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added, outcome_of,
+};
 use super::shift::{PosesBefore, Shift};
 use super::stage::stage_of;
 use super::vehicles::{corrected, primary_of};
@@ -200,18 +202,6 @@ fn note_mending(job: &ClaimedJob, mending: &Mending) {
         "a segment of the map was put right"
     );
     metrics::counter!("mapshift_map_mendings_total").increment(1);
-}
-
-/// A batch's end, with nothing added.
-pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
-    BatchOutcome {
-        batch_id: origin.batch_id.clone(),
-        status,
-        reason: None,
-        flags: Vec::new(),
-        nodes_added: 0,
-        loop_closures: 0,
-    }
 }
 
 /// Counts what each batch added.

@@ -1,8 +1,7 @@
 //! A job of which nothing is taken into the map.
 
 use super::engine::Engine;
-use super::process::outcome_of;
-use super::result::{Added, Origin, of_added};
+use super::result::{Added, Origin, of_added, outcome_of};
 use super::workspace::Workspace;
 use crate::model::BatchStatus;
 use crate::store::{BatchOutcome, ClaimedJob, JobResult, Quarantine};

@@ -17,6 +17,7 @@ use super::settle::{recall_named, solve_recalled};
 use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::{EdgeId, OperationId, RouteId, TripId};
+use crate::model::Actor;
 use crate::store::{
     OperationRecord, Removable, Removal, RemovalRequest, RemovalResult, Store, StoreError,
 };
@@ -50,9 +51,10 @@ impl Removals {
         &self,
         route: &RouteId,
         request: RemovalRequest,
+        by: &Actor,
     ) -> Result<OperationId, StoreError> {
         let id = OperationId(Uuid::now_v7());
-        self.store.ask_for(id, route, request, now()).await?;
+        self.store.ask_for(id, route, request, by, now()).await?;
         self.asked.notify_one();
         Ok(id)
     }

@@ -11,9 +11,10 @@ use crate::change::series::ClosureSample;
 use crate::graph::{Edge, PoseGraph};
 use crate::ids::{BatchId, EdgeId, NodeId, TripId, VehicleId};
 use crate::mapping::{Closure, RouteMap};
+use crate::model::BatchStatus;
 use crate::scan::encode_scan;
 use crate::store::{
-    ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, IntermediateRecord, JobResult,
+    BatchOutcome, ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, IntermediateRecord, JobResult,
     NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
 };
 
@@ -56,6 +57,18 @@ pub(super) struct AddedEdge {
     pub delta_f: Option<f64>,
     /// For closures between scans.
     pub closure: Option<ClosureRecord>,
+}
+
+/// A batch's end, with nothing added.
+pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
+    BatchOutcome {
+        batch_id: origin.batch_id.clone(),
+        status,
+        reason: None,
+        flags: Vec::new(),
+        nodes_added: 0,
+        loop_closures: 0,
+    }
 }
 
 /// Notes whose the trips of a job are.

@@ -6,12 +6,11 @@ pub use crate::change::{
     AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
 };
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
+use crate::model::Actor;
+pub use crate::model::SYSTEM;
 pub use crate::render::MapPicture;
 
 use super::records::{EdgeChange, NodeChange};
-
-/// Who writes the history entries that nobody asked for.
-pub const SYSTEM: &str = "system";
 
 /// An alert.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,6 +111,10 @@ pub struct AlertEvent {
 pub struct Decision {
     /// The route's revision that it was computed from.
     pub base_revision: i64,
+    /// What was decided.
+    pub action: AlertAction,
+    /// By whom.
+    pub actor: Actor,
     /// The alert as it is to be: its revision one more than before, its history one longer.
     pub alert: AlertRecord,
     /// What happens to the map.

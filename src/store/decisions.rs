@@ -1,21 +1,24 @@
 //! Decisions of people about alerts: all of one in one transaction, or nothing.
 
+use serde::Serialize;
 use sqlx::SqliteConnection;
 
 use super::Store;
 use super::acceptances;
 use super::alert_records::{
-    AcceptanceChange, AcceptedChange, AlertAction, AlertRecord, Decided, Decision,
+    AcceptanceChange, AcceptedChange, AlertAction, AlertRecord, Decided, Decision, HistoryEntry,
 };
 use super::alert_rows::write_alerts;
+use super::audit::{self, Change};
 use super::body::SealedBody;
-use super::columns::micros;
+use super::columns::{json_text, micros};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
 use super::map_versions::{Beginning, SealedPicture, begin_next};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
 use super::results::count_blocks;
+use crate::model::{Actor, AlertStatus};
 
 impl Store {
     /// Writes a decision, all or nothing.
@@ -32,6 +35,8 @@ impl Store {
 /// Applies a decision if neither the route nor the alert has moved on.
 pub(super) struct ApplyDecision {
     base_revision: i64,
+    action: AlertAction,
+    actor: Actor,
     alert: AlertRecord,
     map: Option<SealedMapDecision>,
 }
@@ -69,6 +74,8 @@ impl ApplyDecision {
         });
         Ok(Self {
             base_revision: decision.base_revision,
+            action: decision.action,
+            actor: decision.actor,
             alert: decision.alert,
             map: map.transpose()?,
         })
@@ -89,6 +96,7 @@ impl Request for ApplyDecision {
             self.change_map(transaction, route_key, map).await?;
         }
         raise_revision(transaction, route_key, micros(self.alert.updated_at)).await?;
+        self.note(transaction).await?;
         Ok(Decided::Committed)
     }
 }
@@ -111,6 +119,22 @@ impl ApplyDecision {
         .fetch_optional(transaction)
         .await?;
         Ok(route_key)
+    }
+
+    /// Writes the audit's row: the last two entries of the alert's history.
+    async fn note(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let mut history = self.alert.history.iter().rev();
+        let (after, before) = (history.next(), history.next());
+        let change = Change {
+            at: self.alert.updated_at,
+            actor: &self.actor,
+            action: self.action.into(),
+            route_id: Some(self.alert.route_id.as_str()),
+            subject: &self.alert.id.to_string(),
+            before: before.map(entry_text).transpose()?,
+            after: after.map(entry_text).transpose()?,
+        };
+        audit::write(transaction, change).await
     }
 
     async fn change_map(
@@ -141,6 +165,21 @@ impl ApplyDecision {
         };
         begin_next(transaction, route_key, &map.superseded, &next).await
     }
+}
+
+/// A status that an alert took, as the audit has it.
+fn entry_text(entry: &HistoryEntry) -> Result<String, StoreError> {
+    #[derive(Serialize)]
+    struct Entry<'a> {
+        status: AlertStatus,
+        by: &'a str,
+        note: Option<&'a str>,
+    }
+    json_text(&Entry {
+        status: entry.status,
+        by: &entry.by,
+        note: entry.note.as_deref(),
+    })
 }
 
 async fn raise_revision(

@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 23] = [
+const FILES: [(i64, &str, &str); 24] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -45,6 +45,7 @@ const FILES: [(i64, &str, &str); 23] = [
     file!(20, "lost processes", "0020_lost_processes.sql"),
     file!(21, "operations", "0021_operations.sql"),
     file!(22, "vehicle quarantines", "0022_vehicle_quarantines.sql"),
+    file!(23, "audit", "0023_audit.sql"),
     file!(24, "trip clocks", "0024_trip_clocks.sql"),
 ];
 

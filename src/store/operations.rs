@@ -1,18 +1,20 @@
 //! Long work that somebody asked for: noted, found again after a restart, ended.
 
 use jiff::Timestamp;
+use serde::Serialize;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
+use super::audit::{self, Change};
 use super::columns::{
     corrupt, json, json_text, micros, name, optional_json, optional_time, text, time,
 };
 use super::error::StoreError;
-use super::removal_records::{OperationRecord, RemovalRequest, RemovalResult};
+use super::removal_records::{Meant, OperationRecord, RemovalRequest, RemovalResult};
 use super::request::Request;
 use super::{Store, named};
 use crate::ids::{OperationId, RouteId};
-use crate::model::OperationStatus;
+use crate::model::{Actor, AuditAction, OperationStatus};
 
 impl Store {
     /// Notes what somebody asked for; it is carried out after what was asked for before.
@@ -24,13 +26,14 @@ impl Store {
         id: OperationId,
         route: &RouteId,
         request: RemovalRequest,
+        by: &Actor,
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        let route = route.clone();
         let ask = Ask {
             id,
-            route,
+            route: route.clone(),
             request,
+            by: by.clone(),
             now,
         };
         self.work(ask).await
@@ -96,6 +99,7 @@ struct Ask {
     id: OperationId,
     route: RouteId,
     request: RemovalRequest,
+    by: Actor,
     now: Timestamp,
 }
 
@@ -113,12 +117,49 @@ impl Request for Ask {
         .bind(OperationStatus::Queued.name())
         .bind(micros(self.now))
         .bind(self.route.as_str())
-        .execute(transaction)
+        .execute(&mut *transaction)
         .await?;
-        match inserted.rows_affected() {
-            0 => Err(StoreError::UnknownRoute),
-            _ => Ok(()),
+        if inserted.rows_affected() == 0 {
+            return Err(StoreError::UnknownRoute);
         }
+        self.note(transaction).await
+    }
+}
+
+impl Ask {
+    /// Writes the audit's row; a dry run changes nothing.
+    async fn note(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        #[derive(Serialize)]
+        struct Asked<'a> {
+            #[serde(flatten)]
+            meant: &'a Meant,
+            erase: bool,
+            note: Option<&'a str>,
+        }
+        let RemovalRequest {
+            meant,
+            dry_run,
+            erase,
+            note,
+        } = &self.request;
+        if *dry_run {
+            return Ok(());
+        }
+        let asked = Asked {
+            meant,
+            erase: *erase,
+            note: note.as_deref(),
+        };
+        let change = Change {
+            at: self.now,
+            actor: &self.by,
+            action: AuditAction::RemovalAsked,
+            route_id: Some(self.route.as_str()),
+            subject: &self.id.to_string(),
+            before: None,
+            after: Some(json_text(&asked)?),
+        };
+        audit::write(transaction, change).await
     }
 }
 
@@ -133,34 +174,69 @@ impl Request for End {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        end(transaction, self.id, &self.outcome, self.now).await
+        end(transaction, self.id, &self.outcome, self.now).await?;
+        Ok(())
     }
 }
 
-/// Ends an operation within the transaction that carries it out.
+/// Ends an operation within the transaction that carries it out; false if it has ended already.
 pub(super) async fn end(
     transaction: &mut SqliteConnection,
     id: OperationId,
     outcome: &Result<RemovalResult, String>,
     now: Timestamp,
-) -> Result<(), StoreError> {
+) -> Result<bool, StoreError> {
     let status = match outcome {
         Ok(_) => OperationStatus::Succeeded,
         Err(_) => OperationStatus::Failed,
     };
     let result = outcome.as_ref().ok().map(json_text).transpose()?;
-    sqlx::query(
+    let ended = sqlx::query(
         "UPDATE operations SET status = $1, result = $2, reason = $3, ended_at_us = $4 \
-         WHERE id = $5 AND ended_at_us IS NULL",
+         WHERE id = $5 AND ended_at_us IS NULL RETURNING request, \
+         (SELECT id FROM routes WHERE routes.route_key = operations.route_key) AS route_id",
     )
     .bind(status.name())
     .bind(result)
     .bind(outcome.as_ref().err())
     .bind(micros(now))
     .bind(id.to_string())
-    .execute(transaction)
+    .fetch_optional(&mut *transaction)
     .await?;
-    Ok(())
+    let Some(row) = ended else { return Ok(false) };
+    let request: RemovalRequest = json(&row, "request")?;
+    if !request.dry_run {
+        note_end(transaction, id, row.try_get("route_id")?, outcome, now).await?;
+    }
+    Ok(true)
+}
+
+/// Writes the audit's row of a removal that was carried out, or could not be.
+async fn note_end(
+    transaction: &mut SqliteConnection,
+    id: OperationId,
+    route_id: &str,
+    outcome: &Result<RemovalResult, String>,
+    at: Timestamp,
+) -> Result<(), StoreError> {
+    #[derive(Serialize)]
+    struct Failure<'a> {
+        reason: &'a str,
+    }
+    let (action, after) = match outcome {
+        Ok(result) => (AuditAction::RemovalDone, json_text(result)?),
+        Err(reason) => (AuditAction::RemovalFailed, json_text(&Failure { reason })?),
+    };
+    let change = Change {
+        at,
+        actor: &Actor::System,
+        action,
+        route_id: Some(route_id),
+        subject: &id.to_string(),
+        before: None,
+        after: Some(after),
+    };
+    audit::write(transaction, change).await
 }
 
 fn operation_of(row: &SqliteRow) -> Result<OperationRecord, StoreError> {

@@ -1,16 +1,19 @@
 //! Vehicles of which somebody wants nothing more in the map.
 
 use jiff::Timestamp;
+use serde::Serialize;
 use sqlx::{Row, SqliteConnection};
 
-use super::columns::{micros, time};
+use super::audit::{self, Change};
+use super::columns::{json_text, micros, time};
 use super::error::StoreError;
 use super::request::Request;
 use super::{Store, named};
 use crate::ids::{RouteId, VehicleId};
+use crate::model::{Actor, AuditAction};
 
 /// Since when a vehicle's uploads are kept out of the map, and why.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Quarantine {
     /// When somebody asked for it.
     pub since: Timestamp,
@@ -42,12 +45,15 @@ impl Store {
         route: &RouteId,
         vehicle: &VehicleId,
         quarantine: Option<Quarantine>,
+        by: &Actor,
+        now: Timestamp,
     ) -> Result<bool, StoreError> {
-        let (route, vehicle) = (route.clone(), vehicle.clone());
         let put = PutQuarantine {
-            route,
-            vehicle,
+            route: route.clone(),
+            vehicle: vehicle.clone(),
             quarantine,
+            by: by.clone(),
+            now,
         };
         self.work(put).await
     }
@@ -79,6 +85,8 @@ struct PutQuarantine {
     route: RouteId,
     vehicle: VehicleId,
     quarantine: Option<Quarantine>,
+    by: Actor,
+    now: Timestamp,
 }
 
 impl Request for PutQuarantine {
@@ -97,6 +105,7 @@ impl Request for PutQuarantine {
         let Some(route_key) = route_key else {
             return Ok(false);
         };
+        let before = quarantine_of(transaction, &self.route, &self.vehicle).await?;
         let written = match &self.quarantine {
             Some(quarantine) => sqlx::query(
                 "INSERT INTO vehicle_quarantines (route_key, vehicle_id, since_us, note) \
@@ -112,7 +121,35 @@ impl Request for PutQuarantine {
             .bind(route_key)
             .bind(self.vehicle.as_str()),
         };
-        written.execute(transaction).await?;
+        written.execute(&mut *transaction).await?;
+        self.note(transaction, before).await?;
         Ok(true)
+    }
+}
+
+impl PutQuarantine {
+    /// Writes the audit's row, unless everything is as it was.
+    async fn note(
+        &self,
+        transaction: &mut SqliteConnection,
+        before: Option<Quarantine>,
+    ) -> Result<(), StoreError> {
+        let after = quarantine_of(transaction, &self.route, &self.vehicle).await?;
+        if before == after {
+            return Ok(());
+        }
+        let change = Change {
+            at: self.now,
+            actor: &self.by,
+            action: match after {
+                Some(_) => AuditAction::VehicleQuarantined,
+                None => AuditAction::VehicleReleased,
+            },
+            route_id: Some(self.route.as_str()),
+            subject: self.vehicle.as_str(),
+            before: before.as_ref().map(json_text).transpose()?,
+            after: after.as_ref().map(json_text).transpose()?,
+        };
+        audit::write(transaction, change).await
     }
 }

@@ -130,13 +130,11 @@ impl Request for ApplyRemoval {
             end_turn(transaction, place).await?;
         }
         self.forget_trips(transaction, route_key).await?;
-        operations::end(
-            transaction,
-            removal.operation,
-            &Ok(removal.result),
-            removal.at,
-        )
-        .await?;
+        let outcome = Ok(removal.result);
+        if !operations::end(transaction, removal.operation, &outcome, removal.at).await? {
+            let what = format!("operation {} has ended already", removal.operation);
+            return Err(StoreError::InvalidResult(what));
+        }
         Ok(true)
     }
 }

@@ -1,14 +1,17 @@
 //! Another try for an upload that was kept out of the map.
 
+use jiff::Timestamp;
+use serde::Serialize;
 use sqlx::{Row, SqliteConnection};
 
 use super::Store;
-use super::columns::text;
+use super::audit::{self, Change};
+use super::columns::{json_text, text};
 use super::error::StoreError;
 use super::request::Request;
 use super::trips::{Place, queue};
 use crate::ids::{BatchId, RouteId};
-use crate::model::{BatchKind, BatchStatus};
+use crate::model::{Actor, AuditAction, BatchKind, BatchStatus};
 
 /// What became of the wish to try a batch again.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,15 +33,24 @@ impl Store {
         &self,
         route: &RouteId,
         batch: &BatchId,
+        by: &Actor,
+        now: Timestamp,
     ) -> Result<Retried, StoreError> {
-        let (route, batch) = (route.clone(), batch.clone());
-        self.work(Retry { route, batch }).await
+        let request = Retry {
+            route: route.clone(),
+            batch: batch.clone(),
+            by: by.clone(),
+            now,
+        };
+        self.work(request).await
     }
 }
 
 struct Retry {
     route: RouteId,
     batch: BatchId,
+    by: Actor,
+    now: Timestamp,
 }
 
 impl Request for Retry {
@@ -48,7 +60,7 @@ impl Request for Retry {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Retried, StoreError> {
         let row = sqlx::query(
             "SELECT batch_key, route_key, batches.vehicle_id, trip_id, sequence, kind, status, \
-                 body_kept, trips.vehicle_id AS driver, \
+                 reason, body_kept, trips.vehicle_id AS driver, \
                  EXISTS (SELECT 1 FROM jobs WHERE jobs.batch_key = batches.batch_key) AS has_job, \
                  EXISTS (SELECT 1 FROM batches AS other WHERE other.route_key = batches.route_key \
                      AND other.trip_id = batches.trip_id \
@@ -98,11 +110,43 @@ impl Request for Retry {
             trip_id,
             sequence: row.try_get("sequence")?,
         };
-        hand_trip_over(transaction, &place, &vehicle).await?;
-        if !row.try_get::<bool, _>("has_job")? {
-            queue(transaction, &place).await?;
+        if row.try_get::<bool, _>("has_job")? {
+            return Ok(Retried::Queued);
         }
+        hand_trip_over(transaction, &place, &vehicle).await?;
+        queue(transaction, &place).await?;
+        self.note(transaction, status, row.try_get("reason")?)
+            .await?;
         Ok(Retried::Queued)
+    }
+}
+
+impl Retry {
+    async fn note(
+        &self,
+        transaction: &mut SqliteConnection,
+        status: BatchStatus,
+        reason: Option<&str>,
+    ) -> Result<(), StoreError> {
+        #[derive(Serialize)]
+        struct State<'a> {
+            status: BatchStatus,
+            reason: Option<&'a str>,
+        }
+        let queued = State {
+            status: BatchStatus::Queued,
+            reason,
+        };
+        let change = Change {
+            at: self.now,
+            actor: &self.by,
+            action: AuditAction::BatchRetried,
+            route_id: Some(self.route.as_str()),
+            subject: self.batch.as_str(),
+            before: Some(json_text(&State { status, reason })?),
+            after: Some(json_text(&queued)?),
+        };
+        audit::write(transaction, change).await
     }
 }
 

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
 
 use super::columns::{micros, name, text, time};
 use super::error::StoreError;
@@ -10,10 +10,11 @@ use super::records::{
     GeoAnchor, RouteCounts, RouteEdition, RouteRecord, RouteSettings, RouteUpdate,
 };
 use super::request::Request;
+use super::webhooks::webhooks_of;
 use super::{Deleted, Put};
-use super::{Store, named};
+use super::{Store, named, route_audit, webhook_audit};
 use crate::ids::RouteId;
-use crate::model::{Detector, Stage};
+use crate::model::{Actor, Detector, Stage};
 
 impl Store {
     /// Creates a route or changes it.
@@ -24,10 +25,16 @@ impl Store {
         &self,
         id: &RouteId,
         update: RouteUpdate,
+        by: &Actor,
         now: Timestamp,
     ) -> Result<Put, StoreError> {
-        let id = id.clone();
-        self.work(PutRoute { id, update, now }).await
+        let request = PutRoute {
+            id: id.clone(),
+            update,
+            by: by.clone(),
+            now,
+        };
+        self.work(request).await
     }
 
     /// One route.
@@ -58,9 +65,16 @@ impl Store {
         &self,
         id: &RouteId,
         expected: Option<RouteEdition>,
+        by: &Actor,
+        now: Timestamp,
     ) -> Result<Deleted, StoreError> {
-        let id = id.clone();
-        self.work(DeleteRoute { id, expected }).await
+        let request = DeleteRoute {
+            id: id.clone(),
+            expected,
+            by: by.clone(),
+            now,
+        };
+        self.work(request).await
     }
 }
 
@@ -81,6 +95,7 @@ macro_rules! select_routes {
 pub(super) struct PutRoute {
     pub(super) id: RouteId,
     pub(super) update: RouteUpdate,
+    pub(super) by: Actor,
     pub(super) now: Timestamp,
 }
 
@@ -89,21 +104,19 @@ impl Request for PutRoute {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Put, StoreError> {
+        let present = route(&mut *transaction, &self.id).await?;
         if self.change(transaction).await? {
+            self.note(transaction, present).await?;
             return Ok(Put::Updated);
         }
-        let detector: Option<String> =
-            sqlx::query_scalar("SELECT detector FROM routes WHERE id = $1")
-                .bind(self.id.as_str())
-                .fetch_optional(&mut *transaction)
-                .await?;
         let wanted = self.update.settings.detector;
-        match detector {
+        match present {
             None if self.update.expected.is_none() => {
                 self.create(transaction).await?;
+                self.note(transaction, None).await?;
                 Ok(Put::Created)
             }
-            Some(present) if wanted.is_some_and(|wanted| wanted.name() != present) => {
+            Some(present) if wanted.is_some_and(|wanted| wanted != present.settings.detector) => {
                 Ok(Put::DetectorFixed)
             }
             None | Some(_) => Ok(Put::Stale),
@@ -112,6 +125,16 @@ impl Request for PutRoute {
 }
 
 impl PutRoute {
+    async fn note(
+        &self,
+        transaction: &mut SqliteConnection,
+        before: Option<RouteRecord>,
+    ) -> Result<(), StoreError> {
+        let after = route(&mut *transaction, &self.id).await?;
+        let (before, after) = (before.as_ref(), after.as_ref());
+        route_audit::note(transaction, before, after, &self.by, self.now).await
+    }
+
     async fn change(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
         let geo = self.update.geo_anchor;
         let settings = &self.update.settings;
@@ -180,6 +203,8 @@ impl PutRoute {
 pub(super) struct DeleteRoute {
     pub(super) id: RouteId,
     pub(super) expected: Option<RouteEdition>,
+    pub(super) by: Actor,
+    pub(super) now: Timestamp,
 }
 
 impl Request for DeleteRoute {
@@ -188,6 +213,8 @@ impl Request for DeleteRoute {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Deleted, StoreError> {
+        let before = route(&mut *transaction, &self.id).await?;
+        let webhooks = webhooks_of(transaction, &self.id).await?;
         let deleted = sqlx::query(
             "DELETE FROM routes WHERE id = $1 \
                  AND ($2 IS NULL OR revision = $2 AND updated_at_us = $3)",
@@ -197,29 +224,28 @@ impl Request for DeleteRoute {
         .bind(self.expected.map(|expected| micros(expected.updated_at)))
         .execute(&mut *transaction)
         .await?;
-        if deleted.rows_affected() > 0 {
-            return Ok(Deleted::Done);
+        let Some(before) = before else {
+            return Ok(Deleted::NotThere);
+        };
+        if deleted.rows_affected() == 0 {
+            return Ok(Deleted::Stale);
         }
-        let is_there = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM routes WHERE id = $1)")
-            .bind(self.id.as_str())
-            .fetch_one(transaction)
-            .await?;
-        Ok(if is_there {
-            Deleted::Stale
-        } else {
-            Deleted::NotThere
-        })
+        route_audit::note(transaction, Some(&before), None, &self.by, self.now).await?;
+        for webhook in &webhooks {
+            webhook_audit::note(transaction, Some(webhook), None, &self.by, self.now).await?;
+        }
+        Ok(Deleted::Done)
     }
 }
 
 /// One route.
 pub(super) async fn route(
-    readers: &SqlitePool,
+    reader: impl SqliteExecutor<'_>,
     id: &RouteId,
 ) -> Result<Option<RouteRecord>, StoreError> {
     let row = sqlx::query(select_routes!("WHERE id = ?"))
         .bind(id.as_str())
-        .fetch_optional(readers)
+        .fetch_optional(reader)
         .await?;
     row.as_ref().map(route_of).transpose()
 }

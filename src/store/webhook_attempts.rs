@@ -8,7 +8,8 @@ use super::columns::micros;
 use super::error::StoreError;
 use super::request::Request;
 use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict};
-use crate::model::DeliveryStatus;
+use super::webhooks::{note, webhook, webhook_id};
+use crate::model::{Actor, DeliveryStatus};
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
 const DELETED_AT_ONCE: i64 = 500;
@@ -116,17 +117,26 @@ impl Record {
 
     /// Unless somebody has edited the webhook meanwhile: then it may lead elsewhere.
     async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query(
-            "UPDATE webhooks SET active = 0, gone_at_us = ?2, updated_at_us = ?2, \
-             revision = revision + 1 WHERE active = 1 AND revision = ?3 AND webhook_key = \
-             (SELECT webhook_key FROM webhook_deliveries WHERE delivery_key = ?1)",
+        let row = sqlx::query(
+            "SELECT webhooks.id FROM webhook_deliveries JOIN webhooks USING (webhook_key) \
+             WHERE delivery_key = ?",
         )
         .bind(self.0.delivery_key)
+        .fetch_one(&mut *transaction)
+        .await?;
+        let id = webhook_id(&row, "id")?;
+        let before = webhook(&mut *transaction, id).await?;
+        sqlx::query(
+            "UPDATE webhooks SET active = 0, gone_at_us = ?2, updated_at_us = ?2, \
+             revision = revision + 1 WHERE active = 1 AND revision = ?3 AND id = ?1",
+        )
+        .bind(id.to_string())
         .bind(micros(self.0.ended_at))
         .bind(self.0.webhook_revision)
-        .execute(transaction)
+        .execute(&mut *transaction)
         .await?;
-        Ok(())
+        let (by, at) = (&Actor::System, self.0.ended_at);
+        note(transaction, id, before.as_ref(), by, at).await
     }
 }
 

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
 
 use super::columns::{corrupt, json, json_text, micros, name, optional_time, time, value_of};
 use super::error::StoreError;
@@ -10,17 +10,22 @@ use super::request::Request;
 use super::webhook_records::{
     Edited, NewWebhook, Registered, WEBHOOKS_MAX, WebhookRecord, WebhookUpdate,
 };
-use super::{Store, named};
-use crate::ids::WebhookId;
-use crate::model::AlertEventKind;
+use super::{Store, named, webhook_audit};
+use crate::ids::{RouteId, WebhookId};
+use crate::model::{Actor, AlertEventKind};
 
 impl Store {
     /// Registers a webhook. It is told of what happens from now on.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn register_webhook(&self, webhook: NewWebhook) -> Result<Registered, StoreError> {
-        self.work(Register(webhook)).await
+    pub async fn register_webhook(
+        &self,
+        webhook: NewWebhook,
+        by: &Actor,
+    ) -> Result<Registered, StoreError> {
+        let by = by.clone();
+        self.work(Register { webhook, by }).await
     }
 
     /// Changes a webhook, if it is still at `revision` where one is given.
@@ -32,12 +37,14 @@ impl Store {
         id: WebhookId,
         revision: Option<i64>,
         update: WebhookUpdate,
+        by: &Actor,
         now: Timestamp,
     ) -> Result<Edited, StoreError> {
         let request = Update {
             id,
             revision,
             update,
+            by: by.clone(),
             now,
         };
         self.work(request).await
@@ -51,8 +58,16 @@ impl Store {
         &self,
         id: WebhookId,
         revision: Option<i64>,
+        by: &Actor,
+        now: Timestamp,
     ) -> Result<Edited, StoreError> {
-        self.work(Delete { id, revision }).await
+        let request = Delete {
+            id,
+            revision,
+            by: by.clone(),
+            now,
+        };
+        self.work(request).await
     }
 
     /// One webhook.
@@ -76,14 +91,17 @@ impl Store {
     }
 }
 
-struct Register(NewWebhook);
+struct Register {
+    webhook: NewWebhook,
+    by: Actor,
+}
 
 impl Request for Register {
     type Outcome = Registered;
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Registered, StoreError> {
-        let webhook = &self.0;
+        let webhook = &self.webhook;
         let count: u32 = sqlx::query_scalar("SELECT count(*) FROM webhooks")
             .fetch_one(&mut *transaction)
             .await?;
@@ -106,12 +124,13 @@ impl Request for Register {
         .bind(webhook.description.as_deref())
         .bind(micros(webhook.created_at))
         .bind(webhook.include_tentative)
-        .execute(transaction)
+        .execute(&mut *transaction)
         .await?;
-        match inserted.rows_affected() {
-            0 => Ok(Registered::UnknownRoute),
-            _ => Ok(Registered::Created),
+        if inserted.rows_affected() == 0 {
+            return Ok(Registered::UnknownRoute);
         }
+        note(transaction, webhook.id, None, &self.by, webhook.created_at).await?;
+        Ok(Registered::Created)
     }
 }
 
@@ -119,6 +138,7 @@ struct Update {
     id: WebhookId,
     revision: Option<i64>,
     update: WebhookUpdate,
+    by: Actor,
     now: Timestamp,
 }
 
@@ -128,6 +148,9 @@ impl Request for Update {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
         let update = &self.update;
+        let Some(before) = webhook(&mut *transaction, self.id).await? else {
+            return Ok(Edited::Unknown);
+        };
         let events = update.events.as_deref().map(events_text).transpose()?;
         let changed = sqlx::query(
             "UPDATE webhooks SET revision = revision + 1, url = coalesce(?3, url), \
@@ -147,13 +170,19 @@ impl Request for Update {
         .bind(update.include_tentative)
         .execute(&mut *transaction)
         .await?;
-        edited(transaction, self.id, changed.rows_affected()).await
+        if changed.rows_affected() == 0 {
+            return Ok(Edited::Stale);
+        }
+        note(transaction, self.id, Some(&before), &self.by, self.now).await?;
+        Ok(Edited::Done)
     }
 }
 
 struct Delete {
     id: WebhookId,
     revision: Option<i64>,
+    by: Actor,
+    now: Timestamp,
 }
 
 impl Request for Delete {
@@ -162,33 +191,33 @@ impl Request for Delete {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
+        let Some(before) = webhook(&mut *transaction, self.id).await? else {
+            return Ok(Edited::Unknown);
+        };
         let deleted =
             sqlx::query("DELETE FROM webhooks WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)")
                 .bind(self.id.to_string())
                 .bind(self.revision)
                 .execute(&mut *transaction)
                 .await?;
-        edited(transaction, self.id, deleted.rows_affected()).await
+        if deleted.rows_affected() == 0 {
+            return Ok(Edited::Stale);
+        }
+        webhook_audit::note(transaction, Some(&before), None, &self.by, self.now).await?;
+        Ok(Edited::Done)
     }
 }
 
-/// Why an edit touched so many rows.
-async fn edited(
+/// Writes the audit's row of a webhook that is there.
+pub(super) async fn note(
     transaction: &mut SqliteConnection,
     id: WebhookId,
-    rows: u64,
-) -> Result<Edited, StoreError> {
-    if rows > 0 {
-        return Ok(Edited::Done);
-    }
-    let is_there: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM webhooks WHERE id = ?)")
-        .bind(id.to_string())
-        .fetch_one(transaction)
-        .await?;
-    Ok(match is_there {
-        true => Edited::Stale,
-        false => Edited::Unknown,
-    })
+    before: Option<&WebhookRecord>,
+    by: &Actor,
+    at: Timestamp,
+) -> Result<(), StoreError> {
+    let after = webhook(&mut *transaction, id).await?;
+    webhook_audit::note(transaction, before, after.as_ref(), by, at).await
 }
 
 macro_rules! select_webhooks {
@@ -202,12 +231,28 @@ macro_rules! select_webhooks {
     };
 }
 
-async fn webhook(readers: &SqlitePool, id: WebhookId) -> Result<Option<WebhookRecord>, StoreError> {
+/// One webhook.
+pub(super) async fn webhook(
+    reader: impl SqliteExecutor<'_>,
+    id: WebhookId,
+) -> Result<Option<WebhookRecord>, StoreError> {
     let row = sqlx::query(select_webhooks!("WHERE webhooks.id = ?"))
         .bind(id.to_string())
-        .fetch_optional(readers)
+        .fetch_optional(reader)
         .await?;
     row.as_ref().map(webhook_of).transpose()
+}
+
+/// The webhooks of one route alone, which go with it.
+pub(super) async fn webhooks_of(
+    transaction: &mut SqliteConnection,
+    route: &RouteId,
+) -> Result<Vec<WebhookRecord>, StoreError> {
+    let rows = sqlx::query(select_webhooks!("WHERE routes.id = ? ORDER BY webhooks.id"))
+        .bind(route.as_str())
+        .fetch_all(transaction)
+        .await?;
+    rows.iter().map(webhook_of).collect()
 }
 
 async fn webhooks(

@@ -10,7 +10,7 @@ use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
-use mapshift::model::{BatchStatus, Stage};
+use mapshift::model::{Actor, BatchStatus, Stage};
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
     AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord,
@@ -52,9 +52,10 @@ pub async fn directory() -> TempDir {
         }),
         ..RouteUpdate::default()
     };
-    store.put_route(&hall, anchored, now).await.unwrap();
+    let by = &Actor::System;
+    store.put_route(&hall, anchored, by, now).await.unwrap();
     let nothing = RouteUpdate::default();
-    store.put_route(&yard, nothing, now).await.unwrap();
+    store.put_route(&yard, nothing, by, now).await.unwrap();
     store.journal_batch(batch(&hall, now)).await.unwrap();
     let lease = Duration::from_secs(60);
     let job = store.claim_job(now, lease).await.unwrap().unwrap();

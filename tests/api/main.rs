@@ -10,6 +10,7 @@
 
 mod alert_stream;
 mod alerts;
+mod audit;
 mod bad_alert_requests;
 mod bad_requests;
 mod bad_webhook_requests;

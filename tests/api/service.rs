@@ -11,7 +11,7 @@ use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
-use mapshift::model::{BatchStatus, Stage};
+use mapshift::model::{Actor, BatchStatus, Stage};
 use mapshift::pipeline::PipelineOptions;
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
@@ -142,7 +142,7 @@ async fn store_map(
     let now: Timestamp = "2026-11-20T07:00:00Z".parse().unwrap();
     let route_id = RouteId::new("hall").unwrap();
     store
-        .put_route(&route_id, RouteUpdate::default(), now)
+        .put_route(&route_id, RouteUpdate::default(), &Actor::System, now)
         .await
         .unwrap();
     let body = crate::body::batch(0, 3).to_string().into_bytes();

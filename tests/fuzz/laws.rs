@@ -6,8 +6,11 @@ use mapshift::ingest::g2o::{read_g2o, write_g2o};
 use mapshift::ingest::{CarmenLog, batch_json, edges_json};
 use mapshift::scan::{LaserScan, decode_scan, encode_scan};
 
+/// What must hold of one decoder for these bytes; panics if it does not.
+pub type Law = fn(&[u8]);
+
 /// The decoders by the names of their corpora.
-pub const DECODERS: [(&str, fn(&[u8])); 5] = [
+pub const DECODERS: [(&str, Law); 5] = [
     ("batch_json", batch_json),
     ("edges_json", edges_json),
     ("carmen", carmen),

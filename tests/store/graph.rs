@@ -8,7 +8,9 @@ use mapshift::store::{
     StoreError,
 };
 
-use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload, with_residuals};
+use crate::support::{
+    Fixture, at, batch_id, by, edge, intermediate, route, upload, with_residuals,
+};
 
 fn closure() -> ClosureRecord {
     ClosureRecord {
@@ -184,7 +186,7 @@ async fn what_is_not_finite_or_out_of_range_does_not_get_in() {
         geo_anchor: Some(anchor),
         ..RouteUpdate::default()
     };
-    let answer = fixture.store.put_route(&route(), update, at(1)).await;
+    let answer = fixture.store.put_route(&route(), update, by(), at(1)).await;
     assert!(matches!(answer, Err(StoreError::Database(_))));
     fixture.store.check_ready().await.unwrap();
 }
@@ -234,7 +236,10 @@ async fn routes_are_put_listed_and_deleted() {
         ..RouteUpdate::default()
     };
     let line = RouteId::new("line-4").unwrap();
-    let put = store.put_route(&line, update.clone(), at(1)).await.unwrap();
+    let put = store
+        .put_route(&line, update.clone(), by(), at(1))
+        .await
+        .unwrap();
     assert_eq!(put, Put::Created);
     let settings = RouteSettings {
         hold_s: 5,
@@ -251,7 +256,7 @@ async fn routes_are_put_listed_and_deleted() {
         },
         ..RouteUpdate::default()
     };
-    let put = store.put_route(&line, change, at(2)).await.unwrap();
+    let put = store.put_route(&line, change, by(), at(2)).await.unwrap();
     assert_eq!(put, Put::Updated);
     let record = store.route(&line).await.unwrap().unwrap();
     assert_eq!(record.display_name, update.display_name);
@@ -283,10 +288,12 @@ async fn routes_are_put_listed_and_deleted() {
         revision: 1,
         updated_at: at(0),
     };
-    let deletion = store.delete_route(&route(), Some(before)).await;
+    let deletion = store
+        .delete_route(&route(), Some(before), by(), at(3))
+        .await;
     assert_eq!(deletion.unwrap(), Deleted::Stale);
     for expected in [Deleted::Done, Deleted::NotThere] {
-        let deletion = store.delete_route(&route(), None).await;
+        let deletion = store.delete_route(&route(), None, by(), at(3)).await;
         assert_eq!(deletion.unwrap(), expected);
     }
     assert_eq!(store.apply_result(late).await.unwrap(), Applied::Stale);
@@ -356,8 +363,8 @@ async fn two_who_edit_a_route_do_not_undo_each_other() {
     let seen = store.route(&route()).await.unwrap().unwrap().edition();
     let id = route();
     let (one, other) = tokio::join!(
-        store.put_route(&id, hold, at(1)),
-        store.put_route(&id, rate(0.5, None), at(1)),
+        store.put_route(&id, hold, by(), at(1)),
+        store.put_route(&id, rate(0.5, None), by(), at(1)),
     );
     assert_eq!([one.unwrap(), other.unwrap()], [Put::Updated; 2]);
     let now = store.route(&route()).await.unwrap().unwrap();
@@ -367,14 +374,16 @@ async fn two_who_edit_a_route_do_not_undo_each_other() {
     );
 
     let late = store
-        .put_route(&route(), rate(0.1, Some(seen)), at(2))
+        .put_route(&route(), rate(0.1, Some(seen)), by(), at(2))
         .await;
     assert_eq!(late.unwrap(), Put::Stale);
     let in_time = rate(0.2, Some(now.edition()));
-    let in_time = store.put_route(&route(), in_time, at(2)).await;
+    let in_time = store.put_route(&route(), in_time, by(), at(2)).await;
     assert_eq!(in_time.unwrap(), Put::Updated);
     let none = RouteId::new("none").unwrap();
-    let put = store.put_route(&none, rate(0.1, Some(seen)), at(2)).await;
+    let put = store
+        .put_route(&none, rate(0.1, Some(seen)), by(), at(2))
+        .await;
     assert_eq!(put.unwrap(), Put::Stale);
 
     fixture.journal(upload("b", "t", 0)).await;
@@ -385,6 +394,6 @@ async fn two_who_edit_a_route_do_not_undo_each_other() {
         },
         ..RouteUpdate::default()
     };
-    let put = store.put_route(&route(), seed, at(3)).await;
+    let put = store.put_route(&route(), seed, by(), at(3)).await;
     assert_eq!(put.unwrap(), Put::DetectorFixed);
 }

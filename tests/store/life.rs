@@ -7,7 +7,7 @@ use mapshift::store::{
 };
 use tokio::runtime::Runtime;
 
-use crate::support::{Fixture, LEASE, at, batch_id, open, put_route, route, upload};
+use crate::support::{Fixture, LEASE, at, batch_id, by, open, put_route, route, upload};
 
 #[test]
 fn a_killed_process_loses_nothing_and_its_jobs_are_free_again() {
@@ -147,7 +147,7 @@ async fn every_statement_runs_on_a_fresh_database() {
     assert_eq!(store.edge(&route, EdgeId(1)).await.unwrap(), None);
     assert_eq!(store.routes(None, 5).await.unwrap().len(), 1);
     assert_eq!(
-        store.delete_route(&route, None).await.unwrap(),
+        store.delete_route(&route, None, by(), at(9)).await.unwrap(),
         Deleted::Done
     );
     assert!(store.route(&route).await.unwrap().is_none());

@@ -1,12 +1,13 @@
 //! Shared by the tests of the store.
 
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use jiff::Timestamp;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{BatchId, EdgeId, LidarId, NodeId, RouteId, StampNs, TripId, VehicleId};
-use mapshift::model::{BatchStatus, Stage};
+use mapshift::model::{Actor, BatchStatus, Stage};
 use mapshift::store::{
     BatchContent, BatchOutcome, BatchRecord, ClaimedJob, EdgeRecord, IntermediateRecord, JobResult,
     Journaled, NewBatch, NewIntermediate, NodeRecord, NodeWithScan, RouteUpdate, Store,
@@ -128,13 +129,21 @@ pub async fn open(directory: &TempDir) -> Store {
 pub async fn put_route(store: &Store, id: &str) {
     let id = RouteId::new(id).unwrap();
     store
-        .put_route(&id, RouteUpdate::default(), at(0))
+        .put_route(&id, RouteUpdate::default(), by(), at(0))
         .await
         .unwrap();
 }
 
 pub fn at(seconds: i64) -> Timestamp {
     Timestamp::from_second(1_800_000_000 + seconds).unwrap()
+}
+
+/// Who makes the changes of these tests.
+pub fn by() -> &'static Actor {
+    static BY: LazyLock<Actor> = LazyLock::new(|| Actor::Local {
+        address: "192.0.2.7".to_owned(),
+    });
+    &BY
 }
 
 pub fn route() -> RouteId {

@@ -10,7 +10,7 @@ use mapshift::store::{
 };
 use uuid::Uuid;
 
-use crate::support::{Fixture, at, route, upload};
+use crate::support::{Fixture, at, by, route, upload};
 
 const PLAIN: u128 = 1;
 const WITH_TENTATIVE: u128 = 2;
@@ -26,11 +26,11 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
         include_tentative,
         created_at: at(0),
     };
-    let registered = store.register_webhook(webhook).await.unwrap();
+    let registered = store.register_webhook(webhook, by()).await.unwrap();
     assert_eq!(registered, Registered::Created);
 }
 
-fn alert(number: u128, tier: Tier) -> AlertRecord {
+pub fn alert(number: u128, tier: Tier) -> AlertRecord {
     let corners = [[0.0, 0.0], [0.1 + 0.2, 0.0], [0.3, 1.0 / 3.0]];
     AlertRecord {
         id: AlertId(Uuid::from_u128(number)),
@@ -81,7 +81,7 @@ fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
 }
 
 /// A batch whose job writes the alert.
-async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<(), StoreError> {
+pub async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Result<(), StoreError> {
     fixture.journal(upload(batch, batch, 0)).await;
     let job = fixture.claim(0).await.unwrap();
     let mut result = fixture.result(&job, BatchStatus::Merged).await;
@@ -225,7 +225,10 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
         ..WebhookUpdate::default()
     };
     let id = WebhookId(Uuid::from_u128(PLAIN));
-    store.update_webhook(id, None, update, at(5)).await.unwrap();
+    store
+        .update_webhook(id, None, update, by(), at(5))
+        .await
+        .unwrap();
     write(&fixture, "b6", &alert(3, Tier::Tentative))
         .await
         .unwrap();

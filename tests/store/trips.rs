@@ -2,7 +2,7 @@ use mapshift::ids::{RouteId, VehicleId};
 use mapshift::model::BatchStatus::{Held, Merged, Processing, Quarantined, Queued, Unanchored};
 use mapshift::store::{Journaled, RouteUpdate, SettingsUpdate};
 
-use crate::support::{Fixture, at, put_route, route, upload};
+use crate::support::{Fixture, at, by, put_route, route, upload};
 
 async fn finish(fixture: &Fixture, status: mapshift::model::BatchStatus) -> String {
     let job = fixture.claim(1).await.unwrap();
@@ -98,7 +98,7 @@ async fn each_route_has_its_own_patience() {
         },
         ..RouteUpdate::default()
     };
-    let put = fixture.store.put_route(&hasty, update, at(0)).await;
+    let put = fixture.store.put_route(&hasty, update, by(), at(0)).await;
     assert_eq!(put.unwrap(), mapshift::store::Put::Updated);
     fixture.journal(upload("b", "t", 1)).await;
     let mut batch = upload("b", "t", 1);

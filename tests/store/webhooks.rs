@@ -8,7 +8,7 @@ use mapshift::store::{
     Registered, Store, TestQueued, WebhookSecret, WebhookUpdate,
 };
 
-use crate::support::{Fixture, at, open, route};
+use crate::support::{Fixture, at, by, open, route};
 
 fn id(number: u128) -> WebhookId {
     WebhookId(uuid::Uuid::from_u128(number))
@@ -25,7 +25,7 @@ async fn register(store: &Store, number: u128) {
         include_tentative: false,
         created_at: at(0),
     };
-    let registered = store.register_webhook(webhook).await.unwrap();
+    let registered = store.register_webhook(webhook, by()).await.unwrap();
     assert_eq!(registered, Registered::Created);
 }
 
@@ -140,7 +140,7 @@ async fn a_webhook_that_was_edited_meanwhile_is_not_disabled() {
                 ..WebhookUpdate::default()
             };
             let done = store
-                .update_webhook(id(number), Some(1), update, at(5))
+                .update_webhook(id(number), Some(1), update, by(), at(5))
                 .await;
             assert_eq!(done.unwrap(), Edited::Done);
         }
@@ -165,14 +165,14 @@ async fn a_webhook_that_is_not_active_is_sent_nothing_until_it_is_again() {
         ..WebhookUpdate::default()
     };
     store
-        .update_webhook(id(1), None, set(false), at(1))
+        .update_webhook(id(1), None, set(false), by(), at(1))
         .await
         .unwrap();
     assert_eq!(next(store).await, []);
     let refused = store.queue_webhook_test(id(1), at(2)).await.unwrap();
     assert_eq!(refused, TestQueued::Disabled);
     store
-        .update_webhook(id(1), None, set(true), at(3))
+        .update_webhook(id(1), None, set(true), by(), at(3))
         .await
         .unwrap();
     assert_eq!(next(store).await.len(), 1);
@@ -184,21 +184,31 @@ async fn edits_are_fenced_and_tell_what_is_not_there() {
     let store = &fixture.store;
     register(store, 1).await;
     let edit = |number, revision| {
-        store.update_webhook(id(number), revision, WebhookUpdate::default(), at(1))
+        let update = WebhookUpdate::default();
+        store.update_webhook(id(number), revision, update, by(), at(1))
     };
     assert_eq!(edit(1, Some(2)).await.unwrap(), Edited::Stale);
     assert_eq!(edit(1, Some(1)).await.unwrap(), Edited::Done);
     assert_eq!(edit(2, None).await.unwrap(), Edited::Unknown);
     assert_eq!(
-        store.delete_webhook(id(1), Some(1)).await.unwrap(),
+        store
+            .delete_webhook(id(1), Some(1), by(), at(2))
+            .await
+            .unwrap(),
         Edited::Stale
     );
     assert_eq!(
-        store.delete_webhook(id(1), Some(2)).await.unwrap(),
+        store
+            .delete_webhook(id(1), Some(2), by(), at(2))
+            .await
+            .unwrap(),
         Edited::Done
     );
     assert_eq!(
-        store.delete_webhook(id(1), None).await.unwrap(),
+        store
+            .delete_webhook(id(1), None, by(), at(2))
+            .await
+            .unwrap(),
         Edited::Unknown
     );
     assert_eq!(
@@ -267,17 +277,23 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
         include_tentative: true,
         created_at: at(0),
     };
-    let unknown = store.register_webhook(of(1, "nowhere")).await.unwrap();
+    let unknown = store
+        .register_webhook(of(1, "nowhere"), by())
+        .await
+        .unwrap();
     assert_eq!(unknown, Registered::UnknownRoute);
     assert_eq!(store.webhook(id(1)).await.unwrap(), None);
-    let known = store.register_webhook(of(2, "r")).await.unwrap();
+    let known = store.register_webhook(of(2, "r"), by()).await.unwrap();
     assert_eq!(known, Registered::Created);
     let webhook = store.webhook(id(2)).await.unwrap().unwrap();
     assert_eq!(webhook.route_id, Some(route()));
     assert!(webhook.include_tentative);
     assert_eq!(webhook.events, AlertEventKind::ALL);
     assert_eq!(
-        store.delete_route(&route(), None).await.unwrap(),
+        store
+            .delete_route(&route(), None, by(), at(1))
+            .await
+            .unwrap(),
         mapshift::store::Deleted::Done
     );
     assert_eq!(store.webhooks(None, 10).await.unwrap(), []);

@@ -19,6 +19,7 @@ use crate::api::problem_responses::DecisionProblems;
 use crate::api::upload::small_json;
 use crate::change::{AlertAction, ChangeKind};
 use crate::ids::AlertId;
+use crate::model::Actor;
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{AlertRecord, SYSTEM};
 
@@ -118,6 +119,7 @@ async fn decide(
     state: &ApiState,
     id: AlertId,
     action: AlertAction,
+    actor: Actor,
     headers: &HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -129,6 +131,7 @@ async fn decide(
         alert_id: id,
         revision: alert.revision,
         action,
+        actor,
         by: reason.by,
         note: reason.note,
     };
@@ -159,10 +162,11 @@ pub(in crate::api) async fn acknowledge_alert(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
+    actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    decide(&state, id, AlertAction::Acknowledge, &headers, body).await
+    decide(&state, id, AlertAction::Acknowledge, actor, &headers, body).await
 }
 
 /// Take a change into the map.
@@ -179,10 +183,11 @@ pub(in crate::api) async fn accept_alert(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
+    actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    decide(&state, id, AlertAction::Accept, &headers, body).await
+    decide(&state, id, AlertAction::Accept, actor, &headers, body).await
 }
 
 /// Keep the map as it is.
@@ -198,10 +203,11 @@ pub(in crate::api) async fn dismiss_alert(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
+    actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    decide(&state, id, AlertAction::Dismiss, &headers, body).await
+    decide(&state, id, AlertAction::Dismiss, actor, &headers, body).await
 }
 
 /// Put an alert back among the open ones.
@@ -217,10 +223,11 @@ pub(in crate::api) async fn reopen_alert(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
+    actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    decide(&state, id, AlertAction::Reopen, &headers, body).await
+    decide(&state, id, AlertAction::Reopen, actor, &headers, body).await
 }
 
 /// Take an acceptance back.
@@ -236,8 +243,9 @@ pub(in crate::api) async fn undo_alert(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
+    actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    decide(&state, id, AlertAction::Undo, &headers, body).await
+    decide(&state, id, AlertAction::Undo, actor, &headers, body).await
 }

@@ -1,12 +1,11 @@
 //! Which alerts to list.
 
-use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
+use crate::api::filters::{checked_route, checked_time};
 use crate::api::graph::BoundingBox;
 use crate::api::problem::Problem;
-use crate::ids::RouteId;
 use crate::model::{AlertStatus, ChangeKind, Tier};
 use crate::store::AlertFilter;
 
@@ -63,23 +62,9 @@ impl AlertQuery {
             status: self.status,
             kind: self.kind,
             tier: self.tier,
-            since: self.since.as_deref().map(checked_time).transpose()?,
+            since: checked_time("since", self.since.as_deref())?,
             bbox: bbox.map(|bbox| bbox.bounds()),
             min_confidence: self.min_confidence,
         })
     }
-}
-
-/// The `route_id` parameter, checked.
-pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Problem> {
-    let route = name.map(RouteId::new).transpose();
-    route.map_err(|error| Problem::parameter("route_id", error.to_string()))
-}
-
-fn checked_time(text: &str) -> Result<Timestamp, Problem> {
-    let refuse = |_| {
-        let detail = "since is a time as in 2026-11-20T06:00:00Z (RFC 3339; a + is sent as %2B)";
-        Problem::parameter("since", detail)
-    };
-    text.parse().map_err(refuse)
 }

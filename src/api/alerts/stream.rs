@@ -14,10 +14,10 @@ use tokio::time::Instant;
 use utoipa::IntoParams;
 
 use super::body::AlertBody;
-use super::query::checked_route;
 use crate::api::ApiState;
 use crate::api::client_address::ClientAddress;
 use crate::api::extract::ApiQuery;
+use crate::api::filters::checked_route;
 use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertListProblems;
 use crate::api::shares::Share;

@@ -17,7 +17,7 @@ use crate::api::problem::Problem;
 use crate::api::problem_responses::WebhookChangeProblems;
 use crate::api::upload::small_json;
 use crate::ids::WebhookId;
-use crate::model::AlertEventKind;
+use crate::model::{Actor, AlertEventKind};
 use crate::store::WebhookUpdate;
 
 /// What to change of a webhook; what is left out stays as it is.
@@ -72,6 +72,7 @@ pub(in crate::api) async fn change_webhook(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<WebhookId>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -82,7 +83,7 @@ pub(in crate::api) async fn change_webhook(
     check_edited(
         state
             .store
-            .update_webhook(id, revision, update, now)
+            .update_webhook(id, revision, update, &by, now)
             .await?,
     )?;
     Ok(with_etag(known_webhook(&state, id).await?))

@@ -18,7 +18,7 @@ use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::WebhookRegistrationProblems;
 use crate::api::upload::small_json;
 use crate::ids::{RouteId, WebhookId};
-use crate::model::AlertEventKind;
+use crate::model::{Actor, AlertEventKind};
 use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
 use crate::webhooks::{generate_secret, secret_text};
 
@@ -80,13 +80,14 @@ impl WebhookRegistration {
 pub(in crate::api) async fn register_webhook(
     State(state): State<ApiState>,
     _: NoQuery,
+    by: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
     let registration: WebhookRegistration = small_json(&state, &headers, body).await?;
     let webhook = registration.check(&state)?;
     let (id, secret) = (webhook.id, secret_text(&webhook.secret));
-    match state.store.register_webhook(webhook).await? {
+    match state.store.register_webhook(webhook, &by).await? {
         Registered::Created => {}
         Registered::UnknownRoute => return Err(Problem::unknown_route().at("/route_id")),
         Registered::TooMany => {

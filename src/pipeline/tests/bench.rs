@@ -21,6 +21,7 @@ use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::ingest::g2o::write_g2o;
 use crate::mapping::{IntermediateScan, Interrupt, Mending};
+use crate::model::Actor;
 use crate::render::{Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::store::{
@@ -54,7 +55,10 @@ impl Bench {
         let bench = Self::open(directory).await;
         let update = RouteUpdate::default();
         let store = &bench.engine.store;
-        store.put_route(&route(), update, at(0)).await.unwrap();
+        let made = store
+            .put_route(&route(), update, &Actor::System, at(0))
+            .await;
+        made.unwrap();
         bench
     }
 
@@ -166,6 +170,9 @@ impl Bench {
             alert_id: alert.id,
             revision: alert.revision,
             action,
+            actor: Actor::Local {
+                address: "192.0.2.7".to_owned(),
+            },
             by: "keeper".to_owned(),
             note: Some("seen with my own eyes".to_owned()),
         }

@@ -2,6 +2,7 @@ use super::bench::{Bench, box_finding, route};
 use crate::change::{AlertAction, AlertStatus, ChangeKind, Finding};
 use crate::geometry::Vector2;
 use crate::ids::EdgeId;
+use crate::model::Actor;
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{
     AcceptanceChange, Decided, Decision, EdgeChange, MapDecision, MapPicture, StoreError,
@@ -126,6 +127,8 @@ async fn half_a_decision_is_none() {
     };
     let mut decision = Decision {
         base_revision: record.revision,
+        action: AlertAction::Undo,
+        actor: Actor::System,
         alert: next,
         map: Some(map),
     };

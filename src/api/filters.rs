@@ -1,0 +1,32 @@
+//! Conditions that several lists take, checked.
+
+use jiff::Timestamp;
+
+use super::problem::Problem;
+use crate::ids::RouteId;
+
+/// The `route_id` parameter.
+///
+/// # Errors
+/// 400 for what is no name.
+pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Problem> {
+    let route = name.map(RouteId::new).transpose();
+    route.map_err(|error| Problem::parameter("route_id", error.to_string()))
+}
+
+/// A parameter that is a time.
+///
+/// # Errors
+/// 400 for what is no time.
+pub(super) fn checked_time(
+    parameter: &'static str,
+    text: Option<&str>,
+) -> Result<Option<Timestamp>, Problem> {
+    let refuse = |_| {
+        let detail = format!(
+            "{parameter} is a time as in 2026-11-20T06:00:00Z (RFC 3339; a + is sent as %2B)"
+        );
+        Problem::parameter(parameter, detail)
+    };
+    text.map(str::parse).transpose().map_err(refuse)
+}

@@ -1,0 +1,149 @@
+//! The audit: who changed what, when, and from where. Whatever makes a change writes the row of it in
+//! its own transaction, so that there is neither without the other.
+
+use jiff::Timestamp;
+use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+
+use super::columns::{corrupt, micros, optional_json, optional_name, text, time};
+use super::error::StoreError;
+use super::{Store, named};
+use crate::ids::RouteId;
+use crate::model::{Actor, AuditAction};
+
+/// A change that was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AuditRecord {
+    /// In the order of commits.
+    pub key: i64,
+    /// When.
+    pub at: Timestamp,
+    /// Who, and from where.
+    pub actor: Actor,
+    /// What was done.
+    pub action: AuditAction,
+    /// The route, which may be gone; `None` for what is about all routes.
+    pub route_id: Option<RouteId>,
+    /// What was changed: the name of a route, a batch or a vehicle, the id of an alert, a webhook, an operation.
+    pub subject: String,
+    /// What was there before; `None` for what is new.
+    pub before: Option<Value>,
+    /// What is there after it; `None` for what was deleted.
+    pub after: Option<Value>,
+}
+
+/// Which changes to list; every condition that is given holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct AuditFilter {
+    /// Of this route.
+    pub route_id: Option<RouteId>,
+    /// Of this kind.
+    pub action: Option<AuditAction>,
+    /// Made at this time or later.
+    pub since: Option<Timestamp>,
+    /// Made before this time.
+    pub until: Option<Timestamp>,
+}
+
+impl Store {
+    /// Changes, the newest first, those before the one with the key `before`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn audit_page(
+        &self,
+        filter: &AuditFilter,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<Vec<AuditRecord>, StoreError> {
+        named(audit_page(&self.shared.readers, filter, before, limit).await)
+    }
+}
+
+/// A change that is being made.
+pub(super) struct Change<'a> {
+    /// When.
+    pub(super) at: Timestamp,
+    /// Who, and from where.
+    pub(super) actor: &'a Actor,
+    /// What is done.
+    pub(super) action: AuditAction,
+    /// The route's name.
+    pub(super) route_id: Option<&'a str>,
+    /// What is changed.
+    pub(super) subject: &'a str,
+    /// What was there before, as JSON without secrets.
+    pub(super) before: Option<String>,
+    /// What is there after it, as JSON without secrets.
+    pub(super) after: Option<String>,
+}
+
+/// Writes the row of a change in the transaction that makes it.
+pub(super) async fn write(
+    transaction: &mut SqliteConnection,
+    change: Change<'_>,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "INSERT INTO audit (at_us, actor, address, action, route_id, subject, before, after) \
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(micros(change.at))
+    .bind(change.actor.name())
+    .bind(change.actor.address())
+    .bind(change.action.name())
+    .bind(change.route_id)
+    .bind(change.subject)
+    .bind(change.before)
+    .bind(change.after)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+async fn audit_page(
+    readers: &SqlitePool,
+    filter: &AuditFilter,
+    before: Option<i64>,
+    limit: u32,
+) -> Result<Vec<AuditRecord>, StoreError> {
+    let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM audit WHERE TRUE");
+    if let Some(before) = before {
+        query.push(
+            " AND (at_us, audit_key) < \
+             (SELECT last.at_us, last.audit_key FROM audit AS last WHERE last.audit_key = ",
+        );
+        query.push_bind(before).push(")");
+    }
+    if let Some(route) = &filter.route_id {
+        query.push(" AND route_id = ").push_bind(route.as_str());
+    }
+    if let Some(action) = filter.action {
+        query.push(" AND action = ").push_bind(action.name());
+    }
+    if let Some(since) = filter.since {
+        query.push(" AND at_us >= ").push_bind(micros(since));
+    }
+    if let Some(until) = filter.until {
+        query.push(" AND at_us < ").push_bind(micros(until));
+    }
+    query
+        .push(" ORDER BY at_us DESC, audit_key DESC LIMIT ")
+        .push_bind(limit);
+    let rows = query.build().fetch_all(readers).await?;
+    rows.iter().map(change_of).collect()
+}
+
+fn change_of(row: &SqliteRow) -> Result<AuditRecord, StoreError> {
+    let actor = Actor::of(row.try_get("actor")?, row.try_get("address")?);
+    Ok(AuditRecord {
+        key: row.try_get("audit_key")?,
+        at: time(row, "at_us")?,
+        actor: actor.ok_or_else(|| corrupt("actor"))?,
+        action: text(row, "action")?,
+        route_id: optional_name(row, "route_id")?,
+        subject: row.try_get("subject")?,
+        before: optional_json(row, "before")?,
+        after: optional_json(row, "after")?,
+    })
+}
