@@ -9,7 +9,7 @@ use super::backlog::{self, Taken};
 use super::columns::{micros, name};
 use super::error::Corruption;
 use super::error::StoreError;
-use super::jobs::{Job, LOST_PAUSE, TRIES_MAX, give_up, job_of};
+use super::jobs::{Job, TRIES_MAX, give_up, job_of};
 use super::records::ClaimedJob;
 use super::request::Request;
 use super::{Store, failures};
@@ -29,7 +29,7 @@ impl Store {
         let request = || ClaimJob {
             now,
             lease,
-            with_lost: self.shared.opened.elapsed() >= LOST_PAUSE,
+            open: self.shared.opened.elapsed(),
         };
         while let Some(claim) = self.work(request()).await? {
             let (job_id, generation) = (claim.job_id, claim.generation);
@@ -91,8 +91,8 @@ pub(super) struct Claim {
 pub(super) struct ClaimJob {
     pub(super) now: Timestamp,
     pub(super) lease: Duration,
-    /// Whether jobs that a process was lost with may run already.
-    pub(super) with_lost: bool,
+    /// How long the store has been open.
+    pub(super) open: Duration,
 }
 
 impl Request for ClaimJob {
@@ -104,7 +104,7 @@ impl Request for ClaimJob {
         transaction: &mut SqliteConnection,
     ) -> Result<Option<Claim>, StoreError> {
         let now_us = micros(self.now);
-        while let Some(job) = candidate(transaction, now_us, self.with_lost).await? {
+        while let Some(job) = candidate(transaction, now_us, self.open).await? {
             if job.attempts >= TRIES_MAX {
                 // Nobody reported these failures: each time the worker was lost on the way.
                 let reason = format!("processing was broken off {} times", job.attempts);
@@ -141,17 +141,21 @@ macro_rules! select_candidate {
 /// batch of its trip, which may be waiting for its next try.
 ///
 /// A job that a process was lost with comes first, and its route waits for it. While it runs
-/// nothing else does: if the process is lost again, it is known over what.
+/// nothing else does: if the process is lost again, it is known over what. It waits for 1 s after the
+/// start, then for 8 s, then for 64 s: whoever kills a service again and again, or a supply that
+/// flickers, does not meet the same job each time.
 async fn candidate(
     transaction: &mut SqliteConnection,
     now_us: i64,
-    with_lost: bool,
+    open: Duration,
 ) -> Result<Option<Job>, StoreError> {
-    let row = sqlx::query(select_candidate!("AND orphaned > 0 AND ?2"))
-        .bind(now_us)
-        .bind(with_lost)
-        .fetch_optional(&mut *transaction)
-        .await?;
+    let row = sqlx::query(select_candidate!(
+        "AND orphaned > 0 AND 1 << (3 * (orphaned - 1)) <= ?2"
+    ))
+    .bind(now_us)
+    .bind(i64::try_from(open.as_secs()).unwrap_or(i64::MAX))
+    .fetch_optional(&mut *transaction)
+    .await?;
     let row = match row {
         Some(row) => Some(row),
         None => sqlx::query(select_candidate!(

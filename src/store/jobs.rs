@@ -1,7 +1,5 @@
 //! The queue of jobs: the fence, and the ways in which a job ends without a result.
 
-use std::time::Duration;
-
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
@@ -15,11 +13,8 @@ use super::trips::{Place, end_turn};
 pub(super) const TRIES_MAX: i64 = 5;
 
 /// After so many processes that were lost with a job its batch is quarantined: with the first one
-/// other jobs may have run as well, with the second one this job alone.
-const LOST_MAX: i64 = 2;
-/// How long a job waits after a start that a process was lost with. Whoever kills a service again
-/// and again, or a supply that flickers, does not meet the same job twice.
-pub(super) const LOST_PAUSE: Duration = Duration::from_secs(1);
+/// other jobs may have run as well, with the others this job alone.
+const LOST_MAX: i64 = 4;
 
 /// A job as its table has it.
 pub(super) struct Job {
@@ -112,8 +107,8 @@ pub(super) async fn quarantine(
 }
 
 /// Gives back the jobs that a dead process held: only right while the directory is locked. What
-/// the process died of is not known; the first time it is no try, and the second time the batch is
-/// quarantined.
+/// the process died of is not known: a job is tried again alone, each time a longer while after the
+/// start (`claims.rs`), and then given up.
 pub(super) async fn release_orphans(
     connection: &mut SqliteConnection,
     now: Timestamp,
@@ -131,9 +126,11 @@ pub(super) async fn release_orphans(
         let (orphaned, batch_key) = (job.orphaned, job.place.batch_key);
         tracing::warn!(batch_key, orphaned, "a process was lost with a batch");
         if orphaned >= LOST_MAX {
-            let reason = "the service's process was lost twice while it processed this batch, the \
-                          second time with nothing beside it";
-            give_up(&mut transaction, &job.place, reason, now).await?;
+            let reason = format!(
+                "the service's process was lost {orphaned} times while it processed this batch, but for \
+                 the first time with nothing beside it"
+            );
+            give_up(&mut transaction, &job.place, &reason, now).await?;
         }
     }
     Ok(transaction.commit().await?)
