@@ -265,8 +265,8 @@ fn state_of(vehicle: &VehicleRecord) -> (VehicleStateName, Vec<String>) {
         let note = quarantine.note.as_deref().unwrap_or("no reason was given");
         format!("kept out of the map since {}: {note}", quarantine.since)
     });
-    let suspicions = vehicle.suspected_by.iter();
-    let suspicions = suspicions.map(|alert| format!("alert {alert} suspects it"));
+    let alerts = vehicle.suspected_by.iter();
+    let alerts = alerts.map(|alert| format!("alert {alert} suspects it"));
     let kept_out = vehicle.kept_out.as_ref().map(|kept_out| {
         let KeptOut { batches, reason } = kept_out;
         let newest = reason.as_deref().unwrap_or("no reason is known");
@@ -279,7 +279,7 @@ fn state_of(vehicle: &VehicleRecord) -> (VehicleStateName, Vec<String>) {
         (None, true, None) => VehicleStateName::Trusted,
         _ => VehicleStateName::Suspect,
     };
-    let reasons = quarantine.into_iter().chain(suspicions).chain(kept_out);
+    let reasons = quarantine.into_iter().chain(alerts).chain(kept_out);
     (state, reasons.collect())
 }
 

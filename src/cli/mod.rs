@@ -15,6 +15,7 @@ mod optimise;
 mod plan;
 mod progress;
 mod recording;
+mod replay;
 mod reproduce;
 mod score;
 mod serve;
@@ -59,6 +60,8 @@ enum Command {
     Faults(faults::Args),
     /// Check a database: checksums, and the laws that its tables keep.
     Fsck(fsck::Args),
+    /// Make maps anew from the journal of what shaped them, and compare them with those that are there.
+    Replay(replay::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -77,6 +80,7 @@ pub fn run() -> ExitCode {
         Command::Buildings(args) => buildings::run(&args),
         Command::Faults(args) => faults::run(&args),
         Command::Fsck(args) => return exit(fsck::run(&args)),
+        Command::Replay(args) => return exit(replay::run(&args)),
         Command::Openapi(args) => openapi::run(args),
     };
     exit(outcome.map(|()| ExitCode::SUCCESS))

@@ -7,16 +7,21 @@ use super::route_map::RouteMap;
 use crate::geometry::Information;
 use crate::graph::{Edge, EdgeKind, EdgeStatus, GraphError};
 use crate::ids::{EdgeId, NodeId};
-use crate::solver::SolveOptions;
+use crate::solver::{SolveOptions, operations_to_solve};
 
 /// No wheel and no lidar knows a motion better than to a millimetre, m⁻² …
 const INFORMATION_XY_MAX: f64 = 1e6;
 /// … and a tenth of a milliradian, rad⁻².
 const INFORMATION_THETA_MAX: f64 = 1e8;
 
-/// Nodes times solves that a batch's closures may cost: one of the size of the usual benchmark graphs
-/// is solved closure by closure.
-const NODES_SOLVED_MAX: usize = 10_000_000;
+/// Multiplications of one factorisation, at most: a hundred times what the usual benchmark graph of ten
+/// thousand nodes takes. Closures between nodes at random fill the equations more than any route does.
+const OPERATIONS_MAX: f64 = 5e9;
+/// Multiplications that solving a batch's closures may take …
+const OPERATIONS_OF_BATCH_MAX: f64 = 5e10;
+/// … with what every solve takes for each node of the map: one of the size of the usual benchmark
+/// graphs is solved closure by closure.
+const OPERATIONS_OF_NODE: f64 = 5e3;
 
 /// What became of given nodes and edges, in the order in which they were given.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -34,6 +39,12 @@ pub enum NotAttached {
     /// An edge to a node that is not in the map, or from a node to itself.
     #[error(transparent)]
     Graph(#[from] GraphError),
+    /// The graph could not be solved in a reasonable time.
+    #[error(
+        "its loop closures tie nodes to so many others, all over the map, that solving the graph \
+         would take too long: send fewer of them, between nodes that are near each other"
+    )]
+    TooDense,
     /// Nobody waits for it any more.
     #[error("it was interrupted")]
     Interrupted,
@@ -63,6 +74,10 @@ impl RouteMap {
             self.insert_keyframe(pose.unwrap_or(node.pose), keyframe)?;
             nodes.push(id);
         }
+        let operations = self.operations_with(given, &nodes);
+        if operations > OPERATIONS_MAX {
+            return Err(NotAttached::TooDense);
+        }
         let mut edges: Vec<Option<(EdgeId, Option<f64>)>> = vec![None; given.edges.len()];
         let is_first = |k: &usize| placing.places[*k] || given.edges[*k].kind == EdgeKind::Odometry;
         let (at_first, closures): (Vec<usize>, Vec<usize>) =
@@ -77,14 +92,17 @@ impl RouteMap {
             edges[k] = Some((edge, is_closure.then_some(0.0)));
         }
         self.solve_given(&closing);
-        self.close_given(given, &closures, &nodes, &mut edges)?;
+        let together = self.solved_together(closures.len(), operations);
+        for closures in closures.chunks(together) {
+            self.close_given(given, closures, &nodes, &mut edges)?;
+        }
         self.refer_to_given(first);
         self.forget_solves();
         let edges = edges.into_iter().flatten().collect();
         Ok(Attached { nodes, edges })
     }
 
-    /// Inserts closures, of which `edges` then says what each added to F.
+    /// Inserts closures and solves; `edges` then says what each added to F.
     fn close_given(
         &mut self,
         given: &GivenGraph,
@@ -92,31 +110,25 @@ impl RouteMap {
         nodes: &[NodeId],
         edges: &mut [Option<(EdgeId, Option<f64>)>],
     ) -> Result<(), NotAttached> {
-        for together in closures.chunks(self.solved_together(closures.len())) {
-            if self.interrupt.is_raised() {
-                return Err(NotAttached::Interrupted);
-            }
-            let inserted = together
-                .iter()
-                .map(|&k| self.insert_given(&given.edges[k], nodes));
-            let inserted: Vec<EdgeId> = inserted.collect::<Result<_, _>>()?;
-            let delta_f = self.solve_given(&inserted);
-            for ((&k, &edge), share) in together.iter().zip(&inserted).zip(self.shares(&inserted)) {
-                edges[k] = Some((edge, Some(share * delta_f)));
-            }
+        let inserted = closures
+            .iter()
+            .map(|&k| self.insert_given(&given.edges[k], nodes));
+        let inserted: Vec<EdgeId> = inserted.collect::<Result<_, _>>()?;
+        let delta_f = self.solve_given(&inserted);
+        if self.interrupt.is_raised() {
+            return Err(NotAttached::Interrupted);
+        }
+        for ((&k, &edge), share) in closures.iter().zip(&inserted).zip(self.shares(&inserted)) {
+            edges[k] = Some((edge, Some(share * delta_f)));
         }
         Ok(())
     }
 
     fn insert_given(&mut self, given: &GivenEdge, nodes: &[NodeId]) -> Result<EdgeId, GraphError> {
-        let id_of = |end: End| match end {
-            End::New(place) => nodes[place],
-            End::Known(id) => id,
-        };
         let edge = Edge {
             id: self.take_edge_id(),
-            from: id_of(given.from),
-            to: id_of(given.to),
+            from: given.from.among(nodes),
+            to: given.to.among(nodes),
             measurement: given.measurement,
             information: self.weighting.information(believed(&given.information)),
             kind: given.kind,
@@ -128,9 +140,24 @@ impl RouteMap {
 
     /// How many of a batch's closures are inserted before each solve: one, so that each has its ΔF,
     /// as long as that keeps within what a batch may cost.
-    fn solved_together(&self, closures: usize) -> usize {
-        let solves_max = (NODES_SOLVED_MAX / self.keyframes.len().max(1)).max(1);
+    fn solved_together(&self, closures: usize, operations: f64) -> usize {
+        let of_solve = operations + OPERATIONS_OF_NODE * self.keyframes.len() as f64;
+        let solves_max = (OPERATIONS_OF_BATCH_MAX / of_solve).max(1.0) as usize;
         closures.div_ceil(solves_max).max(1)
+    }
+
+    /// What factoring the whole map takes once given edges are in it.
+    fn operations_with(&self, given: &GivenGraph, nodes: &[NodeId]) -> f64 {
+        let place = |end: End| self.graph.node_position(end.among(nodes));
+        let given = given
+            .edges
+            .iter()
+            .filter_map(|edge| Some((place(edge.from)?, place(edge.to)?)));
+        let known = self.graph.ends().iter().zip(self.graph.edges());
+        let known = known.filter(|(_, edge)| edge.status == EdgeStatus::Active);
+        let pairs = known.map(|(ends, _)| *ends).chain(given);
+        let pairs: Vec<(u32, u32)> = pairs.map(|(a, b)| (a as u32, b as u32)).collect();
+        operations_to_solve(self.keyframes.len(), &pairs).unwrap_or(f64::INFINITY)
     }
 
     /// The parts that edges have in the squared error of all of them.

@@ -362,13 +362,10 @@ impl RouteMap {
         let trip = self.trip_up_to(last);
         let newest = &trip[trip.len().saturating_sub(LOCAL_MAP_KEYFRAMES)..];
         let last_pose = nodes[last].pose;
-        let lost = match self.is_lost(last) {
-            true => self.lost_segment(last),
-            false => Vec::new(),
-        };
-        let together = |k: &&usize| match self.is_lost(last) {
-            true => lost.contains(k),
-            false => !self.is_lost(**k),
+        let lost = self.is_lost(last).then(|| self.lost_segment(last));
+        let together = |k: &&usize| match &lost {
+            Some(segment) => segment.contains(k),
+            None => !self.is_lost(**k),
         };
         let scans = newest.iter().filter(together).map(|&k| {
             let last_from_base = last_pose.between(&nodes[k].pose);

@@ -28,6 +28,16 @@ pub enum End {
     Known(NodeId),
 }
 
+impl End {
+    /// The node, where the given ones have become these.
+    pub(super) fn among(self, nodes: &[NodeId]) -> NodeId {
+        match self {
+            Self::New(place) => nodes[place],
+            Self::Known(id) => id,
+        }
+    }
+}
+
 /// A motion that was measured elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GivenEdge {

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 
 use super::closure::ClosureRule;
-use super::interrupt::Interrupt;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::change::Layers;
 use crate::geometry::{Information, Pose2};
 use crate::graph::{Edge, GraphError, Node, PoseGraph};
 use crate::ids::{EdgeId, NodeId, TripId};
-use crate::solver::Solver;
+use crate::solver::{Interrupt, Solver};
 
 /// How edges are measured, which measurement enters the optimisation, and how it is weighed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -80,7 +79,7 @@ impl RouteMap {
     /// What a solver remembers shows in the last bits: a map that is restored remembers nothing
     /// either. It takes memory, too.
     pub(super) fn forget_solves(&mut self) {
-        self.solver = Solver::new();
+        self.solver = Solver::heeding(&self.interrupt);
     }
 
     /// A map from its parts, as they were saved. The next ids are the first never used.
@@ -112,6 +111,7 @@ impl RouteMap {
     /// From now on walks through the map stop once this is raised; the map is lost then.
     pub fn heed(&mut self, interrupt: &Interrupt) {
         self.interrupt = interrupt.clone();
+        self.forget_solves();
     }
 
     /// The same map with another rule for the closures to come.

@@ -3,9 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use jiff::Timestamp;
-use uuid::Uuid;
 
-use super::engine::now;
+use super::alert_id::alert_id;
 use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
@@ -29,14 +28,15 @@ pub(super) fn fold_into(
     route: &RouteId,
     findings: &[Finding],
     mendings: &[Mending],
+    at: Timestamp,
 ) -> Vec<AlertRecord> {
     let mut changed = Vec::new();
     let mended = mendings.iter().map(|m| (&m.mismatch, m.shift));
     let mended: Vec<_> = mended.collect();
     let updates = resolve_mended(&states_of(workspace), &mended);
-    take(workspace, route, updates, &mut changed);
+    take(workspace, route, updates, at, &mut changed);
     let updates = fold(&states_of(workspace), findings);
-    take(workspace, route, updates, &mut changed);
+    take(workspace, route, updates, at, &mut changed);
     changed
 }
 
@@ -49,21 +49,31 @@ fn take(
     workspace: &mut Workspace,
     route: &RouteId,
     updates: Vec<AlertUpdate>,
+    at: Timestamp,
     changed: &mut Vec<AlertRecord>,
 ) {
     if updates.is_empty() {
         return;
     }
     let mut residuals = Residuals::of(workspace);
-    let now = now();
     // They know nothing of each other.
     let mut raised_now = Vec::new();
     for update in updates {
         let before = update.existing.map(|k| workspace.alerts[k].clone());
         let residual = residuals.strongest(workspace, &update.state.evidence);
         let is_new = before.is_none();
-        let mut alert = before.unwrap_or_else(|| raised(workspace, route, &update.state, now));
-        bring_up_to_date(&mut alert, update, now);
+        let count = workspace.alerts.len() + raised_now.len();
+        let raise = || {
+            raised(
+                workspace,
+                route,
+                &update.state,
+                alert_id(route, at, count),
+                at,
+            )
+        };
+        let mut alert = before.unwrap_or_else(raise);
+        bring_up_to_date(&mut alert, update, at);
         alert.vehicles = vehicles_of(workspace, &alert.evidence);
         alert.residual = residual;
         match changed.iter_mut().find(|earlier| earlier.id == alert.id) {
@@ -94,10 +104,11 @@ fn raised(
     workspace: &Workspace,
     route: &RouteId,
     state: &AlertState,
-    now: Timestamp,
+    id: AlertId,
+    at: Timestamp,
 ) -> AlertRecord {
     AlertRecord {
-        id: AlertId(Uuid::now_v7()),
+        id,
         route_id: route.clone(),
         revision: 0,
         status: state.status,
@@ -107,18 +118,18 @@ fn raised(
         residual: None,
         map_version: workspace.map_version,
         related: related_to(workspace, &state.evidence),
-        raised_at: now,
-        updated_at: now,
+        raised_at: at,
+        updated_at: at,
         history: Vec::new(),
     }
 }
 
-fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, now: Timestamp) {
+fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, at: Timestamp) {
     alert.revision += 1;
     alert.status = update.state.status;
     alert.evidence = update.state.evidence;
     alert.first_seen = update.state.first_seen;
-    alert.updated_at = now.max(alert.updated_at);
+    alert.updated_at = at.max(alert.updated_at);
     let at = alert.updated_at;
     alert
         .history

@@ -1,9 +1,10 @@
 //! What people decide about alerts: checked, computed, and saved in one transaction.
 
 use anyhow::anyhow;
+use jiff::Timestamp;
 
 use super::accept::{accept, read_undo, undo};
-use super::engine::{Engine, now};
+use super::engine::{Engine, as_kept};
 use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
@@ -29,6 +30,8 @@ pub struct Order {
     pub by: String,
     /// Why, for people.
     pub note: Option<String>,
+    /// When they decided.
+    pub at: Timestamp,
 }
 
 /// Why a decision was not taken; nothing has changed then.
@@ -224,7 +227,7 @@ fn next(alert: &AlertRecord, order: &Order, status: AlertStatus) -> AlertRecord 
     let mut next = alert.clone();
     next.revision += 1;
     next.status = status;
-    next.updated_at = now().max(alert.updated_at);
+    next.updated_at = as_kept(order.at).max(alert.updated_at);
     next.history.push(HistoryEntry {
         status,
         at: next.updated_at,

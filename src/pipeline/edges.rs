@@ -12,7 +12,7 @@ use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::NodeId;
 use crate::ingest::edges_json::{self, NodeName, UploadedEdges};
-use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, RouteMap};
+use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, NotAttached, RouteMap};
 use crate::model::BatchStatus;
 use crate::store::{BatchOutcome, ClaimedJob, Store, StoreError};
 
@@ -38,11 +38,7 @@ impl EdgeJob {
                 .push(upload.with_context(|| {
                     format!("the stored body of batch {} is refused", batch.id)
                 })?);
-            origins.push(Origin {
-                batch_id: batch.id.clone(),
-                vehicle_id: batch.vehicle_id.clone(),
-                trip_id: batch.trip_id.clone(),
-            });
+            origins.push(Origin::of(batch));
         }
         Ok(Self {
             origins,
@@ -132,15 +128,24 @@ pub(super) fn process_edges(
     let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
         keyframe.scan.is_none() && workspace.vehicles.get(&keyframe.trip) == vehicle
     });
-    let attached = workspace.map.attach(&graph)?;
-    if let Some(shift) = before.too_far(&workspace.map) {
-        let reasons = selected.iter().map(|k| (*k, shift.to_string()));
-        refused.extend(reasons);
-        return Ok(Processed::Refused(Refusal {
-            outcomes: outcomes(&edges.origins, &refused, &waiting),
-            origins: edges.origins.clone(),
-        }));
-    }
+    let attached = match workspace.map.attach(&graph) {
+        Ok(attached) => match before.too_far(&workspace.map) {
+            Some(shift) => Err(shift.to_string()),
+            None => Ok(attached),
+        },
+        Err(dense @ NotAttached::TooDense) => Err(dense.to_string()),
+        Err(error) => return Err(error.into()),
+    };
+    let attached = match attached {
+        Ok(attached) => attached,
+        Err(reason) => {
+            refused.extend(selected.iter().map(|k| (*k, reason.clone())));
+            return Ok(Processed::Refused(Refusal {
+                outcomes: outcomes(&edges.origins, &refused, &waiting),
+                origins: edges.origins.clone(),
+            }));
+        }
+    };
     let mut added = Added::default();
     let new_nodes = attached.nodes.iter().zip(node_sources);
     for (node, (origin, client_id)) in new_nodes {

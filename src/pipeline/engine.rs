@@ -74,8 +74,12 @@ impl Engine {
 
 /// The time, as exactly as the store keeps it.
 pub(super) fn now() -> Timestamp {
-    let now = Timestamp::now();
-    Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
+    as_kept(Timestamp::now())
+}
+
+/// A time as exactly as the store keeps it: the same before and after it was stored.
+pub(super) fn as_kept(time: Timestamp) -> Timestamp {
+    Timestamp::from_microsecond(time.as_microsecond()).unwrap_or(time)
 }
 
 /// Who may change which route's map.

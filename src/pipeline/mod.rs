@@ -8,6 +8,7 @@
 //! Knows nothing of HTTP or SQL. Begin with `process` in `process.rs`, which computes one job.
 
 mod accept;
+mod alert_id;
 mod alerts;
 mod calibrate;
 mod clock;
@@ -19,6 +20,7 @@ mod options;
 mod process;
 mod refusal;
 mod remove;
+mod replay;
 mod residual_findings;
 mod residuals;
 mod result;
@@ -36,6 +38,7 @@ mod workspace;
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use options::PipelineOptions;
 pub use remove::Removals;
+pub use replay::{Replayed, replay};
 pub use residuals::{ResidualReading, Residuals};
 
 use tokio::task::JoinHandle;

@@ -9,15 +9,16 @@ use super::clock::clock_ahead_ns;
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
 use super::result::{
-    Added, AddedEdge, AddedNode, Origin, closure_record, name_vehicles, of_added, outcome_of,
+    Added, AddedEdge, AddedNode, Origin, closure_record, kept_out, name_vehicles, of_added,
+    outcome_of,
 };
-use super::shift::{PosesBefore, Shift};
+use super::shift::PosesBefore;
 use super::stage::stage_of;
 use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
 use crate::calibration::{Corrections, TripCorrections};
 use crate::change::Detector;
-use crate::ids::{NodeId, StampNs, VehicleId};
+use crate::ids::{NodeId, StampNs, TripId, VehicleId};
 use crate::ingest::batch_json;
 use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap, Weighting,
@@ -61,19 +62,17 @@ pub(super) fn process(
     let vehicle = origins.last().map(|origin| origin.vehicle_id.clone());
     let vehicle = vehicle.context("a job without batches")?;
     let received_at = job.entries[0].batch.received_at;
-    let start = trip_start(&workspace, &vehicle, &join(&drives), received_at, known);
-    for drive in &mut drives {
+    let mut drive = join(&drives);
+    let start = trip_start(&workspace, &vehicle, &drive, received_at, known);
+    for drive in drives.iter_mut().chain([&mut drive]) {
         set_back(drive, start.clock_ahead_ns);
     }
     let corrections = &start.corrections;
-    let drive = corrected(join(&drives), corrections);
+    let drive = corrected(drive, corrections);
     let kept = kept_scans(&workspace.map, &drive.trip);
-    let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
-        keyframe.trip == drive.trip
-    });
-    let before = before.within_sigmas(&workspace.saved_nodes);
+    let guarded = guarded(&workspace, &drive.trip);
     let extended = workspace.map.extend(&drive);
-    if let Some(shift) = too_far(&workspace, &before) {
+    if let Some(shift) = guarded.and_then(|before| before.too_far(&workspace.map)) {
         return Ok(Processed::Refused(Refusal {
             outcomes: kept_out(&origins, BatchStatus::Quarantined, &shift.to_string()),
             origins,
@@ -111,12 +110,17 @@ pub(super) fn process(
     Ok(Processed::Taken(Box::new((workspace, result))))
 }
 
-/// What a drive moved farther than it may: a reference that is complete is not bent by one more lap.
-/// A map by the paper's rule is what the paper would make of what was sent.
-fn too_far(workspace: &Workspace, before: &PosesBefore) -> Option<Shift> {
+/// What a drive of a trip may not move far: a reference that is complete is not bent by one more lap. A
+/// map by the paper's rule is what the paper would make of what was sent.
+fn guarded(workspace: &Workspace, trip: &TripId) -> Option<PosesBefore> {
     let is_complete = workspace.stage == Stage::Monitoring;
     let is_guarded = is_complete && workspace.detector == Detector::Fused;
-    is_guarded.then(|| before.too_far(&workspace.map)).flatten()
+    is_guarded.then(|| {
+        let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
+            keyframe.trip == *trip
+        });
+        before.within_sigmas(&workspace.saved_nodes)
+    })
 }
 
 /// What is corrected of a trip, and by its clock. A map by the paper's rule corrects nothing: it is what
@@ -184,7 +188,8 @@ pub(super) fn conclude(
     let mut result = of_added(&mut workspace, job, origins, &added)?;
     if is_news {
         let findings = all_findings(&workspace, findings);
-        result.alerts = fold_into(&mut workspace, &job.route_id, &findings, &mendings);
+        let route = &job.route_id;
+        result.alerts = fold_into(&mut workspace, route, &findings, &mendings, job.at);
     }
     workspace.stage = stage_of(&workspace);
     result.stage = workspace.stage;
@@ -219,11 +224,7 @@ fn decode(job: &ClaimedJob) -> anyhow::Result<(Vec<Origin>, Vec<Drive>)> {
     for entry in &job.entries {
         let batch = batch_json::decode(&entry.body, entry.batch.received_at)
             .with_context(|| format!("the stored body of batch {} is refused", entry.batch.id))?;
-        origins.push(Origin {
-            batch_id: entry.batch.id.clone(),
-            vehicle_id: batch.vehicle_id,
-            trip_id: batch.trip_id.clone(),
-        });
+        origins.push(Origin::of(&entry.batch));
         drives.push(Drive {
             trip: batch.trip_id,
             initial_pose: batch.initial_pose,
@@ -271,15 +272,6 @@ fn join(drives: &[Drive]) -> Drive {
         joined.scans.extend(drive.scans.iter().cloned());
     }
     joined
-}
-
-/// The end of batches that all stay out of the map for one reason.
-fn kept_out(origins: &[Origin], status: BatchStatus, reason: &str) -> Vec<BatchOutcome> {
-    let outcomes = origins.iter().map(|origin| BatchOutcome {
-        reason: Some(reason.to_owned()),
-        ..outcome_of(origin, status)
-    });
-    outcomes.collect()
 }
 
 fn merged(job: &ClaimedJob, origins: &[Origin], added: &Added, is_lost: bool) -> Vec<BatchOutcome> {

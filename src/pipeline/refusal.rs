@@ -1,8 +1,9 @@
 //! A job of which nothing is taken into the map.
 
 use super::engine::Engine;
-use super::result::{Added, Origin, of_added, outcome_of};
+use super::result::{Added, Origin, kept_out, of_added};
 use super::workspace::Workspace;
+use crate::ids::VehicleId;
 use crate::model::BatchStatus;
 use crate::store::{BatchOutcome, ClaimedJob, JobResult, Quarantine};
 
@@ -20,24 +21,18 @@ pub(super) struct Refusal {
     pub outcomes: Vec<BatchOutcome>,
 }
 
-/// What becomes of the batches of a job whose vehicle somebody keeps out of the map.
-pub(super) fn of_quarantine(job: &ClaimedJob, quarantine: &Quarantine) -> Refusal {
+/// What becomes of the batches of a job, all of them of one vehicle, which somebody keeps out of the map.
+pub(super) fn of_quarantine(
+    job: &ClaimedJob,
+    vehicle: &VehicleId,
+    quarantine: &Quarantine,
+) -> Refusal {
     let note = quarantine.note.as_deref().unwrap_or("no reason was given");
-    let origins = job.entries.iter().map(|entry| Origin {
-        batch_id: entry.batch.id.clone(),
-        vehicle_id: entry.batch.vehicle_id.clone(),
-        trip_id: entry.batch.trip_id.clone(),
-    });
+    let origins = job.entries.iter().map(|entry| Origin::of(&entry.batch));
     let origins: Vec<Origin> = origins.collect();
-    let outcomes = origins.iter().map(|origin| BatchOutcome {
-        reason: Some(format!(
-            "vehicle {} is kept out of the map: {note}",
-            origin.vehicle_id
-        )),
-        ..outcome_of(origin, BatchStatus::Quarantined)
-    });
+    let reason = format!("vehicle {vehicle} is kept out of the map: {note}");
     Refusal {
-        outcomes: outcomes.collect(),
+        outcomes: kept_out(&origins, BatchStatus::Quarantined, &reason),
         origins,
     }
 }

@@ -83,7 +83,7 @@ impl Removals {
         stopping: &CancellationToken,
     ) {
         let (id, route) = (operation.id, &operation.route_id);
-        let Err(error) = remove(engine, operation).await else {
+        let Err(error) = remove(engine, operation, now()).await else {
             tracing::info!(%route, operation = %id, "a removal has ended");
             return;
         };
@@ -106,7 +106,11 @@ async fn pause(stopping: &CancellationToken) {
 }
 
 /// Computes a removal and writes it; a dry run only says what it would do.
-async fn remove(engine: &Engine, operation: &OperationRecord) -> anyhow::Result<()> {
+pub(super) async fn remove(
+    engine: &Engine,
+    operation: &OperationRecord,
+    at: Timestamp,
+) -> anyhow::Result<()> {
     let Engine {
         store, workspaces, ..
     } = engine;
@@ -119,7 +123,7 @@ async fn remove(engine: &Engine, operation: &OperationRecord) -> anyhow::Result<
         let own = operation.clone();
         let computed = engine.compute(move || {
             solve_recalled(&mut workspace.map, &recalled);
-            take_out(workspace, &own, removable)
+            take_out(workspace, &own, removable, at)
         });
         let (workspace, removal) = computed.await??;
         if request.dry_run {
@@ -139,6 +143,7 @@ fn take_out(
     mut workspace: Workspace,
     operation: &OperationRecord,
     removable: Removable,
+    at: Timestamp,
 ) -> anyhow::Result<(Workspace, Removal)> {
     let Removable { nodes, edges, .. } = &removable;
     let before = PosesBefore::of(&workspace.map, 0.0, |keyframe| {
@@ -162,7 +167,7 @@ fn take_out(
     changed_nodes.retain(|change| nodes.binary_search(&change.id).is_err());
     let observed = observed_everywhere(&mut workspace);
     let found = findings(&workspace, observed);
-    let alerts = fold_into(&mut workspace, &operation.route_id, &found, &[]);
+    let alerts = fold_into(&mut workspace, &operation.route_id, &found, &[], at);
     let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
     let result = RemovalResult {
         batches: count(removable.batches.len()),
@@ -182,7 +187,7 @@ fn take_out(
         reason: note.unwrap_or("taken out of the map").to_owned(),
         erase: operation.request.erase,
         result,
-        at: Timestamp::now(),
+        at,
         removable,
     };
     Ok((workspace, removal))

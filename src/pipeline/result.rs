@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use anyhow::Context;
-use jiff::Timestamp;
 
 use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
@@ -14,8 +13,8 @@ use crate::mapping::{Closure, RouteMap};
 use crate::model::BatchStatus;
 use crate::scan::encode_scan;
 use crate::store::{
-    BatchOutcome, ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord, IntermediateRecord, JobResult,
-    NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
+    BatchOutcome, BatchRecord, ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord,
+    IntermediateRecord, JobResult, NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
 };
 
 /// A batch that takes part in a job.
@@ -24,6 +23,16 @@ pub(super) struct Origin {
     pub batch_id: BatchId,
     pub vehicle_id: VehicleId,
     pub trip_id: TripId,
+}
+
+impl Origin {
+    pub fn of(batch: &BatchRecord) -> Self {
+        Self {
+            batch_id: batch.id.clone(),
+            vehicle_id: batch.vehicle_id.clone(),
+            trip_id: batch.trip_id.clone(),
+        }
+    }
 }
 
 /// What a job added to the map, each with the place of its batch in `origins`.
@@ -69,6 +78,15 @@ pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
         nodes_added: 0,
         loop_closures: 0,
     }
+}
+
+/// The end of batches that all stay out of the map for one reason.
+pub(super) fn kept_out(origins: &[Origin], status: BatchStatus, reason: &str) -> Vec<BatchOutcome> {
+    let outcomes = origins.iter().map(|origin| BatchOutcome {
+        reason: Some(reason.to_owned()),
+        ..outcome_of(origin, status)
+    });
+    outcomes.collect()
 }
 
 /// Notes whose the trips of a job are.
@@ -132,7 +150,8 @@ pub(super) fn of_added(
         calibrations: Vec::new(),
         trip_start: None,
         stage: workspace.stage,
-        processed_at: Timestamp::now(),
+        input: job.input(),
+        processed_at: job.at,
     };
     let closures = added.edges.iter().filter_map(|(edge, new)| {
         Some(ClosureSample {

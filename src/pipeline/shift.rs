@@ -60,22 +60,26 @@ impl PosesBefore {
 
     /// Of the nodes that have moved farther since than they may the one that has moved farthest.
     pub fn too_far(&self, map: &RouteMap) -> Option<Shift> {
-        let moved = self.0.iter().filter_map(|before| {
-            let now = map.graph().node(before.node)?.pose;
-            let from = before.pose.translation();
-            let distance_m = (now.translation() - from).norm();
-            (distance_m > before.shift_max_m).then_some(Shift { from, distance_m })
-        });
-        moved.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
+        let moved = self.moved(map);
+        let too_far = moved.filter(|(before, shift)| shift.distance_m > before.shift_max_m);
+        let too_far = too_far.map(|(_, shift)| shift);
+        too_far.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
     }
 
     /// How far the node that has moved farthest since has moved, metres.
     pub fn farthest_m(&self, map: &RouteMap) -> f64 {
-        let moved = self.0.iter().filter_map(|before| {
+        let distances_m = self.moved(map).map(|(_, shift)| shift.distance_m);
+        distances_m.fold(0.0, f64::max)
+    }
+
+    /// How the nodes that are still there have moved since.
+    fn moved(&self, map: &RouteMap) -> impl Iterator<Item = (&PoseBefore, Shift)> {
+        self.0.iter().filter_map(|before| {
             let now = map.graph().node(before.node)?.pose;
-            Some((now.translation() - before.pose.translation()).norm())
-        });
-        moved.fold(0.0, f64::max)
+            let from = before.pose.translation();
+            let distance_m = (now.translation() - from).norm();
+            Some((before, Shift { from, distance_m }))
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use crate::mapping::Interrupt;
+use crate::solver::Interrupt;
 use crate::store::{ClaimedJob, Store};
 
 /// How often a job under way is looked at.

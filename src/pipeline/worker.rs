@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::edges::{EdgeJob, process_edges};
-use super::engine::Engine;
+use super::engine::{Engine, now};
 use super::process::{Known, process};
 use super::refusal::{Processed, of_quarantine, refuse};
 use super::retention::delete_bodies;
@@ -19,8 +19,8 @@ use super::watch::Watch;
 use super::workspace::Workspace;
 use crate::calibration::TripCorrections;
 use crate::ids::RouteId;
-use crate::mapping::Interrupt;
 use crate::model::BatchKind;
+use crate::solver::Interrupt;
 use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
 
 /// A worker that is lost gives its route back after this time.
@@ -71,7 +71,7 @@ struct Worker {
 impl Worker {
     async fn run(self, stopping: CancellationToken) {
         while !stopping.is_cancelled() {
-            match self.engine.store.claim_job(Timestamp::now(), LEASE).await {
+            match self.engine.store.claim_job(now(), LEASE).await {
                 Ok(Some(job)) => self.see_through(job, &stopping).await,
                 Ok(None) => idle(&self.engine.store, &stopping).await,
                 Err(error) => {
@@ -154,9 +154,10 @@ impl Worker {
         };
         let _watching = AbortOnDropHandle::new(tokio::spawn(watch.keep()));
         let computed = compute(&self.engine, job, &interrupt).await;
-        match computed {
-            Err(_) if interrupt.is_raised() => Err(TookTooLong.into()),
-            computed => computed,
+        // What was computed to its end may rest on a solve that was broken off.
+        match interrupt.is_raised() {
+            true => Err(TookTooLong.into()),
+            false => computed,
         }
     }
 
@@ -176,8 +177,9 @@ pub(super) async fn compute(
     let own = job.entries.last().context("a job without batches")?;
     let (trip, options) = (own.batch.trip_id.clone(), *options);
     let (route, kept_job) = (&job.route_id, Arc::clone(job));
-    if let Some(quarantine) = store.quarantine(route, &own.batch.vehicle_id).await? {
-        return refuse(engine, job, of_quarantine(job, &quarantine)).await;
+    let vehicle = &own.batch.vehicle_id;
+    if let Some(quarantine) = store.quarantine(route, vehicle).await? {
+        return refuse(engine, job, of_quarantine(job, vehicle, &quarantine)).await;
     }
     let processed = match own.batch.kind {
         BatchKind::Scans => {

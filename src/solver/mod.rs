@@ -12,15 +12,19 @@
 //!
 //! Begin with [`solve`], or with [`Solver`] for a graph that grows.
 
+mod effort;
 mod factor;
 mod incremental;
+mod interrupt;
 mod least_squares;
 pub mod linear;
 #[cfg(test)]
 mod testing;
 mod whole;
 
+pub use effort::operations_to_solve;
 pub use incremental::{Solver, TouchedSummary};
+pub use interrupt::Interrupt;
 pub use least_squares::{SolveOptions, SolveSummary, Termination};
 pub use whole::{
     ClosureError, Innovation, Marginals, PoseErrors, RobustSummary, solve, solve_from_chordal,

@@ -10,6 +10,7 @@ use sqlx::{Row, SqliteConnection};
 
 use super::columns::{micros, name, text};
 use super::error::StoreError;
+use super::inputs;
 use super::jobs::Job;
 use super::trips::{Place, end_turn, queue};
 use crate::ids::BatchId;
@@ -169,6 +170,7 @@ async fn leave(
     .bind(micros(now))
     .execute(&mut *transaction)
     .await?;
+    inputs::note_kept_out(transaction, place.batch_key, now).await?;
     end_turn(transaction, place).await?;
     match is_worth_a_try {
         true => queue_last(transaction, place, oldest).await,

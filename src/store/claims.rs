@@ -54,7 +54,7 @@ impl Store {
         Ok(None)
     }
 
-    async fn load_entries(&self, claim: Claim) -> Result<ClaimedJob, StoreError> {
+    pub(super) async fn load_entries(&self, claim: Claim) -> Result<ClaimedJob, StoreError> {
         let mut entries = Vec::with_capacity(claim.batch_ids.len());
         for batch_id in &claim.batch_ids {
             // Gone only if the route was deleted a moment ago; the fence will say so.
@@ -68,6 +68,7 @@ impl Store {
             entries,
             after_gap: claim.after_gap,
             apart: claim.apart,
+            at: claim.at,
         })
     }
 }
@@ -85,6 +86,8 @@ pub(super) struct Claim {
     pub(super) after_gap: bool,
     /// Whether the job's own batch is tried alone, before those that it would have taken along.
     pub(super) apart: bool,
+    /// When it was claimed.
+    pub(super) at: Timestamp,
 }
 
 /// Takes the oldest job whose time has come.
@@ -212,6 +215,7 @@ impl ClaimJob {
             batch_ids: taken.batch_ids,
             after_gap: taken.after_gap,
             apart: taken.apart,
+            at: self.now,
         })
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
-use sqlx::{ConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
 use super::error::StoreError;
 use super::migrations::MIGRATIONS;
@@ -59,6 +59,29 @@ impl Database {
         let path = self.path.clone();
         files::open(&path).map_err(|source| StoreError::Directory { path, source })?;
         Ok(())
+    }
+
+    /// Where it is, as SQLite takes it in a statement.
+    pub(super) fn path_text(&self) -> String {
+        self.path.to_string_lossy().into_owned()
+    }
+
+    /// Writes a copy as it is at this moment into a directory, which is made if it is missing. A
+    /// service may be writing meanwhile: the copy is one long read.
+    ///
+    /// # Errors
+    /// [`StoreError::Directory`], or if there is a database in that directory.
+    pub(super) async fn copy_into(&self, directory: &Path) -> Result<(), StoreError> {
+        files::make_directory(directory).map_err(|source| StoreError::Directory {
+            path: directory.to_path_buf(),
+            source,
+        })?;
+        let mut reader = self.options().read_only(true).connect().await?;
+        sqlx::query("VACUUM INTO $1")
+            .bind(Self::in_directory(directory).path_text())
+            .execute(&mut reader)
+            .await?;
+        Ok(reader.close().await?)
     }
 
     fn beside(&self, suffix: &str) -> PathBuf {

@@ -14,6 +14,7 @@ use super::body::SealedBody;
 use super::columns::{json_text, micros};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
+use super::inputs::{self, Input};
 use super::map_versions::{Beginning, SealedPicture, begin_next};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
@@ -96,6 +97,7 @@ impl Request for ApplyDecision {
             self.change_map(transaction, route_key, map).await?;
         }
         raise_revision(transaction, route_key, micros(self.alert.updated_at)).await?;
+        self.note_input(transaction, route_key).await?;
         self.note(transaction).await?;
         Ok(Decided::Committed)
     }
@@ -135,6 +137,23 @@ impl ApplyDecision {
             after: after.map(entry_text).transpose()?,
         };
         audit::write(transaction, change).await
+    }
+
+    async fn note_input(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+    ) -> Result<(), StoreError> {
+        let Some(entry) = self.alert.history.last() else {
+            return Ok(());
+        };
+        let input = Input::Decision {
+            alert: self.alert.id,
+            action: self.action,
+            by: entry.by.clone(),
+            note: entry.note.clone(),
+        };
+        inputs::note(transaction, route_key, self.alert.updated_at, &input).await
     }
 
     async fn change_map(

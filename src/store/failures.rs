@@ -23,14 +23,8 @@ impl Store {
         reason: &str,
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        let request = FailJob {
-            job_id,
-            generation,
-            reason: reason.to_owned(),
-            tries_max: TRIES_MAX,
-            now,
-        };
-        self.work(request).await
+        self.fail_after(job_id, generation, reason, TRIES_MAX, now)
+            .await
     }
 
     /// Quarantines the batch of a job that another try would not help. A job that this worker does not
@@ -45,11 +39,22 @@ impl Store {
         reason: &str,
         now: Timestamp,
     ) -> Result<(), StoreError> {
+        self.fail_after(job_id, generation, reason, 1, now).await
+    }
+
+    async fn fail_after(
+        &self,
+        job_id: i64,
+        generation: i64,
+        reason: &str,
+        tries_max: i64,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
         let request = FailJob {
             job_id,
             generation,
             reason: reason.to_owned(),
-            tries_max: 1,
+            tries_max,
             now,
         };
         self.work(request).await

@@ -6,6 +6,7 @@ use sqlx::{Connection, Row, SqliteConnection};
 
 use super::columns::micros;
 use super::error::StoreError;
+use super::inputs;
 use super::request::Request;
 use super::trips::{Place, end_turn};
 
@@ -101,9 +102,9 @@ pub(super) async fn quarantine(
     .bind(reason)
     .bind(micros(now))
     .bind(batch_key)
-    .execute(transaction)
+    .execute(&mut *transaction)
     .await?;
-    Ok(())
+    inputs::note_kept_out(transaction, batch_key, now).await
 }
 
 /// Gives back the jobs that a dead process held: only right while the directory is locked. What

@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 24] = [
+const FILES: [(i64, &str, &str); 25] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -47,6 +47,7 @@ const FILES: [(i64, &str, &str); 24] = [
     file!(22, "vehicle quarantines", "0022_vehicle_quarantines.sql"),
     file!(23, "audit", "0023_audit.sql"),
     file!(24, "trip clocks", "0024_trip_clocks.sql"),
+    file!(25, "inputs", "0025_inputs.sql"),
 ];
 
 /// Runs what a database has not seen yet.

@@ -16,6 +16,7 @@ mod body;
 mod claims;
 mod client_nodes;
 mod columns;
+mod comparison;
 mod connection;
 mod decisions;
 mod error;
@@ -27,6 +28,7 @@ mod gaps;
 mod graph;
 mod graph_rows;
 mod inbox;
+mod inputs;
 mod intermediate_scans;
 mod jobs;
 mod journal;
@@ -36,6 +38,7 @@ mod marker;
 mod migrations;
 mod operations;
 mod quarantines;
+mod rebuild;
 mod records;
 mod removal_records;
 mod removals;
@@ -61,10 +64,13 @@ mod writer;
 pub use alert_records::*;
 pub use archive::SubgraphSums;
 pub use audit::{AuditFilter, AuditRecord};
+pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compare};
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
+pub use inputs::{Input, InputRecord, JobInput};
 pub use quarantines::Quarantine;
+pub use rebuild::InputsToRepeat;
 pub use records::*;
 pub use removal_records::*;
 pub use retries::Retried;
@@ -146,6 +152,16 @@ impl LostLog {
         tracing::error!(%directory, commits, "the last commits are lost, and that was accepted");
         Ok(())
     }
+}
+
+/// Writes a copy of the database of a data directory into another, which is made if it is missing. A
+/// service may hold the directory.
+///
+/// # Errors
+/// [`StoreError`], also if there is a database in that directory.
+pub async fn copy(data_dir: &Path, into: &Path) -> Result<(), StoreError> {
+    let copied = Database::in_directory(data_dir).copy_into(into).await;
+    copied.map_err(StoreError::named)
 }
 
 /// What became of a PUT.

@@ -7,6 +7,7 @@ use sqlx::{Row, SqliteConnection};
 use super::audit::{self, Change};
 use super::columns::{json_text, micros, time};
 use super::error::StoreError;
+use super::inputs::{self, Input};
 use super::request::Request;
 use super::{Store, named};
 use crate::ids::{RouteId, VehicleId};
@@ -122,22 +123,32 @@ impl Request for PutQuarantine {
             .bind(self.vehicle.as_str()),
         };
         written.execute(&mut *transaction).await?;
-        self.note(transaction, before).await?;
+        self.note(transaction, route_key, before).await?;
         Ok(true)
     }
 }
 
 impl PutQuarantine {
-    /// Writes the audit's row, unless everything is as it was.
+    /// Writes the rows of the audit and of the inputs, unless everything is as it was.
     async fn note(
         &self,
         transaction: &mut SqliteConnection,
+        route_key: i64,
         before: Option<Quarantine>,
     ) -> Result<(), StoreError> {
         let after = quarantine_of(transaction, &self.route, &self.vehicle).await?;
         if before == after {
             return Ok(());
         }
+        let vehicle = self.vehicle.clone();
+        let input = match &after {
+            Some(quarantine) => Input::VehicleQuarantined {
+                vehicle,
+                note: quarantine.note.clone(),
+            },
+            None => Input::VehicleReleased { vehicle },
+        };
+        inputs::note(transaction, route_key, self.now, &input).await?;
         let change = Change {
             at: self.now,
             actor: &self.by,

@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
+use super::inputs::JobInput;
 use super::vehicles::TripCalibrationRecord;
 use crate::calibration::TripCorrections;
 use crate::change::FALSE_ALERTS_PER_LAP;
@@ -284,6 +285,20 @@ pub struct ClaimedJob {
     /// Whether batches of the trip wait that this one, which a process was lost with, is tried
     /// without: it must not go into the map before them.
     pub apart: bool,
+    /// When it was claimed: the time that whatever comes of it bears.
+    pub at: Timestamp,
+}
+
+impl ClaimedJob {
+    /// What the journal of inputs says of it.
+    pub fn input(&self) -> JobInput {
+        let entries = self.entries.iter();
+        JobInput {
+            batches: entries.map(|entry| entry.batch.id.clone()).collect(),
+            after_gap: self.after_gap,
+            apart: self.apart,
+        }
+    }
 }
 
 /// A node as it is stored. Scans are the bytes of [`crate::scan::encode_scan`].
@@ -506,7 +521,9 @@ pub struct JobResult {
     pub calibrations: Vec<TripCalibrationRecord>,
     /// What was decided of a trip that begins.
     pub trip_start: Option<(TripId, TripStart)>,
-    /// When it was computed.
+    /// What was processed.
+    pub input: JobInput,
+    /// When.
     pub processed_at: Timestamp,
 }
 

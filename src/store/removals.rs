@@ -7,6 +7,7 @@ use super::alert_rows::write_alerts;
 use super::columns::{json_text, micros, name};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
+use super::inputs::{self, Input};
 use super::removal_records::{Meant, Removable, Removal};
 use super::request::Request;
 use super::results::count_blocks;
@@ -130,6 +131,11 @@ impl Request for ApplyRemoval {
             end_turn(transaction, place).await?;
         }
         self.forget_trips(transaction, route_key).await?;
+        let input = Input::Removal {
+            operation: removal.operation,
+            batches: removal.removable.batches.clone(),
+        };
+        inputs::note(transaction, route_key, removal.at, &input).await?;
         let outcome = Ok(removal.result);
         if !operations::end(transaction, removal.operation, &outcome, removal.at).await? {
             let what = format!("operation {} has ended already", removal.operation);

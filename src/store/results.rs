@@ -8,6 +8,7 @@ use super::alert_rows::write_alerts;
 use super::columns::{flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
+use super::inputs::{self, Input};
 use super::intermediate_scans::insert_intermediate;
 use super::jobs::{Job, held_job};
 use super::records::{Applied, BatchOutcome, JobResult};
@@ -75,6 +76,8 @@ impl Request for ApplyResult {
         for outcome in &result.outcomes {
             end_batch(transaction, &members, outcome, nodes, result).await?;
         }
+        let input = Input::Job(result.input.clone());
+        inputs::note(transaction, place.route_key, result.processed_at, &input).await?;
         end_turn(transaction, &place).await?;
         let is_merged = |outcome: &BatchOutcome| outcome.status == BatchStatus::Merged;
         if result.outcomes.iter().any(is_merged) {

@@ -6,6 +6,7 @@ use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
 
 use super::columns::{micros, name, text, time};
 use super::error::StoreError;
+use super::inputs::{self, Input};
 use super::records::{
     GeoAnchor, RouteCounts, RouteEdition, RouteRecord, RouteSettings, RouteUpdate,
 };
@@ -132,6 +133,11 @@ impl PutRoute {
     ) -> Result<(), StoreError> {
         let after = route(&mut *transaction, &self.id).await?;
         let (before, after) = (before.as_ref(), after.as_ref());
+        let was = before.map(|before| &before.settings);
+        if let Some(after) = after.filter(|after| was != Some(&after.settings)) {
+            let input = Input::Settings(after.settings.clone());
+            inputs::note_of_route(transaction, &self.id, self.now, &input).await?;
+        }
         route_audit::note(transaction, before, after, &self.by, self.now).await
     }
 

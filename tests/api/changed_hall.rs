@@ -77,6 +77,7 @@ pub async fn directory() -> TempDir {
         calibrations: Vec::new(),
         trip_start: None,
         stage: Stage::Mapping,
+        input: job.input(),
         processed_at: now,
         route_id: hall,
     };

@@ -184,6 +184,7 @@ async fn store_map(
         calibrations: Vec::new(),
         trip_start: None,
         stage: Stage::Mapping,
+        input: job.input(),
         processed_at: now,
         route_id,
     };

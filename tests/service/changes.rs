@@ -9,3 +9,6 @@ mod raised;
 mod shop;
 mod told;
 mod webhooks;
+
+pub use shop::Shop;
+pub use told::{ROUTE, alerts, only};

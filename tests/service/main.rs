@@ -23,6 +23,7 @@ mod quarantines;
 #[allow(dead_code, reason = "the tests of the interface use more of it")]
 mod receiver;
 mod removals;
+mod replay;
 mod restart;
 mod rot;
 mod running;

@@ -11,15 +11,16 @@ use crate::state::{State, pose_of};
 
 /// Five laps by two vehicles in turn, each a trip.
 fn laps() -> Vec<Drive> {
-    let lap = |k: usize| {
-        let (vehicle, name) = match k % 2 {
-            0 => (first_vehicle(), "agv-01"),
-            _ => (second_vehicle(), "agv-02"),
-        };
-        let trip = format!("lap-{k}");
-        Drive::through(&HALL, &vehicle, (name, &trip), 96, 1 + k as u64)
+    (0..5).map(|k| lap(k, 96)).collect()
+}
+
+fn lap(k: usize, scans: usize) -> Drive {
+    let (vehicle, name) = match k % 2 {
+        0 => (first_vehicle(), "agv-01"),
+        _ => (second_vehicle(), "agv-02"),
     };
-    (0..5).map(lap).collect()
+    let trip = format!("lap-{k}");
+    Drive::through(&HALL, &vehicle, (name, &trip), scans, 1 + k as u64)
 }
 
 async fn driven(drives: &[Drive], without: Option<&str>) -> Running {
@@ -119,6 +120,47 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
         assert_eq!(told["status"], "merged", "{told}");
     }
     service.stop().await;
+}
+
+/// `cargo test --release --test service -- --ignored --nocapture one_of_fifty`
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "takes minutes"]
+async fn one_of_fifty_laps_is_taken_out() {
+    for bad in [1, 25] {
+        let mut drives: Vec<Drive> = (0..50).map(|k| lap(k, 96)).collect();
+        let scans = drives[bad].scans.iter_mut();
+        for range_m in scans.flat_map(|scan| &mut scan.ranges_m) {
+            *range_m = range_m.map(|range_m| range_m * 1.03);
+        }
+        let trip = format!("lap-{bad}");
+        let service = driven(&drives, None).await;
+        let client = &service.client;
+        let told = client.batch("line", &format!("{trip}-003")).await;
+        let begun = std::time::Instant::now();
+        let done = client.remove("line", json!({"trips": [&trip]})).await;
+        let took = begun.elapsed();
+        let never = driven(&drives, Some(&trip)).await;
+        let own = State::of(client, "line").await.poses();
+        let others = State::of(&never.client, "line").await.poses();
+        let both = own
+            .iter()
+            .filter_map(|(key, pose)| Some((pose, others.get(key)?)));
+        let apart = both.map(|(a, b)| (a.translation() - b.translation()).norm());
+        let mut apart_m: Vec<f64> = apart.collect();
+        apart_m.sort_by(f64::total_cmp);
+        println!(
+            "lap {bad} ({}): {} in {took:.1?}; {} nodes, {} in both, apart by {:.5} m (median), {:.5} m (most)",
+            told["status"],
+            done["result"],
+            own.len(),
+            apart_m.len(),
+            apart_m[apart_m.len() / 2],
+            apart_m[apart_m.len() - 1],
+        );
+        assert_eq!(alerts(client).await, alerts(&never.client).await);
+        never.stop().await;
+        service.stop().await;
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

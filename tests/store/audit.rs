@@ -5,9 +5,10 @@ use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
 use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector};
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
-    Deleted, Edited, HistoryEntry, Meant, NewWebhook, OperationRecord, Put, Quarantine, Registered,
-    Removal, RemovalRequest, RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate,
-    SettingsUpdate, StoreError, WebhookRecord, WebhookSecret, WebhookUpdate,
+    Deleted, Edited, HistoryEntry, Meant, NewWebhook, NextDelivery, OperationRecord, Put,
+    Quarantine, Registered, Removal, RemovalRequest, RemovalResult, Retried, RouteEdition,
+    RouteRecord, RouteUpdate, SettingsUpdate, StoreError, WebhookRecord, WebhookSecret,
+    WebhookUpdate,
 };
 use serde_json::{Value, json};
 use uuid::Uuid;
@@ -146,6 +147,19 @@ async fn told_since(fixture: &Fixture, count: usize, actor: &Actor) -> Vec<Told>
         (row.action, row.subject, row.before, row.after)
     });
     told.collect()
+}
+
+/// An attempt whose receiver is no more.
+fn gone(next: &NextDelivery) -> Attempt {
+    Attempt {
+        delivery_key: next.key,
+        attempts: 1,
+        webhook_revision: next.webhook_revision,
+        alert_revision: None,
+        ended_at: at(12),
+        end: AttemptEnd::Answer(410),
+        verdict: AttemptVerdict::Gone,
+    }
 }
 
 fn told(action: AuditAction, subject: impl ToString, before: Value, after: Value) -> Told {
@@ -322,15 +336,7 @@ async fn a_webhook_that_the_service_disables_is_noted_as_its_own_doing() {
         let Some(next) = store.next_deliveries().await.unwrap().pop() else {
             break; // The second time nothing is sent any more.
         };
-        let gone = Attempt {
-            delivery_key: next.key,
-            attempts: 1,
-            webhook_revision: next.webhook_revision,
-            alert_revision: None,
-            ended_at: at(12),
-            end: AttemptEnd::Answer(410),
-            verdict: AttemptVerdict::Gone,
-        };
+        let gone = gone(&next);
         // Noted once, however often it is told.
         store.record_attempt(gone.clone()).await.unwrap();
         store.record_attempt(gone).await.unwrap();
@@ -554,15 +560,7 @@ async fn no_change_is_made_without_its_row() {
         .await
         .unwrap();
     let next = store.next_deliveries().await.unwrap().remove(0);
-    let gone = Attempt {
-        delivery_key: next.key,
-        attempts: 1,
-        webhook_revision: next.webhook_revision,
-        alert_revision: None,
-        ended_at: at(12),
-        end: AttemptEnd::Answer(410),
-        verdict: AttemptVerdict::Gone,
-    };
+    let gone = gone(&next);
     let before = State::of(&fixture).await;
     let jam = "CREATE TRIGGER jam BEFORE INSERT ON audit BEGIN SELECT RAISE(ABORT, 'jammed'); END";
     sqlx::query(jam)

@@ -96,6 +96,7 @@ impl Fixture {
             calibrations: Vec::new(),
             trip_start: None,
             stage: Stage::Mapping,
+            input: job.input(),
             processed_at: at(50),
         }
     }

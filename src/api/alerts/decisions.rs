@@ -4,6 +4,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -134,6 +135,7 @@ async fn decide(
         actor,
         by: reason.by,
         note: reason.note,
+        at: Timestamp::now(),
     };
     match state.decisions.decide(order).await {
         Ok(_) => Ok(with_etag(known_alert(state, id).await?)),

@@ -212,3 +212,52 @@ fn the_paper_s_graph_has_the_identity_as_information() {
             .all(|e| e.information == Information::identity())
     );
 }
+
+/// A drive with so many closures between nodes at random.
+fn tangle(nodes: usize, closures: usize) -> GivenGraph {
+    let mut given = ring(nodes / 4, &[0.0]);
+    given.edges.truncate(nodes - 1);
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (state >> 33) as usize % nodes
+    };
+    for _ in 0..closures {
+        let (from, to) = (random(), random());
+        if from != to {
+            let (a, b) = (given.nodes[from].pose, given.nodes[to].pose);
+            let closure = edge(
+                End::New(from),
+                End::New(to),
+                a.between(&b),
+                EdgeKind::LoopClosure,
+            );
+            given.edges.push(closure);
+        }
+    }
+    given
+}
+
+#[test]
+fn what_could_not_be_solved_in_time_is_refused_before_it_is_tried() {
+    let mut map = RouteMap::new(Weighting::Robust);
+    let refused = map.attach(&tangle(3_000, 17_000));
+    assert!(matches!(refused, Err(NotAttached::TooDense)), "{refused:?}");
+    let mut map = RouteMap::new(Weighting::Robust);
+    assert!(map.attach(&tangle(120, 300)).is_ok());
+}
+
+#[test]
+fn nothing_is_solved_to_its_end_for_nobody() {
+    let mut map = RouteMap::new(Weighting::Robust);
+    let interrupt = crate::solver::Interrupt::default();
+    interrupt.raise();
+    map.heed(&interrupt);
+    let attached = map.attach(&ring(8, &[0.01, -0.02, 0.03]));
+    assert!(
+        matches!(attached, Err(NotAttached::Interrupted)),
+        "{attached:?}"
+    );
+}

@@ -20,10 +20,11 @@ use crate::geometry::{Pose2, Vector2};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::ingest::g2o::write_g2o;
-use crate::mapping::{IntermediateScan, Interrupt, Mending};
+use crate::mapping::{IntermediateScan, Mending};
 use crate::model::Actor;
 use crate::render::{Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
+use crate::solver::Interrupt;
 use crate::store::{
     AlertFilter, AlertRecord, Applied, BatchContent, BatchRecord, EdgeRecord, Journaled, NewBatch,
     NodeRecord, RouteUpdate, Store, StoreOptions, fsck,
@@ -118,7 +119,11 @@ impl Bench {
         let journaled = store.journal_batch(upload(trip, hour, laps)).await;
         assert_eq!(journaled.unwrap(), Journaled::Stored);
         let lease = std::time::Duration::from_secs(60);
-        let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
+        let job = store
+            .claim_job(Timestamp::now(), lease)
+            .await
+            .unwrap()
+            .unwrap();
         let workspace = self.engine.workspaces.take(store, &route()).await.unwrap();
         // What a detector says of the lap is set aside: here findings are made by hand.
         let alerts = workspace.alerts.clone();
@@ -129,7 +134,7 @@ impl Bench {
         let (mut workspace, mut result) = *taken;
         workspace.alerts = alerts;
         let (findings, mendings) = observed(&workspace);
-        result.alerts = fold_into(&mut workspace, &job.route_id, &findings, &mendings);
+        result.alerts = fold_into(&mut workspace, &job.route_id, &findings, &mendings, job.at);
         assert_eq!(
             store.apply_result(result).await.unwrap(),
             Applied::Committed
@@ -146,7 +151,11 @@ impl Bench {
         let (store, id) = (&engine.store, batch.id.clone());
         store.journal_batch(batch).await.unwrap();
         let lease = std::time::Duration::from_secs(60);
-        let job = store.claim_job(at(0), lease).await.unwrap().unwrap();
+        let job = store
+            .claim_job(Timestamp::now(), lease)
+            .await
+            .unwrap()
+            .unwrap();
         let (workspace, result) = compute(&engine, &Arc::new(job), &Interrupt::default())
             .await
             .unwrap();
@@ -175,6 +184,7 @@ impl Bench {
             },
             by: "keeper".to_owned(),
             note: Some("seen with my own eyes".to_owned()),
+            at: Timestamp::now(),
         }
     }
 

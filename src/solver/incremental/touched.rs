@@ -9,6 +9,7 @@ use super::attribution::attribute_increase;
 use super::block_problem::BlockProblem;
 use crate::graph::{BlockIndex, PoseGraph};
 use crate::ids::{EdgeId, NodeId};
+use crate::solver::interrupt::Interrupt;
 use crate::solver::least_squares::{Minimiser, SolveOptions, SolveSummary, factor_of_edge};
 
 /// A solver that is called again and again on one growing graph, and keeps its memory.
@@ -37,6 +38,14 @@ impl Solver {
     /// A solver with no memory yet.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A solver with no memory yet, whose solves end where they are once this is raised.
+    pub fn heeding(interrupt: &Interrupt) -> Self {
+        Self {
+            minimiser: Minimiser::heeding(interrupt),
+            block: BlockProblem::default(),
+        }
     }
 
     /// Solves the biconnected blocks that contain the touched edges, from the poses as they are.

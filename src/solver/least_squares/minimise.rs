@@ -7,6 +7,7 @@ use crate::geometry::Pose2;
 use crate::solver::factor::{
     Batch, Frame, append_to_batches, cost_and_gradient, dispatch, fill_batches, take_steps,
 };
+use crate::solver::interrupt::Interrupt;
 use crate::solver::linear::QuasiNewton;
 
 /// The first damping after a plain step has failed.
@@ -35,6 +36,7 @@ pub(crate) struct Minimiser {
     step: Vec<[f64; POSE_SIZE]>,
     here: Place,
     trial: Place,
+    interrupt: Interrupt,
 }
 
 /// Some poses, and what F is like there.
@@ -61,6 +63,14 @@ struct Descent {
 }
 
 impl Minimiser {
+    /// One that ends where it is once this is raised.
+    pub(crate) fn heeding(interrupt: &Interrupt) -> Self {
+        Self {
+            interrupt: interrupt.clone(),
+            ..Self::default()
+        }
+    }
+
     /// Moves the poses that are not held to a minimum of the cost.
     pub(crate) fn minimise(
         &mut self,
@@ -181,6 +191,9 @@ impl Minimiser {
     ) -> Termination {
         self.pairs.clear();
         while summary.iterations < options.iterations_max {
+            if self.interrupt.is_raised() {
+                return Termination::Interrupted;
+            }
             let predicted =
                 self.predicted_decrease(equations, &mut descent, options, summary.final_cost);
             let is_best = self.here.cost <= summary.final_cost;

@@ -32,6 +32,8 @@ pub enum Termination {
     NothingToSolve,
     /// The budget of iterations was used up; the best poses so far are kept.
     IterationLimit,
+    /// Nobody waits for it any more; the best poses so far are kept.
+    Interrupted,
     /// No step, however short, lowered the cost; the best poses so far are kept.
     NoProgress,
     /// The equations could not be factored, however damped, or memory ran out.
@@ -56,6 +58,7 @@ impl Termination {
             Self::ConvergedByStep => "converged_by_step",
             Self::NothingToSolve => "nothing_to_solve",
             Self::IterationLimit => "iteration_limit",
+            Self::Interrupted => "interrupted",
             Self::NoProgress => "no_progress",
             Self::Unsolvable => "unsolvable",
             Self::NotFinite => "not_finite",

@@ -54,6 +54,20 @@ pub(super) fn eliminate<const B: usize>(
     columns.into_parts(order)
 }
 
+/// How many multiplications factoring a matrix takes whose variables are eliminated in the order of
+/// their numbers.
+pub fn operations_to_factor<const B: usize>(matrix: &BlockMatrix<B>) -> f64 {
+    let order: Vec<u32> = (0..matrix.variables() as u32).collect();
+    let parts = eliminate(matrix, &order, &[], &mut Vec::new());
+    // Σ k² from 1 to n, half of it by symmetry.
+    let of_triangle = |n: f64| n * (n + 1.0) * (2.0 * n + 1.0) / 12.0;
+    let of_part = |part: &Part| {
+        let below = part.rows.len() - part.width;
+        of_triangle((part.rows.len() * B) as f64) - of_triangle((below * B) as f64)
+    };
+    parts.iter().map(of_part).sum()
+}
+
 /// Lists of numbers, each number in at most one list.
 struct Lists {
     first: Vec<u32>,

@@ -21,6 +21,7 @@ mod selected_inverse;
 
 pub use block_matrix::BlockMatrix;
 pub use cholesky::BlockCholesky;
+pub use elimination::operations_to_factor;
 pub use ordering::approximate_minimum_degree;
 pub(super) use quasi_newton::{QuasiNewton, dot};
 pub(super) use selected_inverse::SelectedInverse;

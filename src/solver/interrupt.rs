@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Tells a walk through the map that nobody waits for what comes of it; shared by all its clones.
+/// Tells a computation that nobody waits for what comes of it; shared by all its clones.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 

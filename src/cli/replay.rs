@@ -1,0 +1,187 @@
+//! `mapshift replay`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::OnceLock;
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+
+use super::progress::Progress;
+use crate::ids::RouteId;
+use crate::pipeline::{PipelineOptions, Replayed, replay};
+use crate::store::{self, Comparison, Store, StoreOptions};
+
+/// Arguments of `mapshift replay`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Directory that holds the database; a service may be running on it.
+    #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
+    data: PathBuf,
+    /// Only this route; may be given several times. All routes without it.
+    #[arg(long = "route", value_name = "ROUTE")]
+    routes: Vec<String>,
+    /// Leave the copy with the maps made anew in this directory, which must not hold a database yet:
+    /// `mapshift serve --data` runs on it.
+    #[arg(long, value_name = "DIRECTORY")]
+    into: Option<PathBuf>,
+    /// Say how the maps made anew differ from those that are there, and fail if they do.
+    #[arg(long, required_unless_present = "into")]
+    compare: bool,
+}
+
+/// What became of one route.
+#[derive(Serialize)]
+struct Report {
+    route: RouteId,
+    #[serde(flatten)]
+    replayed: Option<Replayed>,
+    /// Why it could not be made anew.
+    error: Option<String>,
+    comparison: Option<Comparison>,
+}
+
+impl Report {
+    fn is_good(&self) -> bool {
+        let is_same = self.comparison.as_ref().is_none_or(|found| found.same);
+        self.error.is_none() && is_same
+    }
+}
+
+/// Makes maps anew from the journal of what shaped them, in a copy of the database, and prints what
+/// came of it as JSON; fails if a map cannot be made anew or, where they are compared, differs.
+///
+/// # Errors
+/// If the database cannot be copied or read.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .context("cannot start the runtime")?;
+    let reports = runtime.block_on(replay_all(args))?;
+    let mut out = std::io::stdout().lock();
+    serde_json::to_writer_pretty(&mut out, &reports)?;
+    writeln!(out)?;
+    Ok(match reports.iter().all(Report::is_good) {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    })
+}
+
+async fn replay_all(args: &Args) -> anyhow::Result<Vec<Report>> {
+    let scratch = Scratch::beside(args.into.as_deref().unwrap_or(&args.data))?;
+    let copied = store::copy(&args.data, &scratch.now).await;
+    copied.with_context(|| format!("cannot copy the database in {}", args.data.display()))?;
+    let mut store = open(&scratch.now).await?;
+    if args.compare {
+        // After its schema was brought up to date, so that both have the same columns.
+        store.close().await?;
+        store::copy(&scratch.now, &scratch.before).await?;
+        store = open(&scratch.now).await?;
+    }
+    let mut reports = Vec::new();
+    for route in chosen(&store, &args.routes).await? {
+        reports.push(replay_one(&store, route).await);
+    }
+    store.close().await?;
+    for report in reports.iter_mut().filter(|_| args.compare) {
+        let found = store::compare(&scratch.now, &scratch.before, &report.route).await;
+        report.comparison = Some(found?);
+    }
+    if let Some(into) = &args.into {
+        scratch.keep_as(into)?;
+    }
+    Ok(reports)
+}
+
+async fn open(directory: &Path) -> anyhow::Result<Store> {
+    let data_dir = directory.to_path_buf();
+    let opened = Store::open(StoreOptions { data_dir }).await;
+    opened.context("cannot open the copy of the database")
+}
+
+/// The routes that are meant, by id.
+async fn chosen(store: &Store, named: &[String]) -> anyhow::Result<Vec<RouteId>> {
+    const PAGE: u32 = 256;
+    let mut chosen = Vec::new();
+    for name in named {
+        let route = RouteId::new(name.as_str())?;
+        if store.route(&route).await?.is_none() {
+            bail!("there is no route {route}");
+        }
+        chosen.push(route);
+    }
+    if !named.is_empty() {
+        return Ok(chosen);
+    }
+    loop {
+        let page = store.routes(chosen.last(), PAGE).await?;
+        if page.is_empty() {
+            return Ok(chosen);
+        }
+        chosen.extend(page.into_iter().map(|route| route.id));
+    }
+}
+
+async fn replay_one(store: &Store, route: RouteId) -> Report {
+    let progress = OnceLock::new();
+    let on_progress = |done: u64, total: u64| {
+        let bar = progress.get_or_init(|| Progress::at_a_terminal(total, "inputs"));
+        bar.advance_to(done);
+    };
+    let replayed = replay(store, &route, PipelineOptions::default(), &on_progress).await;
+    if let Some(bar) = progress.into_inner() {
+        bar.finish();
+    }
+    let (replayed, error) = match replayed {
+        Ok(replayed) => (Some(replayed), None),
+        Err(error) => (None, Some(format!("{error:#}"))),
+    };
+    Report {
+        route,
+        replayed,
+        error,
+        comparison: None,
+    }
+}
+
+/// Where maps are made anew; removed in the end.
+struct Scratch {
+    directory: tempfile::TempDir,
+    now: PathBuf,
+    before: PathBuf,
+}
+
+impl Scratch {
+    /// On the disk of a directory: there is room, or will have to be.
+    fn beside(directory: &Path) -> anyhow::Result<Self> {
+        let parent = match directory.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        std::fs::create_dir_all(parent)
+            .with_context(|| format!("cannot make {}", parent.display()))?;
+        let directory = tempfile::Builder::new()
+            .prefix("mapshift-replay-")
+            .tempdir_in(parent)
+            .with_context(|| format!("cannot make a directory in {}", parent.display()))?;
+        Ok(Self {
+            now: directory.path().join("now"),
+            before: directory.path().join("before"),
+            directory,
+        })
+    }
+
+    /// Moves the copy to where it is wanted.
+    fn keep_as(self, into: &Path) -> anyhow::Result<()> {
+        // An empty directory gives way.
+        let _ = std::fs::remove_dir(into);
+        if into.exists() {
+            bail!("{} is there already, and not empty", into.display());
+        }
+        std::fs::rename(&self.now, into)
+            .with_context(|| format!("cannot move the copy to {}", into.display()))?;
+        Ok(self.directory.close()?)
+    }
+}

@@ -1,0 +1,177 @@
+//! `mapshift replay`: from the journal of what shaped it, a map is made anew to the bit.
+
+use std::path::Path;
+use std::process::Command;
+
+use mapshift::store::fsck;
+use serde_json::{Value, json};
+use sqlx::ConnectOptions;
+use sqlx::sqlite::SqliteConnectOptions;
+use tempfile::TempDir;
+
+use crate::changes::{ROUTE, Shop, alerts, only};
+use crate::client::Client;
+use crate::running::Running;
+use crate::state::State;
+
+/// Everything that shapes a map, one after the other.
+async fn live_through_everything(client: &Client) {
+    client.put_route(ROUTE, json!({"hold_s": 0})).await;
+    let shop = Shop::new(5).with_crate(2, None);
+    for lap in 0..2 {
+        drive(client, &shop, lap).await;
+    }
+    let told = only(drive(client, &shop, 2).await);
+    let taken_up = client.decide(&told, "acknowledge").await;
+    let accepted = client.decide(&taken_up, "accept").await;
+    let undone = client.decide(&accepted, "undo").await;
+    client
+        .put_route(ROUTE, json!({"false_alarm_rate": 0.05}))
+        .await;
+    drive(client, &shop, 3).await;
+    let told = alerts(client).await;
+    let told = told.iter().find(|alert| alert["id"] == undone["id"]);
+    client.decide(told.unwrap(), "accept").await;
+
+    let vehicle = format!("/v1/routes/{ROUTE}/vehicles/agv-00");
+    client
+        .post(format!("{vehicle}/quarantine"), json!({}))
+        .await;
+    for batch in shop.lap(4) {
+        client.put(ROUTE, &batch).await;
+        assert_eq!(
+            client.ended(ROUTE, &batch.id).await["status"],
+            "quarantined"
+        );
+    }
+    client.post(format!("{vehicle}/release"), Value::Null).await;
+
+    // The first batch never comes: the others are used without it.
+    let torn = &shop.lap(5)[1..];
+    client.put_all(ROUTE, torn).await;
+    let told = client.settled(ROUTE, true).await;
+    assert!(told.iter().any(|batch| batch["flags"] == json!(["gap"])));
+    let removed = client.remove(ROUTE, json!({"trips": ["lap-01"]})).await;
+    assert_eq!(removed["status"], "succeeded", "{removed}");
+    drive(client, &shop, 6).await;
+    // What waits at the end waits in the copy as well.
+    client.put_route(ROUTE, json!({"hold_s": 600})).await;
+    client.put_all(ROUTE, &shop.lap(7)[1..]).await;
+}
+
+/// Sends one lap and hands back every alert when it has ended, the newest first.
+async fn drive(client: &Client, shop: &Shop, lap: usize) -> Vec<Value> {
+    client.put_all(ROUTE, &shop.lap(lap)).await;
+    client.settled(ROUTE, true).await;
+    alerts(client).await
+}
+
+/// Whether `mapshift replay` ends well, and what it says of its one route.
+fn replay(data: &Path, rest: &[&str]) -> (bool, Value) {
+    let replayed = Command::new(env!("CARGO_BIN_EXE_mapshift"))
+        .args(["replay", "--data"])
+        .arg(data)
+        .args(rest)
+        .output()
+        .unwrap();
+    let report: Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    assert_eq!(report.as_array().map(Vec::len), Some(1), "{replayed:?}");
+    (replayed.status.success(), report[0].clone())
+}
+
+async fn execute(data: &Path, statement: &'static str) {
+    let options = SqliteConnectOptions::new().filename(data.join("mapshift.db"));
+    let mut raw = options.connect().await.unwrap();
+    let done = sqlx::query(statement).execute(&mut raw).await.unwrap();
+    assert_eq!(done.rows_affected(), 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_map_made_anew_is_the_same_to_the_bit() {
+    let directory = TempDir::new().unwrap();
+    let service = Running::start_in(directory.path()).await;
+    let client = &service.client;
+    live_through_everything(client).await;
+    let data = directory.path().join("data");
+
+    // Beside the running service.
+    let copy = directory.path().join("copy");
+    let (ended_well, told) = replay(&data, &["--compare", "--into", copy.to_str().unwrap()]);
+    assert!(ended_well && told["comparison"]["same"] == true, "{told}");
+    assert_eq!(told["decisions_left_out"], json!([]));
+    assert_eq!(told["without_body"], 0);
+    let (state, told) = (State::of(client, ROUTE).await, alerts(client).await);
+    let batches = client
+        .list(&format!("/v1/routes/{ROUTE}/batches"), 50)
+        .await;
+    assert!(batches.iter().any(|batch| batch["status"] == "held"));
+    service.stop().await;
+    let left: Vec<_> = std::fs::read_dir(directory.path()).unwrap().collect();
+    assert_eq!(left.len(), 2, "{left:?}");
+
+    let report = fsck(&copy, true, &|_, _| {}).await.unwrap();
+    assert!(report.sound, "{:?}", report.faults);
+    let copied = TempDir::new().unwrap();
+    std::fs::rename(&copy, copied.path().join("data")).unwrap();
+    let service = Running::start_in(copied.path()).await;
+    let client = &service.client;
+    assert!(State::of(client, ROUTE).await == state);
+    assert_eq!(alerts(client).await, told);
+    let again = client
+        .list(&format!("/v1/routes/{ROUTE}/batches"), 50)
+        .await;
+    assert_eq!(again, batches);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_does_not_follow_from_the_journal_is_told() {
+    let directory = TempDir::new().unwrap();
+    let service = Running::start_in(directory.path()).await;
+    let client = &service.client;
+    client.put_route(ROUTE, Value::Null).await;
+    let shop = Shop::new(5);
+    for lap in 0..2 {
+        for batch in shop.lap(lap) {
+            client.put(ROUTE, &batch).await;
+            assert_eq!(client.ended(ROUTE, &batch.id).await["status"], "merged");
+        }
+    }
+    service.stop().await;
+    let data = directory.path().join("data");
+
+    execute(&data, "UPDATE nodes SET x = x + 0.25 WHERE node_id = 7").await;
+    let (ended_well, told) = replay(&data, &["--compare"]);
+    assert!(!ended_well);
+    let comparison = &told["comparison"];
+    let apart = json!({"nodes": {"only_before": 1, "only_now": 1}});
+    assert_eq!(
+        (&comparison["same"], &comparison["tables"]),
+        (&json!(false), &apart)
+    );
+    assert_eq!(comparison["poses"]["moved"], 1);
+    assert_eq!(comparison["poses"]["max_m"], 0.25);
+    execute(&data, "UPDATE nodes SET x = x - 0.25 WHERE node_id = 7").await;
+    assert!(replay(&data, &["--compare"]).0);
+
+    execute(
+        &data,
+        "UPDATE batches SET body_kept = 0 WHERE id = 'lap-01-001'",
+    )
+    .await;
+    let (ended_well, told) = replay(&data, &["--compare"]);
+    assert!(!ended_well);
+    assert_eq!(told["without_body"], 1, "{told}");
+
+    execute(
+        &data,
+        "DELETE FROM inputs WHERE input_key = (SELECT min(input_key) FROM inputs)",
+    )
+    .await;
+    let (ended_well, told) = replay(&data, &["--compare"]);
+    let error = told["error"].as_str().unwrap();
+    assert!(
+        !ended_well && error.contains("begins after its first batches"),
+        "{told}"
+    );
+}
