@@ -31,6 +31,8 @@ pub struct Args {
     compare: bool,
 }
 
+const BEGINS_LATE: &str = "its journal begins after its first batches, which an earlier version processed: it is left as it is";
+
 /// What became of one route.
 #[derive(Serialize)]
 struct Report {
@@ -38,7 +40,7 @@ struct Report {
     #[serde(flatten)]
     replayed: Option<Replayed>,
     /// Why it could not be made anew.
-    error: Option<String>,
+    error: Option<&'static str>,
     comparison: Option<Comparison>,
 }
 
@@ -70,7 +72,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn replay_all(args: &Args) -> anyhow::Result<Vec<Report>> {
-    let scratch = Scratch::beside(args.into.as_deref().unwrap_or(&args.data))?;
+    let scratch = match &args.into {
+        Some(into) => Scratch::beside(into)?,
+        None => Scratch::within(&args.data)?,
+    };
     let copied = store::copy(&args.data, &scratch.now).await;
     copied.with_context(|| format!("cannot copy the database in {}", args.data.display()))?;
     let mut store = open(&scratch.now).await?;
@@ -82,7 +87,7 @@ async fn replay_all(args: &Args) -> anyhow::Result<Vec<Report>> {
     }
     let mut reports = Vec::new();
     for route in chosen(&store, &args.routes).await? {
-        reports.push(replay_one(&store, route).await);
+        reports.push(replay_one(&store, route).await?);
     }
     store.close().await?;
     for report in reports.iter_mut().filter(|_| args.compare) {
@@ -124,7 +129,7 @@ async fn chosen(store: &Store, named: &[String]) -> anyhow::Result<Vec<RouteId>>
     }
 }
 
-async fn replay_one(store: &Store, route: RouteId) -> Report {
+async fn replay_one(store: &Store, route: RouteId) -> anyhow::Result<Report> {
     let progress = OnceLock::new();
     let on_progress = |done: u64, total: u64| {
         let bar = progress.get_or_init(|| Progress::at_a_terminal(total, "inputs"));
@@ -134,16 +139,17 @@ async fn replay_one(store: &Store, route: RouteId) -> Report {
     if let Some(bar) = progress.into_inner() {
         bar.finish();
     }
-    let (replayed, error) = match replayed {
-        Ok(replayed) => (Some(replayed), None),
-        Err(error) => (None, Some(format!("{error:#}"))),
+    let replayed = replayed?;
+    let error = match replayed {
+        Some(_) => None,
+        None => Some(BEGINS_LATE),
     };
-    Report {
+    Ok(Report {
         route,
         replayed,
         error,
         comparison: None,
-    }
+    })
 }
 
 /// Where maps are made anew; removed in the end.
@@ -154,14 +160,18 @@ struct Scratch {
 }
 
 impl Scratch {
-    /// On the disk of a directory: there is room, or will have to be.
-    fn beside(directory: &Path) -> anyhow::Result<Self> {
-        let parent = match directory.parent() {
+    /// On the disk to which the copy will be moved.
+    fn beside(into: &Path) -> anyhow::Result<Self> {
+        let parent = match into.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
         std::fs::create_dir_all(parent)
             .with_context(|| format!("cannot make {}", parent.display()))?;
+        Self::within(parent)
+    }
+
+    fn within(parent: &Path) -> anyhow::Result<Self> {
         let directory = tempfile::Builder::new()
             .prefix("mapshift-replay-")
             .tempdir_in(parent)

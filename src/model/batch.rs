@@ -43,7 +43,7 @@ text_enum! {
     /// What was noticed about a batch, and is no reason to refuse it. Readers take texts that are not
     /// listed here as well.
     BatchFlag {
-        /// Stamps lie far in the future.
+        /// Stamps lie far in the future, or the vehicle's clock is hours behind.
         ClockSkew = "clock_skew",
         /// Scans without any return.
         EmptyScans = "empty_scans",

@@ -1,18 +1,69 @@
-//! Clocks of vehicles that are ahead.
+//! Clocks of vehicles that are ahead or behind.
 //!
 //! The passes at a place are judged in the order of their stamps. A vehicle whose clock is years ahead
-//! would be the newest witness for years; so its trips count from when they arrived. One whose clock is
-//! behind cannot be told from one that uploads late.
+//! would be the newest witness for years, and one whose clock is hours behind would tell what others
+//! have seen since as if it were old; so the trips of both count from when they arrived. What was
+//! uploaded late is not what a clock that is behind stamped: that is known of a vehicle whose trip
+//! before arrived as it was driven.
 
 use jiff::Timestamp;
 
-use crate::ids::TripId;
+use crate::ids::{StampNs, TripId};
 use crate::mapping::{DriveScan, RouteMap};
+use crate::store::UploadLag;
 
 /// Farther ahead a clock is not believed, nanoseconds.
 const AHEAD_MAX_NS: i64 = 7 * 24 * 3_600 * 1_000_000_000;
 /// Between the newest scan of others and the first of a trip that is put behind it, nanoseconds.
 const GAP_NS: i64 = 1_000_000_000;
+
+/// A vehicle that uploads as it drives is no later than this, nanoseconds.
+const LIVE_MAX_NS: i64 = 600 * 1_000_000_000;
+/// A clock that is behind by less cannot be distinguished from a slow upload, nanoseconds …
+const BEHIND_MIN_NS: i64 = 3_600 * 1_000_000_000;
+/// … and what is older than this is a recording, nanoseconds.
+const BEHIND_MAX_NS: i64 = 30 * 24 * 3_600 * 1_000_000_000;
+/// So many batches tell whether a trip arrived as it was driven.
+const BATCHES_MIN: usize = 3;
+
+/// How far the clock is behind of a trip that begins with scans between these stamps, nanoseconds: 0 if it is believed.
+/// `before` are the batches of the vehicle's trip before. If that arrived as it was driven, a clock
+/// is behind that was behind as much then, or that has gone back since.
+pub(super) fn clock_behind_ns(
+    [first, last]: [StampNs; 2],
+    received_at: Timestamp,
+    before: &[UploadLag],
+) -> i64 {
+    let behind_ns = nanoseconds(received_at).saturating_sub(last.0);
+    let Some(usual_ns) = lag_of_live(before) else {
+        return 0;
+    };
+    let newest = before.iter().map(|upload| upload.newest).max();
+    let has_gone_back = usual_ns < LIVE_MAX_NS && newest > Some(first);
+    let is_as_before = usual_ns > BEHIND_MIN_NS
+        && behind_ns.abs_diff(usual_ns) < LIVE_MAX_NS.unsigned_abs() + usual_ns.unsigned_abs() / 20;
+    let is_believed = !(BEHIND_MIN_NS..BEHIND_MAX_NS).contains(&behind_ns);
+    match (has_gone_back || is_as_before) && !is_believed {
+        true => behind_ns,
+        false => 0,
+    }
+}
+
+/// How late the batches of a trip arrived that was uploaded as it was driven, nanoseconds, at most;
+/// `None` if it was not: what was kept for later arrives at once, the oldest of it latest.
+fn lag_of_live(batches: &[UploadLag]) -> Option<i64> {
+    let lag_ns = |batch: &UploadLag| nanoseconds(batch.received_at).saturating_sub(batch.newest.0);
+    let lags = || batches.iter().map(lag_ns);
+    let stamps = || batches.iter().map(|batch| batch.newest.0);
+    let span_ns = stamps().max()?.saturating_sub(stamps().min()?);
+    let spread_ns = lags().max()?.saturating_sub(lags().min()?);
+    let is_live = batches.len() >= BATCHES_MIN && spread_ns < span_ns / 3;
+    lags().max().filter(|_| is_live)
+}
+
+fn nanoseconds(time: Timestamp) -> i64 {
+    i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
+}
 
 /// What is to be taken from the stamps of a trip that begins with these scans, nanoseconds: 0 if its
 /// clock is believed. The trip stays behind all that was before it by its own stamps, even if those are
@@ -26,8 +77,7 @@ pub(super) fn clock_ahead_ns(
     let (Some(first), Some(last)) = (scans.first(), scans.last()) else {
         return 0;
     };
-    let received_ns = i64::try_from(received_at.as_nanosecond()).unwrap_or(i64::MAX);
-    let ahead_ns = last.stamp.0.saturating_sub(received_ns);
+    let ahead_ns = last.stamp.0.saturating_sub(nanoseconds(received_at));
     if ahead_ns <= AHEAD_MAX_NS {
         return 0;
     }
@@ -40,5 +90,69 @@ pub(super) fn clock_ahead_ns(
     match before {
         Some(before) => ahead_ns.min(first.stamp.0 - before - GAP_NS).max(0),
         None => ahead_ns,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    const SECOND_NS: i64 = 1_000_000_000;
+    const HOUR_S: i64 = 3_600;
+    /// When everything begins, by the service's clock.
+    const BEGUN_S: i64 = 1_790_000_000;
+
+    fn at(second: i64) -> Timestamp {
+        Timestamp::from_second(BEGUN_S + second).unwrap()
+    }
+
+    /// Batches of 20 s each that arrive `late_s` after their end, by a clock that is behind.
+    fn trip(behind_s: i64, late_s: impl Fn(i64) -> i64) -> Vec<UploadLag> {
+        let batch = |k: i64| UploadLag {
+            newest: StampNs((BEGUN_S + 20 * k - behind_s) * SECOND_NS),
+            received_at: at(20 * k + late_s(k)),
+        };
+        (1..=6).map(batch).collect()
+    }
+
+    /// How far behind the clock is found of a batch of 20 s that ends at a second and arrives at another.
+    fn found_s(before: &[UploadLag], ends_s: i64, arrives_s: i64) -> i64 {
+        let stamps = [ends_s - 20, ends_s].map(|second| StampNs((BEGUN_S + second) * SECOND_NS));
+        clock_behind_ns(stamps, at(arrives_s), before) / SECOND_NS
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_is_noticed_at_once() {
+        let before = trip(0, |k| k % 3);
+        let now_s = 2 * HOUR_S;
+        assert_eq!(found_s(&before, now_s - 20 * HOUR_S, now_s), 20 * HOUR_S);
+        assert_eq!(found_s(&before, now_s, now_s + 1), 0, "on time");
+    }
+
+    #[test]
+    fn a_clock_that_stays_behind_is_noticed_with_the_second_trip() {
+        let before = trip(20 * HOUR_S, |k| 2 + k % 3);
+        let now_s = 5 * HOUR_S;
+        let late_s = 20 * HOUR_S + 40;
+        assert_eq!(found_s(&before, now_s - late_s, now_s), late_s);
+        assert_eq!(found_s(&before, now_s - 10, now_s), 0, "it was put right");
+    }
+
+    #[test]
+    fn what_is_uploaded_late_is_believed() {
+        let now_s = 30 * HOUR_S;
+        // Kept for 20 hours, and sent at once.
+        let kept = trip(0, |k| 20 * HOUR_S - 20 * k);
+        assert_eq!(found_s(&kept, now_s - 20 * HOUR_S, now_s), 0);
+        // Driven after what is known, while there was no network.
+        let live = trip(0, |_| 1);
+        assert_eq!(found_s(&live, 5 * HOUR_S, now_s), 0);
+        assert_eq!(
+            found_s(&live[..2], -20 * HOUR_S, now_s),
+            0,
+            "too few batches"
+        );
+        assert_eq!(found_s(&[], -20 * HOUR_S, now_s), 0);
+        let recording = trip(3_000 * HOUR_S, |_| 1);
+        assert_eq!(found_s(&recording, now_s - 3_000 * HOUR_S, now_s), 0);
     }
 }

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
-use super::clock::clock_ahead_ns;
+use super::clock::{clock_ahead_ns, clock_behind_ns};
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
 use super::result::{
@@ -24,7 +24,7 @@ use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap, Weighting,
 };
 use crate::model::{BatchFlag, BatchStatus, Stage};
-use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart};
+use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart, UploadLag};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
@@ -33,8 +33,13 @@ const JUMP_MAX_M: f64 = 100.0;
 pub(super) enum Known {
     /// What was decided when it began.
     Decided(TripStart),
-    /// The trip begins now. What was corrected in the vehicle's newest trip that has said something.
-    Before(TripCorrections),
+    /// The trip begins now.
+    Before {
+        /// What was corrected in the vehicle's newest trip that has said something.
+        corrections: TripCorrections,
+        /// How the batches of the vehicle's trip before arrived.
+        uploads: Vec<UploadLag>,
+    },
 }
 
 /// Takes the job's batches through the map, with the vehicle's corrections.
@@ -78,7 +83,8 @@ pub(super) fn process(
             origins,
         }));
     }
-    let (added, outcomes) = match extended {
+    let begins = matches!(known, Known::Before { .. });
+    let (added, mut outcomes) = match extended {
         Ok(extension) => {
             let added = added_by(&drives, &extension, &workspace.map);
             let is_lost = is_lost(&workspace.map, &extension);
@@ -91,6 +97,10 @@ pub(super) fn process(
         }
         Err(error) => return Err(error.into()),
     };
+    if begins && start.clock_ahead_ns < 0 {
+        let flag = BatchFlag::ClockSkew.name().to_owned();
+        outcomes[0].flags.push(flag);
+    }
     let asked = Asked {
         map: &workspace.map,
         vehicles: &workspace.vehicles,
@@ -104,7 +114,7 @@ pub(super) fn process(
     }
     let (workspace, mut result) = conclude(workspace, job, &origins, added, outcomes)?;
     result.calibrations = words;
-    if let Known::Before(_) = known {
+    if begins {
         result.trip_start = Some((drive.trip, start));
     }
     Ok(Processed::Taken(Box::new((workspace, result))))
@@ -132,16 +142,24 @@ fn trip_start(
     received_at: Timestamp,
     known: &Known,
 ) -> TripStart {
-    match (known, drive.scans.first()) {
+    let ends = drive.scans.first().zip(drive.scans.last());
+    match (known, ends) {
         (Known::Decided(start), _) => start.clone(),
-        (Known::Before(before), Some(first)) if workspace.detector == Detector::Fused => {
+        (
+            Known::Before {
+                corrections,
+                uploads,
+            },
+            Some((first, last)),
+        ) if workspace.detector == Detector::Fused => {
             let (map, trip) = (&workspace.map, &drive.trip);
-            let clock_ahead_ns = clock_ahead_ns(&drive.scans, received_at, map, trip);
+            let clock_ahead_ns = clock_ahead_ns(&drive.scans, received_at, map, trip)
+                - clock_behind_ns([first.stamp, last.stamp], received_at, uploads);
             let begins = (trip, StampNs(first.stamp.0 - clock_ahead_ns));
             let primary = primary_of(drive);
             let calibrations = &workspace.calibrations;
             TripStart {
-                corrections: calibrations.corrections_for(vehicle, before, primary, begins),
+                corrections: calibrations.corrections_for(vehicle, corrections, primary, begins),
                 clock_ahead_ns,
             }
         }
@@ -149,7 +167,7 @@ fn trip_start(
     }
 }
 
-/// Takes from a drive's stamps what its clock is ahead.
+/// Takes from a drive's stamps what its clock is ahead, or gives them what it is behind.
 fn set_back(drive: &mut Drive, clock_ahead_ns: i64) {
     for scan in &mut drive.scans {
         scan.stamp.0 -= clock_ahead_ns;

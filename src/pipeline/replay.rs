@@ -33,23 +33,20 @@ pub struct Replayed {
 }
 
 /// Makes a route's map anew. The store is a copy on which no pipeline runs; `on_progress` learns
-/// after each input how many of how many were repeated.
+/// after each input how many of how many were repeated. `None`: the route's journal begins after
+/// batches that an earlier version processed, and its map is left as it is.
 ///
 /// # Errors
-/// If the journal does not begin with the route, or an input cannot be repeated: the route's map is
-/// of no use in the copy then, unless nothing was repeated yet.
+/// If an input cannot be repeated; the copy is of no use then.
 pub async fn replay(
     store: &Store,
     route: &RouteId,
     options: PipelineOptions,
     on_progress: &(dyn Fn(u64, u64) + Sync),
-) -> anyhow::Result<Replayed> {
+) -> anyhow::Result<Option<Replayed>> {
     let first = store.inputs(route, 0, 1).await?;
     if !matches!(first.first(), Some(first) if matches!(first.input, Input::Settings(_))) {
-        bail!(
-            "the journal of route {route} begins after its first batches, which an earlier version \
-             processed: its map cannot be made anew"
-        );
+        return Ok(None);
     }
     let engine = Engine::new(store, options)?;
     let mut replay = Replay {
@@ -72,7 +69,7 @@ pub async fn replay(
         }
     }
     store.end_rebuild(route).await?;
-    Ok(replay.replayed)
+    Ok(Some(replay.replayed))
 }
 
 struct Replay<'a> {

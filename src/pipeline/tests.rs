@@ -2,6 +2,7 @@
 
 mod accepting;
 mod bench;
+mod clocks;
 mod corrections;
 mod deciding;
 mod edges;

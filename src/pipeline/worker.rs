@@ -17,11 +17,10 @@ use super::retention::delete_bodies;
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::watch::Watch;
 use super::workspace::Workspace;
-use crate::calibration::TripCorrections;
 use crate::ids::RouteId;
 use crate::model::BatchKind;
 use crate::solver::Interrupt;
-use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
+use crate::store::{Applied, ClaimedJob, JobResult, JournalEntry, Store, StoreError, TripStart};
 
 /// A worker that is lost gives its route back after this time.
 const LEASE: Duration = Duration::from_secs(600);
@@ -223,19 +222,22 @@ pub(super) async fn known_start(
     workspace: &Workspace,
     job: &ClaimedJob,
 ) -> Result<Known, StoreError> {
-    let Some(own) = job.entries.last() else {
-        return Ok(Known::Before(TripCorrections::default()));
+    let Some(JournalEntry { batch, .. }) = job.entries.last() else {
+        return Ok(Known::Decided(TripStart::default()));
     };
-    let route = &job.route_id;
-    if let Some(decided) = store.trip_start(route, &own.batch.trip_id).await? {
+    let (route, trip, vehicle) = (&job.route_id, &batch.trip_id, &batch.vehicle_id);
+    if let Some(decided) = store.trip_start(route, trip).await? {
         return Ok(Known::Decided(decided));
     }
-    let newest = workspace.calibrations.newest_trip(&own.batch.vehicle_id);
+    let newest = workspace.calibrations.newest_trip(vehicle);
     let before = match newest {
         Some(trip) => store.trip_start(route, trip).await?,
         None => None,
     };
-    Ok(Known::Before(before.unwrap_or_default().corrections))
+    Ok(Known::Before {
+        corrections: before.unwrap_or_default().corrections,
+        uploads: store.upload_lags(route, vehicle, trip).await?,
+    })
 }
 
 /// A job was interrupted.

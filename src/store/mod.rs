@@ -53,6 +53,7 @@ mod series_closures;
 mod settled;
 mod space;
 mod trips;
+mod upload_lags;
 mod vehicles;
 mod webhook_attempts;
 mod webhook_audit;
@@ -75,6 +76,7 @@ pub use records::*;
 pub use removal_records::*;
 pub use retries::Retried;
 pub use series_closures::{SeriesClosure, SeriesClosures};
+pub use upload_lags::UploadLag;
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
 
