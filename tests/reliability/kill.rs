@@ -4,10 +4,9 @@
 //! killed: so each kill meets uploads and jobs, and no job meets more than one kill. One that does
 //! waits, longer each time, and is given up after four (`store/jobs.rs`); that is another promise.
 
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,6 +19,7 @@ use crate::drives::{Batch, interleaved, two_vehicles};
 use crate::gateway::{Acknowledged, Gateway};
 use crate::oracle;
 use crate::process::Process;
+use crate::ready;
 use crate::row::{Finding, Form, Row, nothing_in_the_way, run};
 use crate::state::State;
 
@@ -103,7 +103,7 @@ async fn outlive(
     let directory = TempDir::new().unwrap();
     let mut acknowledged = Acknowledged::default();
     for life in 0..lives {
-        let (mut process, ready_after) = start(directory.path()).await;
+        let (mut process, ready_after) = ready::start(directory.path()).await.unwrap();
         seen.ready_after.push(ready_after);
         seen.faults
             .extend(oracle::lost(&process.url, &acknowledged).await);
@@ -129,7 +129,7 @@ async fn outlive(
             seen.faults.extend(faults);
         }
     }
-    let (process, _) = start(directory.path()).await;
+    let (process, _) = ready::start(directory.path()).await.unwrap();
     for route in (0..lives).flat_map(routes_of) {
         let client = Client::new(&process.url);
         client.put_route(&route, Value::Null).await;
@@ -157,17 +157,6 @@ async fn outlive(
 
 fn routes_of(life: usize) -> [String; 2] {
     [format!("east-{life}"), format!("west-{life}")]
-}
-
-/// A service, and the time from its start until it says that it is ready.
-async fn start(data: &Path) -> (Process, Duration) {
-    let began = Instant::now();
-    let process = Process::start(data);
-    let client = Client::new(&process.url);
-    while client.status_of("/readyz").await != 200 {
-        tokio::time::sleep(Duration::from_millis(1)).await;
-    }
-    (process, began.elapsed())
 }
 
 /// Sends until the connection breaks, and says when enough is acknowledged; hands back what was.

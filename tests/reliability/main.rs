@@ -26,6 +26,8 @@ mod overload;
 mod proc;
 mod proxy;
 mod random_http;
+mod ready;
+mod restart;
 mod row;
 mod shuffled;
 mod slow;
@@ -54,6 +56,9 @@ mod shop;
 #[path = "../service/state.rs"]
 #[allow(dead_code, reason = "the tests of the service use more of it")]
 mod state;
+#[path = "../store/support.rs"]
+#[allow(dead_code, reason = "the tests of the store use more of it")]
+mod support;
 #[path = "../service/changes/told.rs"]
 #[allow(dead_code, reason = "the tests of the service use more of it")]
 mod told;
@@ -64,7 +69,7 @@ use crate::command_line::CommandLine;
 use crate::row::Row;
 
 /// In the order of the document.
-const ROWS: [Row; 10] = [
+const ROWS: [Row; 11] = [
     kill::ROW,
     acknowledgement::ROW,
     disk_full::ROW,
@@ -74,6 +79,7 @@ const ROWS: [Row; 10] = [
     overload::ROW,
     flaky::ROW,
     shuffled::ROW,
+    restart::ROW,
     random_http::ROW,
 ];
 

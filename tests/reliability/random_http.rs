@@ -141,9 +141,12 @@ fn uploads() -> Vec<(&'static str, Vec<u8>)> {
         .collect();
     let edges: Value = json!({
         "vehicle_id": "agv-03", "trip_id": "edges",
-        "nodes": [{"id": 1, "stamp": "2026-11-20T06:00:00Z"}, {"id": 2, "stamp": "2026-11-20T06:00:01Z"}],
+        "nodes": [
+            {"id": 1, "pose": {"x": 0.0, "y": 0.0, "theta": 0.0}, "stamp": "2026-11-20T06:00:00Z"},
+            {"id": 2, "pose": {"x": 1.0, "y": 0.0, "theta": 0.1}, "stamp": "2026-11-20T06:00:01Z"},
+        ],
         "edges": [{
-            "kind": "odometry", "from": 1, "to": 2, "measurement": {"x": 1.0, "y": 0.0, "theta": 0.1},
+            "kind": "odometry", "from": "1", "to": "2", "measurement": {"x": 1.0, "y": 0.0, "theta": 0.1},
             "information": [100.0, 0.0, 0.0, 100.0, 0.0, 400.0]
         }],
     });
