@@ -21,6 +21,7 @@ mod interface;
 mod io_error;
 mod kill;
 mod latency;
+mod odd_maps;
 mod oracle;
 mod overload;
 mod proc;
@@ -53,6 +54,8 @@ mod running;
 #[path = "../service/changes/shop.rs"]
 #[allow(dead_code, reason = "the tests of the service use more of it")]
 mod shop;
+#[path = "../service/spoiled.rs"]
+mod spoiled;
 #[path = "../service/state.rs"]
 #[allow(dead_code, reason = "the tests of the service use more of it")]
 mod state;
@@ -69,7 +72,7 @@ use crate::command_line::CommandLine;
 use crate::row::Row;
 
 /// In the order of the document.
-const ROWS: [Row; 11] = [
+const ROWS: [Row; 12] = [
     kill::ROW,
     acknowledgement::ROW,
     disk_full::ROW,
@@ -81,6 +84,7 @@ const ROWS: [Row; 11] = [
     shuffled::ROW,
     restart::ROW,
     random_http::ROW,
+    odd_maps::ROW,
 ];
 
 fn main() -> ExitCode {

@@ -27,4 +27,5 @@ mod removals;
 mod restart;
 mod rot;
 mod running;
+mod spoiled;
 mod state;
