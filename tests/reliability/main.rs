@@ -32,6 +32,7 @@ mod restart;
 mod row;
 mod shuffled;
 mod slow;
+mod soak;
 mod strace;
 mod stub;
 mod table;
@@ -72,7 +73,7 @@ use crate::command_line::CommandLine;
 use crate::row::Row;
 
 /// In the order of the document.
-const ROWS: [Row; 12] = [
+const ROWS: [Row; 13] = [
     kill::ROW,
     acknowledgement::ROW,
     disk_full::ROW,
@@ -85,6 +86,7 @@ const ROWS: [Row; 12] = [
     restart::ROW,
     random_http::ROW,
     odd_maps::ROW,
+    soak::ROW,
 ];
 
 fn main() -> ExitCode {

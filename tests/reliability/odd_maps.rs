@@ -60,7 +60,7 @@ async fn odd_maps(form: Form) -> Finding {
         client.put_route(name, Value::Null).await;
         let (statuses, longest, faults) = ends(&client, name, &uploads).await;
         finding.figure(format!(
-            "{name}: {statuses:?}, the longest after {:.1} s",
+            "{name}: {statuses:?}, the longest wait {:.1} s",
             longest.as_secs_f64()
         ));
         finding.faults.extend(faults);

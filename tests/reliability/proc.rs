@@ -15,3 +15,9 @@ pub fn resident_bytes(process: u32) -> u64 {
     let kib = line.and_then(|text| text.split_whitespace().next()?.parse::<u64>().ok());
     kib.unwrap() * 1024
 }
+
+/// Open descriptors of a process.
+pub fn descriptors(process: u32) -> usize {
+    let open = std::fs::read_dir(format!("/proc/{process}/fd")).unwrap();
+    open.count()
+}
