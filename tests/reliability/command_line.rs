@@ -6,7 +6,7 @@ use crate::row::{Form, Row};
 
 /// Shows row by row what the service promises when things go wrong.
 #[derive(Debug, Parser)]
-#[command(name = "cargo reliability")]
+#[command(name = "cargo reliability", bin_name = "cargo reliability")]
 pub struct CommandLine {
     /// Name the rows.
     #[arg(long)]
