@@ -5,7 +5,8 @@ use serde_json::json;
 
 use crate::client::Client;
 use crate::drives::{Drive, HALL, second_vehicle, workshop};
-use crate::odd_trips::{ended, with_map, with_scans};
+use crate::odd_trips::{ended, with_map};
+use crate::spoiled::with_scans;
 use crate::state::State;
 
 /// Gray of an occupied cell in a `map.pgm`.

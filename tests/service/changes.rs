@@ -6,6 +6,7 @@ mod faults;
 mod order;
 mod picture;
 mod raised;
+mod reordering;
 mod shop;
 mod told;
 mod webhooks;

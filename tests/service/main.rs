@@ -12,11 +12,12 @@ mod drives;
 mod edge_laps;
 mod edges;
 mod intel;
-mod kill;
 mod lidars;
 mod odd_trips;
 mod order;
 mod parallel;
+#[path = "../common/process.rs"]
+#[allow(dead_code, reason = "the tests of reliability use more of it")]
 mod process;
 mod quarantines;
 #[path = "../common/receiver.rs"]
@@ -27,4 +28,5 @@ mod replay;
 mod restart;
 mod rot;
 mod running;
+mod spoiled;
 mod state;

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::client::Client;
 use crate::drives::{Batch, Drive, HALL, first_vehicle, second_vehicle, two_vehicles, workshop};
 use crate::running::Running;
+use crate::spoiled::{blind, wild};
 use crate::state::{Key, State};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -187,34 +188,6 @@ async fn a_trip_without_a_place_is_tried_again_when_the_map_has_grown() {
         assert_near_the_truth(&drive, &told, 0.2);
     }
     service.stop().await;
-}
-
-pub fn with_scans(batch: &Batch, change: impl Fn(usize, &mut Value)) -> Batch {
-    let mut body: Value = serde_json::from_slice(&batch.body).unwrap();
-    let scans = body["scans"].as_array_mut().unwrap();
-    for (k, scan) in scans.iter_mut().enumerate() {
-        change(k, scan);
-    }
-    Batch {
-        id: batch.id.clone(),
-        body: serde_json::to_vec(&body).unwrap(),
-    }
-}
-
-fn blind(batch: &Batch) -> Batch {
-    with_scans(batch, |_, scan| {
-        for range in scan["ranges"].as_array_mut().unwrap() {
-            *range = Value::Null;
-        }
-    })
-}
-
-/// Odometry that jumps by kilometres and spins.
-fn wild(batch: &Batch) -> Batch {
-    with_scans(batch, |k, scan| {
-        let far = [9e5, -9e5, 3e3, 0.0][k % 4];
-        scan["odometry"] = json!({"x": far, "y": 0.5 * far, "theta": (2 * k) as f64});
-    })
 }
 
 /// Sends a drive whose first and third batches are spoiled; hands back what became of the four.

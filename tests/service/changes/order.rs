@@ -3,24 +3,10 @@
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::shop::Shop;
-use super::told::{ROUTE, alerts, brief, empty_route, place, statuses};
-use crate::drives::{Batch, shuffled};
+use super::reordering::{difference, laps, reordered, sorted};
+use super::told::{ROUTE, alerts, empty_route};
+use crate::drives::Batch;
 use crate::running::Running;
-
-const LAPS: usize = 5;
-/// Alerts of one kind so near to each other are the same, metres.
-const SAME_M: f64 = 0.1;
-
-/// A crate comes, the cupboard goes, and a second crate is parked for a lap.
-fn shop() -> Shop {
-    Shop::new(9).with_crate(2, None).without_cupboard(3)
-}
-
-fn laps() -> Vec<Vec<Batch>> {
-    let shop = shop();
-    (0..LAPS).map(|lap| shop.lap(lap)).collect()
-}
 
 async fn told_of(uploads: &[Batch]) -> Vec<Value> {
     let service = empty_route().await;
@@ -29,43 +15,6 @@ async fn told_of(uploads: &[Batch]) -> Vec<Value> {
     let told = alerts(&service.client).await;
     service.stop().await;
     told
-}
-
-/// In the order of kinds and places.
-fn sorted(mut alerts: Vec<Value>) -> Vec<Value> {
-    alerts.sort_by(|a, b| {
-        let key = |alert: &Value| (alert["kind"].to_string(), alert["status"].to_string());
-        let across = |alert: &Value| place(alert).x;
-        key(a).cmp(&key(b)).then(across(a).total_cmp(&across(b)))
-    });
-    alerts
-}
-
-/// Why two sets of alerts are not the same.
-fn difference(expected: &[Value], told: &[Value]) -> Option<String> {
-    let same = |(a, b): (&Value, &Value)| {
-        let of = |field: &str| a[field] == b[field];
-        of("kind") && of("status") && (place(a) - place(b)).norm() <= SAME_M
-    };
-    let agree = expected.len() == told.len() && expected.iter().zip(told).all(same);
-    let lines = |all: &[Value]| {
-        let lines = all
-            .iter()
-            .map(|a| format!("{} {:?}", brief(a), statuses(a)));
-        lines.collect::<Vec<_>>().join("\n  ")
-    };
-    (!agree).then(|| format!("expected\n  {}\ntold\n  {}", lines(expected), lines(told)))
-}
-
-/// Whole trips in another order, or all batches.
-fn reordered(laps: &[Vec<Batch>], seed: u64) -> Vec<Batch> {
-    if seed % 2 == 1 {
-        return shuffled(laps.concat(), seed);
-    }
-    let firsts: Vec<Batch> = laps.iter().map(|lap| lap[0].clone()).collect();
-    let of_lap = |first: Batch| laps.iter().find(move |lap| lap[0].id == first.id);
-    let order = shuffled(firsts, seed).into_iter().filter_map(of_lap);
-    order.flatten().cloned().collect()
 }
 
 async fn any_order_tells_the_same(seeds: std::ops::Range<u64>) {
@@ -93,13 +42,6 @@ async fn any_order_tells_the_same(seeds: std::ops::Range<u64>) {
 #[tokio::test(flavor = "multi_thread")]
 async fn any_order_ends_in_the_same_alerts() {
     any_order_tells_the_same(0..5).await;
-}
-
-/// `cargo test --release --test service -- --ignored twenty_orders`
-#[tokio::test(flavor = "multi_thread")]
-#[ignore = "takes a minute"]
-async fn twenty_orders_end_in_the_same_alerts() {
-    any_order_tells_the_same(100..120).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
