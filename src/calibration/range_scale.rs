@@ -27,6 +27,9 @@ pub struct MapScan<'a> {
     pub map_from_base: Pose2,
 }
 
+/// Factors less one that a match is begun with if it finds none from 0: far walls are beyond the reach
+/// of a match that begins 2 % off.
+const STARTS: [f64; 8] = [0.02, -0.02, 0.04, -0.04, 0.06, -0.06, 0.08, -0.08];
 const STEPS_MAX: usize = 12;
 const STEP_TOLERANCE: f64 = 3e-4;
 /// Factors beyond this are none.
@@ -47,9 +50,24 @@ pub(super) fn range_scale(scans: &[MapScan<'_>]) -> Option<Estimate> {
 }
 
 fn said_by(one: &MapScan<'_>) -> Option<Said> {
+    let nearby = fitted(one, 0.0);
+    let best = nearby.or_else(|| {
+        let all = STARTS.into_iter().filter_map(|start| fitted(one, start));
+        all.max_by(|a, b| a.inlier_share.total_cmp(&b.inlier_share))
+    });
+    best.map(|fitted| fitted.said)
+}
+
+/// What a match says, and how well it fits.
+struct Fitted {
+    said: Said,
+    inlier_share: f64,
+}
+
+fn fitted(one: &MapScan<'_>, start: f64) -> Option<Fitted> {
     let lidar = one.scan.lidar();
     let eye = lidar.mount.translation();
-    let (mut pose, mut scale) = (one.map_from_base, 0.0);
+    let (mut pose, mut scale) = (one.map_from_base, start);
     for _ in 0..STEPS_MAX {
         let scan = scaled(one.scan, lidar, 1.0 + scale).ok()?;
         let points = surface_points(&scan);
@@ -77,9 +95,13 @@ fn said_by(one: &MapScan<'_>) -> Option<Said> {
             return None;
         }
         if step.value.abs() < STEP_TOLERANCE {
-            return (estimate.inlier_share >= INLIER_SHARE_MIN).then_some(Said {
-                value: scale,
-                information: step.information,
+            let inlier_share = estimate.inlier_share;
+            return (inlier_share >= INLIER_SHARE_MIN).then_some(Fitted {
+                said: Said {
+                    value: scale,
+                    information: step.information,
+                },
+                inlier_share,
             });
         }
     }
@@ -91,6 +113,8 @@ mod tests {
     use super::*;
     use crate::calibration::Corrections;
     use crate::calibration::testing::drive_with;
+    use crate::sim::{Hall, Scene, Vehicle};
+    use std::sync::Arc;
 
     #[test]
     fn another_vehicle_s_map_tells_the_scale() {
@@ -118,5 +142,46 @@ mod tests {
             assert!(found.sigma < 0.01, "{factor}: {found:?}");
         }
         assert_eq!(range_scale(&[]), None);
+    }
+
+    /// Walls are up to 30 m away, where 3 % are 0.9 m.
+    #[test]
+    fn a_lidar_that_sees_far_tells_it_too() {
+        let hall = Hall::generate(1).unwrap();
+        let scene = Scene::lasting(hall.route, hall.world.shapes().cloned(), 0);
+        let (maker, vehicle) = (Vehicle::of_fleet(0, 0.3), Vehicle::of_fleet(2, 0.3));
+        let drive = |vehicle: &Vehicle, seed| scene.drive(vehicle, 1..2, seed);
+        let scans_of = |vehicle: &Vehicle, factor: f64, seed| {
+            let lidar = Arc::new(vehicle.lidar.geometry.clone());
+            let scans = drive(vehicle, seed)
+                .into_iter()
+                .step_by(20)
+                .map(move |seen| {
+                    let scan = LaserScan::new(lidar.clone(), seen.ranges_m).unwrap();
+                    let scan = scaled(&scan, &lidar, 1.0 / factor).unwrap();
+                    (seen.map_from_base, scan)
+                });
+            scans.collect::<Vec<_>>()
+        };
+        let points = scans_of(&maker, 1.0, 3);
+        let points: Vec<_> = points
+            .iter()
+            .map(|(pose, scan)| (*pose, surface_points(scan)))
+            .collect();
+        let placed = points
+            .iter()
+            .map(|(pose, points)| (*pose, points.as_slice()));
+        let map = ReferenceCloud::new(placed).unwrap();
+        for factor in [0.95, 0.97, 1.0, 1.03, 1.06] {
+            let scans = scans_of(&vehicle, factor, 4);
+            let placed = scans.iter().map(|(map_from_base, scan)| MapScan {
+                scan,
+                map: &map,
+                map_from_base: *map_from_base,
+            });
+            let found = range_scale(&placed.collect::<Vec<_>>()).unwrap();
+            let off = found.value - (factor - 1.0);
+            assert!(off.abs() < 0.002, "{factor}: {found:?}");
+        }
     }
 }
