@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::range_scale::{MapScan, range_scale};
-use super::{Estimates, Motions, Quantity, Spacing, fit_motions};
+use super::{Estimates, MapFit, Motions, Quantity, Spacing, fit_motions};
 
 /// Residuals of the motions so many times as large as usual are none of wheels and matches.
 const EXCESS_MAX: f64 = 4.0;
@@ -17,6 +17,9 @@ pub struct TripCalibration {
     pub spacing: Spacing,
     /// Faults that no correction mends, as texts.
     pub faults: Vec<String>,
+    /// How it fits other vehicles' map; `None` where that was not looked at.
+    #[serde(default)]
+    pub map_fit: Option<MapFit>,
 }
 
 impl TripCalibration {
@@ -65,12 +68,15 @@ impl TripCalibration {
             estimates,
             spacing: spacing.copied().unwrap_or_default(),
             faults,
+            map_fit: None,
         }
     }
 
-    /// The same with what a map that other vehicles have made says of the ranges.
+    /// The same with what a map that other vehicles have made says of the ranges, and how the trip
+    /// fits it.
     #[must_use]
-    pub fn beside_others(mut self, scans: &[MapScan<'_>]) -> Self {
+    pub fn beside_others(mut self, map_fit: MapFit, scans: &[MapScan<'_>]) -> Self {
+        self.map_fit = Some(map_fit);
         if let Some(range_scale) = range_scale(scans) {
             self.estimates.insert(Quantity::RangeScale, range_scale);
         }

@@ -1,11 +1,14 @@
 //! What is known of a vehicle over its trips, what of it is sure, and what has changed.
 
 use super::episodes::{Episodes, TRIPS_MIN, Word, combined, mean_and_deviation, sure};
-use super::{Combined, Estimate, Estimates, Quantity, TripCalibration};
+use super::{Combined, Estimate, Estimates, MapFit, Quantity, TripCalibration};
 use crate::ids::{StampNs, TripId};
 
 /// So many of the newest trips of a vehicle's lidar are weighed.
 pub const TRIPS_MAX: usize = 20;
+
+/// One trip that does not fit the map may have been given a wrong start pose.
+const MISFITS_MIN: usize = 2;
 
 /// What one of a vehicle's trips says.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,6 +136,16 @@ impl VehicleCalibration {
             true => (first, self.newest_faults()),
             false => (first, &[]),
         }
+    }
+
+    /// The first of the newest trips that all fail to fit other vehicles' map, by its place, and how the
+    /// newest fits; `None` if only one fails, or none.
+    pub fn misfit(&self) -> Option<(usize, MapFit)> {
+        let fails = |trip: &CalibratedTrip| trip.calibration.map_fit.is_some_and(|fit| fit.fails());
+        let fitting = self.trips.iter().rposition(|trip| !fails(trip));
+        let first = fitting.map_or(0, |k| k + 1);
+        let newest = self.trips.last()?.calibration.map_fit?;
+        (self.trips.len() - first >= MISFITS_MIN).then_some((first, newest))
     }
 
     /// Faults of the newest trip that no correction mends.

@@ -7,9 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap};
 use reqwest::{Method, StatusCode};
 use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
 
 use super::batch_body::EncodedBatch;
 use crate::http_client;
@@ -20,6 +23,7 @@ use answers::AlertPage;
 pub use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
 use retry::{is_temporary, retry_after, wait_before_repeat};
 
+const CONTENT_DIGEST: &str = "content-digest";
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// A request is given up once it has waited this long in all.
@@ -82,8 +86,8 @@ struct Request<'a> {
 
 /// A client of one service.
 ///
-/// 408, 429, 5xx, resets and time-outs: the same bytes again after `Retry-After`, else after
-/// 1 s × 2ⁿ up to 5 min, with jitter. Any other 4xx: never again.
+/// 408, 429, 5xx, resets, time-outs, and bodies that arrived damaged: the same bytes again after
+/// `Retry-After`, else after 1 s × 2ⁿ up to 5 min, with jitter. Any other 4xx: never again.
 pub struct Gateway {
     client: reqwest::Client,
     url: String,
@@ -245,7 +249,7 @@ impl Gateway {
                 Ok(answer) if answer.status.is_success() => return Ok(answer),
                 Ok(answer) => {
                     let problem = Refusal::read(answer.status, &answer.body);
-                    if !is_temporary(answer.status) {
+                    if !is_temporary(answer.status) && !problem.is_damage() {
                         let what = request.what;
                         return Err(GatewayError::Refused { what, problem });
                     }
@@ -286,6 +290,7 @@ impl Gateway {
         if let Some(body) = request.body {
             builder = builder
                 .header(CONTENT_TYPE, "application/json")
+                .header(CONTENT_DIGEST, content_digest(body))
                 .body(body.to_vec());
         }
         if request.gzip {
@@ -304,6 +309,11 @@ impl Gateway {
     fn never_reached(&self, error: &reqwest::Error) -> bool {
         error.is_connect() && !self.reached.load(Ordering::Relaxed)
     }
+}
+
+/// The header of RFC 9530, by which the service notices that bytes were damaged on their way.
+fn content_digest(body: &[u8]) -> String {
+    format!("sha-256=:{}:", STANDARD.encode(Sha256::digest(body)))
 }
 
 fn is_loopback(url: &str) -> bool {

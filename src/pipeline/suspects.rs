@@ -37,6 +37,7 @@ fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> 
     let shown = lidars.flat_map(|(place, (lidar, words))| {
         let calibration = VehicleCalibration::of(words.to_vec());
         let mut shown = shown_by(lidar, &calibration);
+        shown.extend(misfit(calibrations, vehicle, lidar, &calibration));
         if is_of_map(calibrations, vehicle, &calibration) {
             shown.retain(|shown| shown.fault.quantity != Some(Quantity::RangeScale));
         }
@@ -88,6 +89,31 @@ fn is_of_map(
     })
 }
 
+/// A lidar whose scans do not fit the map, while those of other vehicles do: if theirs do not either, the
+/// map is wrong, or the world has changed.
+fn misfit(
+    calibrations: &Calibrations,
+    vehicle: &VehicleId,
+    lidar: Option<&LidarId>,
+    calibration: &VehicleCalibration,
+) -> Option<Shown> {
+    let (first, fit) = calibration.misfit()?;
+    let others = calibrations.vehicles().filter(|other| *other != vehicle);
+    let mut newest = others
+        .flat_map(|other| calibrations.lidars_of(other))
+        .filter_map(|(_, words)| words.last()?.calibration.map_fit);
+    if newest.any(|fit| fit.fails()) {
+        return None;
+    }
+    let text = format!(
+        "its scans do not fit the map: of {} keyframes beside those of other vehicles {} have a loop \
+         closure with them; ranges, mount or start poses are wrong",
+        fit.near, fit.closed,
+    );
+    let fault = VehicleFault::uncorrectable(lidar.cloned(), &text);
+    Some(lasting(calibration, fault, first))
+}
+
 fn names(trips: &BTreeSet<&(TripId, StampNs, usize)>) -> Vec<TripId> {
     let names: BTreeSet<&TripId> = trips.iter().map(|(trip, ..)| trip).collect();
     names.into_iter().cloned().collect()
@@ -99,32 +125,32 @@ fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Sh
     let mut shown: Vec<Shown> = changes
         .map(|change| changed(lidar, calibration, &change))
         .collect();
-    let lasting = |fault, first| Shown {
+    for (quantity, estimate) in calibration.unsteady() {
+        let fault = VehicleFault::unsteady(lidar.cloned(), quantity, &estimate);
+        shown.push(lasting(calibration, fault, 0));
+    }
+    for (quantity, estimate) in calibration.uncorrected() {
+        let fault = VehicleFault::uncorrected(lidar.cloned(), quantity, &estimate);
+        shown.push(lasting(calibration, fault, 0));
+    }
+    let (first, faults) = calibration.lasting_faults();
+    for text in faults {
+        let fault = VehicleFault::uncorrectable(lidar.cloned(), text);
+        shown.push(lasting(calibration, fault, first));
+    }
+    shown
+}
+
+/// What all trips since one show, without a change that made it plain.
+fn lasting(calibration: &VehicleCalibration, fault: VehicleFault, first: usize) -> Shown {
+    Shown {
         fault,
         trips: trips(calibration, first..calibration.trips().len()),
         sound_until: None,
         until: None,
         is_confirmed: true,
         significance: LASTING_SIGNIFICANCE,
-    };
-    for (quantity, estimate) in calibration.unsteady() {
-        shown.push(lasting(
-            VehicleFault::unsteady(lidar.cloned(), quantity, &estimate),
-            0,
-        ));
     }
-    for (quantity, estimate) in calibration.uncorrected() {
-        let fault = VehicleFault::uncorrected(lidar.cloned(), quantity, &estimate);
-        shown.push(lasting(fault, 0));
-    }
-    let (first, faults) = calibration.lasting_faults();
-    for text in faults {
-        shown.push(lasting(
-            VehicleFault::uncorrectable(lidar.cloned(), text),
-            first,
-        ));
-    }
-    shown
 }
 
 fn changed(lidar: Option<&LidarId>, calibration: &VehicleCalibration, change: &Change) -> Shown {
@@ -153,7 +179,7 @@ fn trips(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Estimate, TripCalibration};
+    use crate::calibration::{Estimate, MapFit, TripCalibration};
     use crate::store::TripCalibrationRecord;
 
     fn route(words: &[TripCalibration]) -> Calibrations {
@@ -175,6 +201,29 @@ mod tests {
             })
             .unwrap();
         }
+    }
+
+    #[test]
+    fn what_never_fits_is_told_unless_others_do_not_either() {
+        let words = |near, closed| {
+            let word = TripCalibration {
+                map_fit: Some(MapFit { near, closed }),
+                ..TripCalibration::default()
+            };
+            vec![word; 2]
+        };
+        assert_eq!(suspects(&route(&words(100, 0)[..1])), [], "one trip alone");
+        let mut all = route(&words(100, 0));
+        put(&mut all, "maker", &words(0, 0));
+        put(&mut all, "sound", &words(100, 90));
+        let told = suspects(&all);
+        let [suspect] = told.as_slice() else {
+            panic!("{told:?}");
+        };
+        assert_eq!((suspect.vehicle.as_str(), suspect.trips.len()), ("v", 2));
+        assert!(suspect.faults[0].text.contains("of 100 keyframes"));
+        put(&mut all, "w", &words(100, 1));
+        assert_eq!(suspects(&all), [], "the map is wrong, or all has changed");
     }
 
     fn yaw(value: f64) -> TripCalibration {

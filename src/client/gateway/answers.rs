@@ -5,6 +5,9 @@ use serde::Deserialize;
 
 use crate::model::{BatchStatus, TextEnum as _};
 
+/// The type of the problem that the service has with a body that its digest does not fit.
+const DAMAGED: &str = "/problems/digest-mismatch";
+
 /// What the service says about a route.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RouteReport {
@@ -73,6 +76,8 @@ pub struct Refusal {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(default)]
 struct Problem {
+    #[serde(rename = "type")]
+    kind: String,
     title: String,
     detail: String,
     errors: Vec<FieldError>,
@@ -92,6 +97,11 @@ impl Refusal {
             problem: serde_json::from_slice(body).unwrap_or_default(),
         }
     }
+
+    /// Whether other bytes arrived than were sent: the same request may succeed.
+    pub(super) fn is_damage(&self) -> bool {
+        self.problem.kind == DAMAGED
+    }
 }
 
 impl std::fmt::Display for Refusal {
@@ -100,6 +110,7 @@ impl std::fmt::Display for Refusal {
             title,
             detail,
             errors,
+            ..
         } = &self.problem;
         write!(f, "{}", self.status)?;
         if !title.is_empty() {

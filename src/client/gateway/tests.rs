@@ -41,6 +41,8 @@ const BUSY: &str = "HTTP/1.1 503 Service Unavailable\r\nretry-after: 0\r\n\
     content-length: 0\r\nconnection: close\r\n\r\n";
 const TOO_MANY: &str = "HTTP/1.1 429 Too Many Requests\r\nretry-after: 0\r\n\
     content-length: 0\r\nconnection: close\r\n\r\n";
+const DAMAGED: &str = "HTTP/1.1 400 Bad Request\r\nretry-after: 0\r\nconnection: close\r\n\
+    content-length: 36\r\n\r\n{\"type\":\"/problems/digest-mismatch\"}";
 const REFUSED: &str = "HTTP/1.1 422 Unprocessable Entity\r\nconnection: close\r\n\
     content-length: 127\r\n\r\n\
     {\"title\":\"The scans fit no lidar\",\"detail\":\"did you send degrees?\",\
@@ -62,6 +64,19 @@ async fn temporary_failures_are_repeated_with_the_same_bytes() {
     let text = String::from_utf8_lossy(&requests[0]).to_lowercase();
     assert!(text.contains("content-encoding: gzip") && text.contains("application/json"));
     assert!(requests[0].ends_with(&[0x1f, 0x8b, 1, 2, 3]));
+}
+
+#[tokio::test]
+async fn a_body_that_was_damaged_on_its_way_is_sent_again() {
+    let (url, requests) = scripted(&[DAMAGED, ACCEPTED]).await;
+    let gateway = Gateway::new(&url, |_| ()).unwrap();
+    let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
+    assert_eq!(outcome, Outcome::Stored);
+    let requests = requests.lock().unwrap();
+    assert_eq!(requests.len(), 2);
+    let digest = "content-digest: sha-256=:AOJaXGlwLGRcxW4hm0DeuMcFFI/sScEeyHXY4RvL36A=:";
+    let text = String::from_utf8_lossy(&requests[0]);
+    assert!(text.contains(digest), "{text}");
 }
 
 #[tokio::test]

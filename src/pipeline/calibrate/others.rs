@@ -1,9 +1,12 @@
 //! What a trip's scans say beside those that other vehicles have brought into the map.
 
+use std::collections::BTreeSet;
+
 use super::asked::Asked;
-use crate::calibration::{MapScan, TripCalibration};
+use crate::calibration::{MapFit, MapScan, TripCalibration};
 use crate::geometry::Pose2;
-use crate::ids::LidarId;
+use crate::graph::{EdgeKind, EdgeStatus};
+use crate::ids::{LidarId, NodeId};
 use crate::mapping::Keyframe;
 use crate::matching::ReferenceCloud;
 use crate::pipeline::vehicles::{as_stated, base_from_stated};
@@ -13,6 +16,8 @@ use crate::scan::LaserScan;
 const SCANS_MAX: usize = 60;
 /// Other vehicles' scans from no farther than this show the same place, metres, …
 const WITHIN_M: f64 = 3.0;
+/// … from no farther than this they show the same walls, …
+const BESIDE_M: f64 = 1.0;
 /// … and so many of them, the nearest, are enough.
 const AROUND_MAX: usize = 6;
 
@@ -52,7 +57,36 @@ pub(super) fn beside_others(
         map,
         map_from_base: *map_from_base,
     });
-    calibration.beside_others(&scans.collect::<Vec<_>>())
+    let fit = map_fit(asked, lidar, &others);
+    calibration.beside_others(fit, &scans.collect::<Vec<_>>())
+}
+
+/// How many of the trip's keyframes stand beside other vehicles' reference keyframes, and how many of
+/// them have a loop closure with one. Keyframes that are lost count where the start pose puts them.
+fn map_fit(asked: &Asked<'_>, lidar: Option<&LidarId>, others: &[(Pose2, &Keyframe)]) -> MapFit {
+    let graph = asked.map.graph();
+    let others_nodes: BTreeSet<NodeId> = others.iter().map(|(_, other)| other.node).collect();
+    let is_beside = |pose: &Pose2| {
+        let away_m = |other: &Pose2| (other.translation() - pose.translation()).norm();
+        others.iter().any(|(other, _)| away_m(other) <= BESIDE_M)
+    };
+    let is_closed = |node: NodeId| {
+        graph.edges_at(node).any(|edge| {
+            let ends = [edge.from, edge.to];
+            edge.kind == EdgeKind::LoopClosure
+                && edge.status == EdgeStatus::Active
+                && ends.iter().any(|end| others_nodes.contains(end))
+        })
+    };
+    let mut fit = MapFit { near: 0, closed: 0 };
+    for (keyframe, node) in asked.map.keyframes().iter().zip(graph.nodes()) {
+        let is_own = keyframe.trip == *asked.trip && keyframe.lidar.as_ref() == lidar;
+        if is_own && is_beside(&node.pose) {
+            fit.near += 1;
+            fit.closed += u32::from(is_closed(keyframe.node));
+        }
+    }
+    fit
 }
 
 /// The nearest of some keyframes to a pose; `None` if there are none near.
