@@ -1,6 +1,7 @@
 //! Alerts: places where the world contradicts a route's map.
 
 mod body;
+mod bulk;
 mod decisions;
 mod evidence;
 mod evidence_body;
@@ -28,6 +29,7 @@ use crate::ids::AlertId;
 use crate::store::AlertRecord;
 
 use body::{AlertBody, etag};
+pub(super) use bulk::*;
 pub(super) use decisions::*;
 pub(super) use evidence_body::*;
 pub(super) use evidence_picture::*;
@@ -69,7 +71,7 @@ pub(super) async fn list_alerts(
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}", tag = "alerts",
     params(AlertParam),
-    responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's revision in quotes; decisions need it"))), AlertProblems)
+    responses((status = 200, description = "The alert", body = AlertBody, headers(("ETag" = String, description = "The alert's decision revision in quotes; decisions need it"))), AlertProblems)
 )]
 pub(super) async fn get_alert(
     State(state): State<ApiState>,
@@ -113,6 +115,10 @@ fn unknown_alert() -> Problem {
 }
 
 fn with_etag(alert: AlertRecord) -> Response {
-    let headers = [(header::ETAG, etag(&alert))];
+    // No 304: the rest of an alert changes under the same tag.
+    let headers = [
+        (header::ETAG, etag(&alert)),
+        (header::CACHE_CONTROL, "no-store".to_owned()),
+    ];
     (headers, Json(AlertBody::from(alert))).into_response()
 }

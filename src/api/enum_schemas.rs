@@ -9,8 +9,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, EdgeKind, EdgeStatus, OperationStatus,
-    ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
+    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
+    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
+    WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -42,6 +43,7 @@ macro_rules! enum_schemas {
 }
 
 enum_schemas! {
+    DismissReason as "DismissReasonName": "Why an alert is dismissed: `temporary`, what is there will be gone again; `people` were standing there; `sensor`, a lidar saw what is not so; `wrong_place`, the map or the vehicle's pose is off there; `other`, as the note says.";
     AlertAction as "AlertActionName": "What can be done with an alert: the last part of a path.";
     AlertEventKind as "WebhookEventName": "What a webhook can tell of.";
     AlertStatus as "AlertStatusName": "What became of an alert.";
@@ -56,6 +58,7 @@ enum_schemas! {
     EdgeKind as "EdgeKindName": "What made an edge.";
     EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
     OperationStatus as "OperationStatusName": "How far an operation has come.";
+    MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     Stage as "RouteStage": "How far a route's reference map has come.";

@@ -5,9 +5,13 @@ use axum::http::{HeaderMap, header};
 /// Whether `If-Match` allows a change of what has this ETag; `None` without the header.
 pub(super) fn if_match(headers: &HeaderMap, tag: &str) -> Option<bool> {
     let wanted = headers.get(header::IF_MATCH)?;
-    let wanted = wanted.to_str().unwrap_or_default();
+    Some(is_among(wanted.to_str().unwrap_or_default(), tag))
+}
+
+/// Whether a list of ETags has this one, or is `*`.
+pub(super) fn is_among(wanted: &str, tag: &str) -> bool {
     let mut tags = wanted.split(',').map(str::trim);
-    Some(tags.any(|t| t == "*" || t == tag))
+    tags.any(|t| t == "*" || t == tag)
 }
 
 #[cfg(test)]

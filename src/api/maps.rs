@@ -1,4 +1,4 @@
-//! Pictures of a route's map, drawn once per revision.
+//! Pictures of a route's map, drawn once per revision and layer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -7,20 +7,33 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use utoipa::ToSchema;
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, NoQuery};
+use super::extract::{ApiPath, ApiQuery};
 use super::parameters::{IfMapChanged, RouteParam};
 use super::problem::Problem;
 use super::problem_responses::RoutePartProblems;
+use crate::change::PendingChange;
 use crate::ids::RouteId;
-use crate::render::{Look, MapImageError, MapPicture};
+use crate::model::MapLayer;
+use crate::render::{Decided, Look, MapImageError, MapPicture};
 use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
-/// A picture has up to 24 MB, so only the routes that are looked at are kept.
-const ROUTES_KEPT: usize = 4;
+/// A picture has up to 24 MB, so only those that are looked at are kept.
+const PICTURES_KEPT: usize = 4;
+
+/// What the picture is to show.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LayerQuery {
+    /// What of the world the map shows; `accepted` if left out.
+    #[param(nullable = false, inline)]
+    layer: Option<MapLayer>,
+}
 
 /// Bytes of a picture.
 #[derive(ToSchema)]
@@ -46,24 +59,27 @@ struct MapKey {
 /// drawn once.
 type RoutePictures = tokio::sync::Mutex<Option<(MapKey, Arc<MapFiles>)>>;
 
-/// Pictures by route, the latest used last.
+/// Whose picture, and of what.
+type Shown = (RouteId, MapLayer);
+
+/// Pictures, the latest used last.
 #[derive(Default)]
 pub(super) struct MapCache {
-    kept: Mutex<Vec<(RouteId, Arc<RoutePictures>)>>,
+    kept: Mutex<Vec<(Shown, Arc<RoutePictures>)>>,
 }
 
 impl MapCache {
-    /// A route's pictures; those of the route that nobody has looked at for longest make room.
-    fn of_route(&self, route: &RouteId) -> Arc<RoutePictures> {
+    /// The newest pictures of a layer of a route; those that nobody has looked at for longest make room.
+    fn of(&self, shown: Shown) -> Arc<RoutePictures> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = kept.iter().position(|(other, _)| other == route);
+        let place = kept.iter().position(|(other, _)| *other == shown);
         let found = match place {
             Some(place) => kept.remove(place),
-            None => (route.clone(), Arc::default()),
+            None => (shown, Arc::default()),
         };
         let pictures = found.1.clone();
         kept.push(found);
-        if kept.len() > ROUTES_KEPT {
+        if kept.len() > PICTURES_KEPT {
             kept.remove(0);
         }
         pictures
@@ -78,12 +94,16 @@ enum DrawError {
     Image(#[from] MapImageError),
 }
 
-async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles>, Problem> {
+async fn map_files(
+    state: &ApiState,
+    route: &RouteRecord,
+    layer: MapLayer,
+) -> Result<Arc<MapFiles>, Problem> {
     let key = MapKey {
         created_at: route.created_at,
         revision: route.revision,
     };
-    let pictures = state.maps.of_route(&route.id);
+    let pictures = state.maps.of((route.id.clone(), layer));
     let mut drawn = pictures.lock().await;
     if let Some((_, files)) = drawn.as_ref().filter(|(of, _)| *of == key) {
         return Ok(files.clone());
@@ -93,13 +113,22 @@ async fn map_files(state: &ApiState, route: &RouteRecord) -> Result<Arc<MapFiles
     }
     let nodes = state.store.nodes_with_scans(&route.id).await?;
     let accepted = state.store.accepted_changes(&route.id).await?;
-    let files = state.rendering.run(move || draw(&nodes, &accepted)).await?;
+    let pending = match layer {
+        MapLayer::Accepted => state.store.pending_changes(&route.id).await?,
+        MapLayer::Observed => Vec::new(),
+    };
+    let work = move || draw(&nodes, &accepted, &pending);
+    let files = state.rendering.run(work).await?;
     let files = Arc::new(files.map_err(Problem::internal)?);
     *drawn = Some((key, files.clone()));
     Ok(files)
 }
 
-fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles, DrawError> {
+fn draw(
+    nodes: &[NodeWithScan],
+    accepted: &[AcceptedChange],
+    pending: &[PendingChange],
+) -> Result<MapFiles, DrawError> {
     let mut scans = Vec::with_capacity(nodes.len());
     for node in nodes.iter().filter(|node| node.node.is_localised()) {
         scans.extend(node.decoded_scans()?);
@@ -109,7 +138,7 @@ fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles,
         map_from_base: *map_from_base,
         scan,
     });
-    let picture = MapPicture::draw(looks, accepted)?;
+    let picture = MapPicture::draw(looks, Decided { accepted, pending })?;
     Ok(MapFiles {
         png: picture.png.into(),
         pgm: picture.pgm.into(),
@@ -120,13 +149,15 @@ fn draw(nodes: &[NodeWithScan], accepted: &[AcceptedChange]) -> Result<MapFiles,
 async fn answer(
     state: &ApiState,
     route_id: &RouteId,
+    query: &LayerQuery,
     request: &HeaderMap,
     media_type: &'static str,
     choose: impl Fn(&MapFiles) -> &Bytes,
 ) -> Result<Response, Problem> {
     let route = state.known_route(route_id).await?;
     let created = route.created_at.as_millisecond();
-    let tag = format!("\"{created:x}-{}\"", route.revision);
+    let layer = query.layer.unwrap_or_default();
+    let tag = format!("\"{created:x}-{}-{}\"", route.revision, layer.name());
     let known = request.get(header::IF_NONE_MATCH);
     let known = known.and_then(|v| v.to_str().ok()).unwrap_or_default();
     let headers = [
@@ -136,18 +167,18 @@ async fn answer(
     if known.split(',').any(|other| other.trim() == tag) {
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
-    let files = map_files(state, &route).await?;
+    let files = map_files(state, &route, layer).await?;
     let body = choose(&files).clone();
     Ok((headers, [(header::CONTENT_TYPE, media_type)], body).into_response())
 }
 
 /// Read the map as a PNG picture.
 ///
-/// Free white, occupied black, unknown light grey, y upwards, 5 cm a pixel. The ETag changes
-/// with the map.
+/// Free white, occupied black, unknown light grey, y upwards, 5 cm a pixel. Changes that nobody has
+/// accepted are left out. The ETag changes with the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.png", tag = "map",
-    params(RouteParam, IfMapChanged),
+    params(RouteParam, LayerQuery, IfMapChanged),
     responses(
         (status = 200, description = "The picture", body = Binary, content_type = "image/png", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
@@ -157,10 +188,13 @@ async fn answer(
 pub(super) async fn get_map_png(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
-    _: NoQuery,
+    ApiQuery(query): ApiQuery<LayerQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    answer(&state, &route_id, &headers, "image/png", |files| &files.png).await
+    answer(&state, &route_id, &query, &headers, "image/png", |files| {
+        &files.png
+    })
+    .await
 }
 
 /// Read the map as a PGM picture for ROS's `map_server`.
@@ -168,7 +202,7 @@ pub(super) async fn get_map_png(
 /// Binary PGM: 0 occupied, 254 free, 205 unknown, row 0 on top. `map.yaml` goes with it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.pgm", tag = "map",
-    params(RouteParam, IfMapChanged),
+    params(RouteParam, LayerQuery, IfMapChanged),
     responses(
         (status = 200, description = "The picture", body = Binary, content_type = "image/x-portable-graymap", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
@@ -178,11 +212,14 @@ pub(super) async fn get_map_png(
 pub(super) async fn get_map_pgm(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
-    _: NoQuery,
+    ApiQuery(query): ApiQuery<LayerQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let media_type = "image/x-portable-graymap";
-    answer(&state, &route_id, &headers, media_type, |files| &files.pgm).await
+    answer(&state, &route_id, &query, &headers, media_type, |files| {
+        &files.pgm
+    })
+    .await
 }
 
 /// Read the map's description for ROS's `map_server`.
@@ -190,7 +227,7 @@ pub(super) async fn get_map_pgm(
 /// Resolution, origin and thresholds of `map.pgm`.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map.yaml", tag = "map",
-    params(RouteParam, IfMapChanged),
+    params(RouteParam, LayerQuery, IfMapChanged),
     responses(
         (status = 200, description = "The description", body = String, content_type = "application/yaml", headers(("ETag" = String, description = "Changes with the map"))),
         (status = 304, description = "The map is as it was"),
@@ -200,11 +237,16 @@ pub(super) async fn get_map_pgm(
 pub(super) async fn get_map_yaml(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
-    _: NoQuery,
+    ApiQuery(query): ApiQuery<LayerQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    answer(&state, &route_id, &headers, "application/yaml", |files| {
-        &files.yaml
-    })
+    answer(
+        &state,
+        &route_id,
+        &query,
+        &headers,
+        "application/yaml",
+        |files| &files.yaml,
+    )
     .await
 }

@@ -98,6 +98,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::dismiss_alert))
         .routes(routes!(alerts::reopen_alert))
         .routes(routes!(alerts::undo_alert))
+        .routes(routes!(alerts::decide_alerts))
         .routes(routes!(webhooks::list_webhooks, webhooks::register_webhook))
         .routes(routes!(
             webhooks::get_webhook,

@@ -153,6 +153,14 @@ impl Problem {
         self
     }
 
+    /// The same of a part of a body, which is at a JSON pointer of the whole.
+    pub(super) fn below(mut self, pointer: &str) -> Self {
+        for error in &mut self.errors {
+            error.pointer.insert_str(0, pointer);
+        }
+        self
+    }
+
     /// Adds a header to the response.
     pub fn header(self, name: header::HeaderName, value: &'static str) -> Self {
         self.with_value(name, HeaderValue::from_static(value))

@@ -119,6 +119,9 @@ problem_responses! {
         K::TransitionNotAllowed,
     ], with BODY;
 
+    /// Of deciding about several alerts.
+    DecisionsProblems = [], with BODY;
+
     /// Of reading a webhook, or what belongs to it.
     WebhookProblems = [K::InvalidField, K::NotFound];
     /// Of registering a webhook.

@@ -49,8 +49,9 @@ impl RouteMap {
             return Some(suspect.finding(node, known.location));
         }
         let places = suspect.trips.iter().filter_map(|trip| self.trips.get(trip));
-        let placed = places.flatten().filter(|k| !self.is_lost(**k));
-        let &first = placed.min_by_key(|&&k| self.keyframes[k].stamp)?;
+        // Where it stated that it was, if it was never localised.
+        let by_time = |&&k: &&usize| (self.is_lost(k), self.keyframes[k].stamp);
+        let &first = places.flatten().min_by_key(by_time)?;
         let node = &self.graph.nodes()[first];
         Some(suspect.finding(node.id, node.pose.translation()))
     }

@@ -68,6 +68,22 @@ text_enum! {
 }
 
 text_enum! {
+    /// Why an alert is dismissed.
+    DismissReason {
+        /// What is there will be gone again.
+        Temporary = "temporary",
+        /// People were standing there.
+        People = "people",
+        /// A lidar saw what is not so.
+        Sensor = "sensor",
+        /// The map or the vehicle's pose is off there.
+        WrongPlace = "wrong_place",
+        /// Something else, as the note says.
+        Other = "other",
+    }
+}
+
+text_enum! {
     /// What another scan says of a beam.
     BeamVerdict {
         /// The other scan has a surface where the beam ended.

@@ -9,16 +9,18 @@ mod audit;
 mod batch;
 mod calibration;
 mod edge;
+mod map;
 mod operation;
 mod residual;
 mod route;
 mod webhook;
 
-pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, Tier};
+pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, DismissReason, Tier};
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
+pub use map::MapLayer;
 pub use operation::OperationStatus;
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
@@ -119,6 +121,8 @@ mod tests {
     #[test]
     fn every_value_has_one_text() {
         check_read(AlertAction::name);
+        check_read(DismissReason::name);
+        check_read(MapLayer::name);
         check_read(AlertEventKind::name);
         check_read(AlertStatus::name);
         check_read(AuditAction::name);

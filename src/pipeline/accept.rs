@@ -6,12 +6,12 @@ use sha2::{Digest, Sha256};
 
 use super::result::changes_of;
 use super::workspace::Workspace;
-use crate::change::{AcceptedChange, AlertStatus, Finding};
+use crate::change::{AcceptedChange, AlertStatus, Finding, PendingChange};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::mapping::RouteMap;
-use crate::render::{Look, MapPicture};
+use crate::render::{Decided, Look, MapPicture};
 use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
 
 /// What an undo restores.
@@ -144,7 +144,14 @@ fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
         map_from_base: taken.map_from_base,
         scan: taken.scan,
     });
-    MapPicture::draw(looks, &workspace.accepted).context("the map's picture cannot be drawn")
+    let alerts = workspace.alerts.iter();
+    let pending = alerts.filter_map(|alert| PendingChange::of(alert.status, &alert.evidence));
+    let pending: Vec<PendingChange> = pending.collect();
+    let decided = Decided {
+        accepted: &workspace.accepted,
+        pending: &pending,
+    };
+    MapPicture::draw(looks, decided).context("the map's picture cannot be drawn")
 }
 
 fn poses_of(map: &RouteMap) -> impl Iterator<Item = Pose2> + '_ {

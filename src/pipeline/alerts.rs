@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use jiff::Timestamp;
 
 use super::alert_id::alert_id;
+use super::decision_revision;
 use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
@@ -30,14 +31,23 @@ pub(super) fn fold_into(
     mendings: &[Mending],
     at: Timestamp,
 ) -> Vec<AlertRecord> {
-    let mut changed = Vec::new();
+    let mut folded = Folded::default();
     let mended = mendings.iter().map(|m| (&m.mismatch, m.shift));
     let mended: Vec<_> = mended.collect();
     let updates = resolve_mended(&states_of(workspace), &mended);
-    take(workspace, route, updates, at, &mut changed);
+    take(workspace, route, updates, at, &mut folded);
     let updates = fold(&states_of(workspace), findings);
-    take(workspace, route, updates, at, &mut changed);
-    changed
+    take(workspace, route, updates, at, &mut folded);
+    folded.changed
+}
+
+/// What comes of a job's findings.
+#[derive(Default)]
+struct Folded {
+    /// New alerts, and the next revisions of those that change.
+    changed: Vec<AlertRecord>,
+    /// Those that change, as they were before the job.
+    stored: BTreeMap<AlertId, AlertRecord>,
 }
 
 fn states_of(workspace: &Workspace) -> Vec<AlertState> {
@@ -50,7 +60,7 @@ fn take(
     route: &RouteId,
     updates: Vec<AlertUpdate>,
     at: Timestamp,
-    changed: &mut Vec<AlertRecord>,
+    Folded { changed, stored }: &mut Folded,
 ) {
     if updates.is_empty() {
         return;
@@ -60,6 +70,11 @@ fn take(
     let mut raised_now = Vec::new();
     for update in updates {
         let before = update.existing.map(|k| workspace.alerts[k].clone());
+        if let Some(before) = &before
+            && !changed.iter().any(|earlier| earlier.id == before.id)
+        {
+            stored.insert(before.id, before.clone());
+        }
         let residual = residuals.strongest(workspace, &update.state.evidence);
         let is_new = before.is_none();
         let count = workspace.alerts.len() + raised_now.len();
@@ -76,6 +91,7 @@ fn take(
         bring_up_to_date(&mut alert, update, at);
         alert.vehicles = vehicles_of(workspace, &alert.evidence);
         alert.residual = residual;
+        decision_revision::count(stored.get(&alert.id), &mut alert);
         match changed.iter_mut().find(|earlier| earlier.id == alert.id) {
             Some(earlier) => {
                 alert.revision = earlier.revision;
@@ -111,6 +127,8 @@ fn raised(
         id,
         route_id: route.clone(),
         revision: 0,
+        decision_revision: 1,
+        decision_region: state.evidence.region.clone(),
         status: state.status,
         evidence: state.evidence.clone(),
         first_seen: state.first_seen,
@@ -138,6 +156,7 @@ fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, at: Timestamp)
             at,
             by: SYSTEM.to_owned(),
             note: step.note.as_deref().map(str::to_owned),
+            reason: None,
         }));
 }
 

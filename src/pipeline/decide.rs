@@ -4,12 +4,13 @@ use anyhow::anyhow;
 use jiff::Timestamp;
 
 use super::accept::{accept, read_undo, undo};
+use super::decision_revision;
 use super::engine::{Engine, as_kept};
 use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus, ChangeKind};
 use crate::ids::{AlertId, EdgeId, NodeId};
-use crate::model::Actor;
+use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
 /// A decision is computed anew so often while batches or other decisions come in between.
@@ -20,8 +21,8 @@ const TRIES_MAX: usize = 20;
 pub struct Order {
     /// The alert.
     pub alert_id: AlertId,
-    /// Its revision as they have seen it.
-    pub revision: i64,
+    /// Its [`AlertRecord::decision_revision`] as they have seen it.
+    pub decision_revision: i64,
     /// What to do.
     pub action: AlertAction,
     /// Whose request it is, for the audit.
@@ -30,6 +31,8 @@ pub struct Order {
     pub by: String,
     /// Why, for people.
     pub note: Option<String>,
+    /// Why it is dismissed; `None` with every other action.
+    pub reason: Option<DismissReason>,
     /// When they decided.
     pub at: Timestamp,
 }
@@ -40,7 +43,7 @@ pub enum DecisionError {
     /// There is no such alert.
     #[error("there is no such alert")]
     UnknownAlert,
-    /// The alert is at another revision than the one that was seen.
+    /// What the decision is about is not as it was seen.
     #[error("the alert has changed since it was read")]
     Changed(Box<AlertRecord>),
     /// The alert's status or kind does not allow it.
@@ -90,7 +93,7 @@ impl Decisions {
         for _ in 0..TRIES_MAX {
             let alert = self.engine.store.alert(order.alert_id).await?;
             let alert = alert.ok_or(DecisionError::UnknownAlert)?;
-            if alert.revision != order.revision {
+            if alert.decision_revision != order.decision_revision {
                 return Err(DecisionError::Changed(Box::new(alert)));
             }
             if !is_allowed(&alert, order.action) {
@@ -233,7 +236,9 @@ fn next(alert: &AlertRecord, order: &Order, status: AlertStatus) -> AlertRecord 
         at: next.updated_at,
         by: order.by.clone(),
         note: order.note.clone(),
+        reason: order.reason,
     });
+    decision_revision::count(Some(alert), &mut next);
     next
 }
 

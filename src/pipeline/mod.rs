@@ -13,6 +13,7 @@ mod alerts;
 mod calibrate;
 mod clock;
 mod decide;
+mod decision_revision;
 mod edges;
 mod engine;
 mod findings;

@@ -12,7 +12,7 @@ use super::options::PipelineOptions;
 use super::remove::remove;
 use super::worker::compute;
 use crate::ids::{AlertId, BatchId, OperationId, RouteId};
-use crate::model::{Actor, AlertAction};
+use crate::model::Actor;
 use crate::solver::Interrupt;
 use crate::store::{Applied, Input, InputRecord, JobInput, Meant, Quarantine, Store};
 
@@ -98,7 +98,20 @@ impl Replay<'_> {
                 action,
                 by,
                 note,
-            } => self.decide(alert, action, by, note, at).await?,
+                reason,
+            } => {
+                let order = |decision_revision| Order {
+                    alert_id: alert,
+                    decision_revision,
+                    action,
+                    actor: Actor::System,
+                    by,
+                    note,
+                    reason,
+                    at,
+                };
+                self.decide(alert, order).await?;
+            }
             Input::Removal { operation, batches } => self.remove(operation, batches, at).await?,
             Input::VehicleQuarantined { vehicle, note } => {
                 let quarantine = Some(Quarantine { since: at, note });
@@ -134,24 +147,13 @@ impl Replay<'_> {
     async fn decide(
         &mut self,
         alert_id: AlertId,
-        action: AlertAction,
-        by: String,
-        note: Option<String>,
-        at: Timestamp,
+        order: impl FnOnce(i64) -> Order,
     ) -> anyhow::Result<()> {
         let Some(alert) = self.engine.store.alert(alert_id).await? else {
             self.replayed.decisions_left_out.push(alert_id);
             return Ok(());
         };
-        let order = Order {
-            alert_id,
-            revision: alert.revision,
-            action,
-            actor: Actor::System,
-            by,
-            note,
-            at,
-        };
+        let order = order(alert.decision_revision);
         match self.decisions.decide(order).await {
             Ok(_) => {}
             Err(DecisionError::NotAllowed(_)) => self.replayed.decisions_left_out.push(alert_id),

@@ -1,7 +1,6 @@
 //! A map's picture in every format that it is offered in.
 
-use super::{Look, MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
-use crate::change::AcceptedChange;
+use super::{Decided, Look, MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
 
 /// Edge of a cell of a map's picture, metres.
 pub const MAP_RESOLUTION_M: f64 = 0.05;
@@ -27,9 +26,9 @@ impl MapPicture {
     /// [`MapImageError`].
     pub fn draw<'a>(
         looks: impl IntoIterator<Item = Look<'a>>,
-        accepted: &[AcceptedChange],
+        decided: Decided<'_>,
     ) -> Result<Self, MapImageError> {
-        let grid = OccupancyGrid::from_looks(looks, accepted, MAP_RESOLUTION_M);
+        let grid = OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M);
         Ok(Self {
             png: to_png(&grid)?,
             pgm: to_pgm(&grid),

@@ -13,5 +13,5 @@ mod plot_svg;
 
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
-pub use occupancy::{CELLS_MAX, Look, Occupancy, OccupancyGrid};
+pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};
 pub use plot_svg::{Crossing, Curve, Guide, Plot, to_svg};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::cells::for_each_cell_before_end;
-use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, layer_of};
+use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, PendingChange, layer_of};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::StampNs;
 use crate::scan::{BandView, LaserScan};
@@ -39,6 +39,15 @@ pub struct Look<'a> {
     pub map_from_base: Pose2,
     /// What was seen.
     pub scan: &'a LaserScan,
+}
+
+/// What of the looks a map does not show.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Decided<'a> {
+    /// In the region of each, only looks since then count.
+    pub accepted: &'a [AcceptedChange],
+    /// In the region of each, looks since then do not count.
+    pub pending: &'a [PendingChange],
 }
 
 /// A grid over the map frame that counts beams.
@@ -84,36 +93,58 @@ impl OccupancyGrid {
     }
 
     /// As [`OccupancyGrid::from_scans`], in the order of time; in the region of an accepted
-    /// change only looks since then count.
+    /// change only looks since then count, in that of a pending one those before it.
     pub fn from_looks<'a>(
         looks: impl IntoIterator<Item = Look<'a>>,
-        accepted: &[AcceptedChange],
+        decided: Decided<'_>,
         resolution_m: f64,
     ) -> Self {
         let looks = looks.into_iter();
         let mut looks: Vec<_> = looks.filter(|l| l.map_from_base.is_finite()).collect();
         looks.sort_by_key(|look| look.stamp);
-        let mut changes: Vec<&AcceptedChange> = accepted.iter().collect();
-        changes.sort_by_key(|change| change.since);
+        let steps = steps(decided);
         let scans: Vec<_> = looks.iter().map(|l| (l.map_from_base, l.scan)).collect();
         let empty = Self::covering(&extent(&scans), resolution_m);
         let layers = layers_of(looks, |look| look.scan).into_iter();
-        let layers = layers.map(|looks| empty.clone().with_looks(&looks, &changes));
+        let layers = layers.map(|looks| empty.clone().with_looks(&looks, &steps, decided));
         layers.reduce(Self::merged).unwrap_or(empty)
     }
 
-    /// Draws looks and forgets what changes outdate, both in the order of time.
-    fn with_looks(mut self, looks: &[Look<'_>], changes: &[&AcceptedChange]) -> Self {
-        let mut changes = changes.iter().peekable();
+    /// Draws looks and takes the steps of changes, both in the order of time.
+    fn with_looks(mut self, looks: &[Look<'_>], steps: &[Step<'_>], decided: Decided<'_>) -> Self {
+        let mut steps = steps.iter().peekable();
+        let mut before = vec![Vec::new(); decided.pending.len()];
         let mut returns = Vec::new();
         for look in looks {
-            while let Some(change) = changes.next_if(|change| change.since <= look.stamp) {
-                self.forget(change);
+            while let Some(step) = steps.next_if(|step| step.at.is_some_and(|at| at <= look.stamp))
+            {
+                self.take(step, &mut before, decided.accepted);
             }
             self.draw(&look.map_from_base, look.scan, &mut returns);
         }
-        changes.for_each(|change| self.forget(change));
+        steps.for_each(|step| self.take(step, &mut before, decided.accepted));
         self
+    }
+
+    fn take(&mut self, step: &Step<'_>, before: &mut [Vec<Counted>], accepted: &[AcceptedChange]) {
+        match step.what {
+            What::Forget(change) => {
+                for cell in self.cells_of(&change.region, |point| change.covers(point)) {
+                    self.hits[cell] = 0;
+                    self.passes[cell] = 0;
+                }
+            }
+            What::Remember(k, change) => {
+                let cells = self.cells_of(&change.region, |point| change.covers(point, accepted));
+                let counted = |cell| (cell, self.hits[cell], self.passes[cell]);
+                before[k] = cells.into_iter().map(counted).collect();
+            }
+            What::Restore(k) => {
+                for (cell, hits, passes) in std::mem::take(&mut before[k]) {
+                    (self.hits[cell], self.passes[cell]) = (hits, passes);
+                }
+            }
+        }
     }
 
     /// In each cell what that one of two grids has that shows more there.
@@ -127,13 +158,17 @@ impl OccupancyGrid {
         self
     }
 
-    /// Takes back what was counted in the cells whose centres a change covers.
-    fn forget(&mut self, change: &AcceptedChange) {
+    /// The cells within [`ACCEPTED_MARGIN_M`] of a region whose centres are covered.
+    fn cells_of(
+        &self,
+        region: &[Vector2<f64>],
+        covers: impl Fn(&Vector2<f64>) -> bool,
+    ) -> Vec<usize> {
         let (mut low, mut high) = (
             Vector2::repeat(f64::INFINITY),
             Vector2::repeat(f64::NEG_INFINITY),
         );
-        for corner in &change.region {
+        for corner in region {
             low = low.inf(corner);
             high = high.sup(corner);
         }
@@ -143,16 +178,14 @@ impl OccupancyGrid {
         let end = |v: f64, origin| to_cells(v + ACCEPTED_MARGIN_M, origin).ceil() as usize;
         let columns = first(low.x, self.origin.x)..end(high.x, self.origin.x).min(self.width);
         let rows = first(low.y, self.origin.y)..end(high.y, self.origin.y).min(self.height);
-        for row in rows {
-            for column in columns.clone() {
-                let in_cells = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
-                if change.covers(&(self.origin + in_cells * self.resolution_m)) {
-                    let cell = row * self.width + column;
-                    self.hits[cell] = 0;
-                    self.passes[cell] = 0;
-                }
-            }
-        }
+        let cells = rows.flat_map(|row| columns.clone().map(move |column| (column, row)));
+        let covered = cells.filter(|(column, row)| {
+            let in_cells = Vector2::new(*column as f64 + 0.5, *row as f64 + 0.5);
+            covers(&(self.origin + in_cells * self.resolution_m))
+        });
+        covered
+            .map(|(column, row)| row * self.width + column)
+            .collect()
     }
 
     fn covering(extent: &Extent, resolution_m: f64) -> Self {
@@ -291,6 +324,47 @@ impl OccupancyGrid {
             && cells.y < self.height as f64;
         inside.then_some((cells.x as usize, cells.y as usize))
     }
+}
+
+/// A cell with its hits and passes.
+type Counted = (usize, u16, u16);
+
+/// Something that is done to a grid before the looks of a time are drawn; at the end without one.
+struct Step<'a> {
+    at: Option<StampNs>,
+    what: What<'a>,
+}
+
+enum What<'a> {
+    /// Everything in the region of an accepted change goes.
+    Forget(&'a AcceptedChange),
+    /// The region of the pending change of this number is as it is before the change.
+    Remember(usize, &'a PendingChange),
+    /// It becomes that again.
+    Restore(usize),
+}
+
+/// What is done for the changes, in the order of time. What began last ends first, so that changes on
+/// top of each other leave what was there before the first.
+fn steps<'a>(decided: Decided<'a>) -> Vec<Step<'a>> {
+    let forget = decided.accepted.iter().map(|change| Step {
+        at: Some(change.since),
+        what: What::Forget(change),
+    });
+    let mut steps: Vec<Step<'a>> = forget.collect();
+    let mut pending: Vec<_> = decided.pending.iter().enumerate().collect();
+    pending.sort_by_key(|(_, change)| change.since);
+    steps.extend(pending.iter().map(|&(k, change)| Step {
+        at: Some(change.since),
+        what: What::Remember(k, change),
+    }));
+    steps.extend(pending.iter().rev().map(|&(k, change)| Step {
+        at: change.until,
+        what: What::Restore(k),
+    }));
+    // `None` is after all times.
+    steps.sort_by_key(|step| (step.at.is_none(), step.at));
+    steps
 }
 
 /// What hits and passes of a cell show.
@@ -499,7 +573,10 @@ mod tests {
             map_from_base,
             scan,
         });
-        assert_eq!(OccupancyGrid::from_looks(as_looks, &[], 0.05), grid);
+        assert_eq!(
+            OccupancyGrid::from_looks(as_looks, Decided::default(), 0.05),
+            grid
+        );
     }
 
     /// A wall at 2 m; later something stands at 1 m before it; then it is gone again.
@@ -532,7 +609,11 @@ mod tests {
         };
         let seen = |stamps: &[i64], changes: &[AcceptedChange]| {
             let looks = stamps.iter().map(|&stamp| at(stamp));
-            let grid = OccupancyGrid::from_looks(looks, changes, 0.05);
+            let decided = Decided {
+                accepted: changes,
+                ..Decided::default()
+            };
+            let grid = OccupancyGrid::from_looks(looks, decided, 0.05);
             [0.525, 1.025, 1.525].map(|x| {
                 let (column, row) = grid.cell_at(&Vector2::new(x, 0.025)).unwrap();
                 grid.counts(column, row).unwrap()
@@ -558,6 +639,48 @@ mod tests {
             ..accepted(100, 2)
         };
         assert_eq!(seen(&with_thing, &[outside]), seen(&with_thing, &[]));
+    }
+
+    #[test]
+    fn a_pending_change_is_not_shown_and_neither_is_what_was_over() {
+        let lidar = lidar(4, Pose2::IDENTITY);
+        let look =
+            |range_m| LaserScan::new(lidar.clone(), [None, None, Some(range_m), None]).unwrap();
+        let (wall, thing) = (look(2.0), look(1.0));
+        let pending = |since: i64, until: Option<i64>| PendingChange {
+            region: [[0.95, -0.1], [1.1, -0.1], [1.1, 0.1], [0.95, 0.1]]
+                .map(Vector2::from)
+                .to_vec(),
+            since: StampNs(since),
+            until: until.map(StampNs),
+        };
+        // The thing stands from 100 to 199.
+        let seen = |stamps: std::ops::Range<i64>, pending: &[PendingChange]| {
+            let looks = stamps.map(|stamp| Look {
+                stamp: StampNs(stamp),
+                map_from_base: Pose2::new(0.025, 0.025, 0.0),
+                scan: if (100..200).contains(&stamp) {
+                    &thing
+                } else {
+                    &wall
+                },
+            });
+            let decided = Decided {
+                pending,
+                ..Decided::default()
+            };
+            let grid = OccupancyGrid::from_looks(looks, decided, 0.05);
+            let (column, row) = grid.cell_at(&Vector2::new(1.025, 0.025)).unwrap();
+            grid.counts(column, row).unwrap()
+        };
+        assert_eq!(seen(0..100, &[]), (0, 100));
+        assert_eq!(seen(0..150, &[]), (50, 100));
+        assert_eq!(seen(0..150, &[pending(100, None)]), (0, 100));
+        assert_eq!(seen(0..300, &[pending(100, Some(200))]), (0, 200));
+        // One on top of the other, in whatever order they come.
+        let both = [pending(120, None), pending(100, None)];
+        assert_eq!(seen(0..150, &both), (0, 100));
+        assert_eq!(seen(0..150, &[both[1].clone(), both[0].clone()]), (0, 100));
     }
 
     #[test]

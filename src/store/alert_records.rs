@@ -5,9 +5,10 @@ use jiff::Timestamp;
 pub use crate::change::{
     AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
 };
+use crate::geometry::Vector2;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
-use crate::model::Actor;
 pub use crate::model::SYSTEM;
+use crate::model::{Actor, DismissReason};
 pub use crate::render::MapPicture;
 
 use super::records::{EdgeChange, NodeChange};
@@ -19,8 +20,13 @@ pub struct AlertRecord {
     pub id: AlertId,
     /// The route.
     pub route_id: RouteId,
-    /// 1 when it is raised, and one more with every change: what an ETag is made of.
+    /// 1 when it is raised, and one more with every change.
     pub revision: i64,
+    /// 1 when it is raised, and one more whenever that changes which a decision is about: status, tier,
+    /// and the region beyond a tolerance. What an ETag is made of.
+    pub decision_revision: i64,
+    /// The region as it was with that revision, map frame, metres.
+    pub decision_region: Vec<Vector2<f64>>,
     /// Where it is in its life.
     pub status: AlertStatus,
     /// What all looks at the place say together.
@@ -71,6 +77,8 @@ pub struct HistoryEntry {
     pub by: String,
     /// Why, for people.
     pub note: Option<String>,
+    /// Why it was dismissed, where somebody says so.
+    pub reason: Option<DismissReason>,
 }
 
 /// Which alerts to list; every condition that is given holds.

@@ -6,6 +6,7 @@ use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
 use super::webhook_deliveries::{Happened, queue};
+use crate::model::DismissReason;
 use crate::scan::HeightBand;
 
 /// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
@@ -141,6 +142,8 @@ async fn upsert(
         .bind(evidence.shift.map(|shift| shift.y))
         .bind(json_text(&band_ends(&evidence.bands))?)
         .bind(evidence.suspect.as_ref().map(json_text).transpose()?)
+        .bind(alert.decision_revision)
+        .bind(polygon_bytes(&alert.decision_region))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -152,10 +155,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
      updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, bands, \
-     suspect, confirmed_revision) \
+     suspect, decision_revision, decision_region, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
      ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     ?34, ?35, ?36, ?37, iif(?31 = 'confirmed', ?3, NULL) \
+     ?34, ?35, ?36, ?37, ?38, ?39, iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -172,9 +175,11 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      counterpart_kind = excluded.counterpart_kind, \
      counterpart_region = excluded.counterpart_region, shift_x = excluded.shift_x, \
      shift_y = excluded.shift_y, bands = excluded.bands, suspect = excluded.suspect, \
+     decision_revision = excluded.decision_revision, decision_region = excluded.decision_region, \
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \
+     AND excluded.decision_revision BETWEEN decision_revision AND decision_revision + 1 \
      RETURNING alert_key, confirmed_revision";
 
 /// As they are kept.
@@ -194,8 +199,8 @@ async fn add_history(
 ) -> Result<(), StoreError> {
     for (position, entry) in history.iter().enumerate() {
         sqlx::query(
-            "INSERT INTO alert_history (alert_key, position, status, at_us, by_whom, note) \
-             VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+            "INSERT INTO alert_history (alert_key, position, status, at_us, by_whom, note, reason) \
+             VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
         )
         .bind(alert_key)
         .bind(length(position))
@@ -203,6 +208,7 @@ async fn add_history(
         .bind(micros(entry.at))
         .bind(&entry.by)
         .bind(entry.note.as_deref())
+        .bind(entry.reason.map(DismissReason::name))
         .execute(&mut *transaction)
         .await?;
     }

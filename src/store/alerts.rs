@@ -12,9 +12,10 @@ use super::columns::{
 };
 use super::error::StoreError;
 use super::{Store, named};
-use crate::change::{Counterpart, Finding};
+use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
+use crate::model::DismissReason;
 use crate::scan::HeightBand;
 
 impl Store {
@@ -77,6 +78,18 @@ impl Store {
         named(alert_events(&self.shared.readers, route, after, limit).await)
     }
 
+    /// What a route's alerts keep out of its map, the oldest alert first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn pending_changes(&self, route: &RouteId) -> Result<Vec<PendingChange>, StoreError> {
+        let mut reader = self.reader().await?;
+        let alerts = named(route_alerts(&mut reader, route).await)?;
+        let pending = alerts.iter();
+        let pending = pending.filter_map(|alert| PendingChange::of(alert.status, &alert.evidence));
+        Ok(pending.collect())
+    }
+
     /// The sequence of the last event; 0 before the first.
     ///
     /// # Errors
@@ -91,7 +104,7 @@ macro_rules! select_alerts {
     ($rest:literal) => {
         concat!(
             "SELECT alerts.*, routes.id AS route_id, \
-             (SELECT json_group_array(json_array(position, status, at_us, by_whom, note)) \
+             (SELECT json_group_array(json_array(position, status, at_us, by_whom, note, reason)) \
               FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history \
              FROM alerts JOIN routes USING (route_key) ",
             $rest
@@ -255,6 +268,8 @@ fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
         id: alert_id(row, "id")?,
         route_id: name(row, "route_id")?,
         revision: row.try_get("revision")?,
+        decision_revision: row.try_get("decision_revision")?,
+        decision_region: polygon(row, "decision_region")?,
         status: text(row, "status")?,
         evidence: evidence_of(row)?,
         first_seen: StampNs(row.try_get("first_seen_ns")?),
@@ -337,15 +352,23 @@ fn residual_of(row: &SqliteRow) -> Result<Option<AlertResidual>, StoreError> {
 }
 
 fn history_of(row: &SqliteRow) -> Result<Vec<HistoryEntry>, StoreError> {
-    type Row = (i64, String, i64, String, Option<String>);
+    type Row = (
+        i64,
+        String,
+        i64,
+        String,
+        Option<String>,
+        Option<DismissReason>,
+    );
     let mut rows: Vec<Row> = json(row, "history")?;
     rows.sort_by_key(|(position, ..)| *position);
-    let entry = |(_, status, at_us, by, note): Row| {
+    let entry = |(_, status, at_us, by, note, reason): Row| {
         Ok(HistoryEntry {
             status: value_of(&status, "history")?,
             at: Timestamp::from_microsecond(at_us).map_err(|_| corrupt("history"))?,
             by,
             note,
+            reason,
         })
     };
     rows.into_iter().map(entry).collect()

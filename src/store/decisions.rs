@@ -19,7 +19,7 @@ use super::map_versions::{Beginning, SealedPicture, begin_next};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
 use super::results::count_blocks;
-use crate::model::{Actor, AlertStatus};
+use crate::model::{Actor, AlertStatus, DismissReason};
 
 impl Store {
     /// Writes a decision, all or nothing.
@@ -152,6 +152,7 @@ impl ApplyDecision {
             action: self.action,
             by: entry.by.clone(),
             note: entry.note.clone(),
+            reason: entry.reason,
         };
         inputs::note(transaction, route_key, self.alert.updated_at, &input).await
     }
@@ -193,11 +194,14 @@ fn entry_text(entry: &HistoryEntry) -> Result<String, StoreError> {
         status: AlertStatus,
         by: &'a str,
         note: Option<&'a str>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        reason: Option<DismissReason>,
     }
     json_text(&Entry {
         status: entry.status,
         by: &entry.by,
         note: entry.note.as_deref(),
+        reason: entry.reason,
     })
 }
 

@@ -10,7 +10,7 @@ use super::error::StoreError;
 use super::records::RouteSettings;
 use super::{Store, named};
 use crate::ids::{AlertId, BatchId, OperationId, RouteId, VehicleId};
-use crate::model::{AlertAction, BatchStatus};
+use crate::model::{AlertAction, BatchStatus, DismissReason};
 
 /// Something that shaped a map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,6 +39,9 @@ pub enum Input {
         by: String,
         /// Why, for people.
         note: Option<String>,
+        /// Why it was dismissed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        reason: Option<DismissReason>,
     },
     /// Batches were taken out of the map.
     Removal {

@@ -218,6 +218,64 @@ async fn decisions_are_guarded_and_remembered() {
 }
 
 #[tokio::test]
+async fn several_are_decided_about_in_one_request() {
+    let service = changed_hall::start().await;
+    let decide = |decisions: Value| {
+        let body = json!({"decisions": decisions, "by": "kim"});
+        let request = Request::new("POST", "/v1/alerts/decisions").json(&body);
+        service.send(request)
+    };
+    let results = |answer: &Value| -> Vec<String> {
+        let items = answer["items"].as_array().unwrap().iter();
+        items
+            .map(|item| item["result"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    let nobody = "00000000-0000-7000-8000-00000000ffff";
+    let dismiss = json!([
+        {"id": APPEARED, "action": "dismiss", "if_match": "\"1\"", "reason": "people"},
+        {"id": DISAPPEARED, "action": "accept", "if_match": 1},
+        {"id": nobody, "action": "dismiss", "if_match": "*"},
+    ]);
+    let answer = decide(dismiss.clone()).await;
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    assert_eq!(results(&answer.json()), ["done", "not_allowed", "unknown"]);
+    let first = &answer.json()["items"][0];
+    assert_eq!(first["alert"]["decision_revision"], 2);
+    assert_eq!(first["alert"]["history"][1]["reason"], "people");
+    assert_eq!(first["alert"]["history"][1]["by"], "kim");
+    let again = decide(dismiss).await.json();
+    assert_eq!(results(&again), ["already_done", "not_allowed", "unknown"]);
+    let late = json!([{"id": APPEARED, "action": "reopen", "if_match": "\"1\""}]);
+    let late = decide(late).await.json();
+    assert_eq!(results(&late), ["changed"]);
+    let problem = &late["items"][0]["problem"];
+    assert_eq!(problem["type"], "/problems/precondition-failed");
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(
+        detail.contains("it is dismissed") && detail.contains("by kim"),
+        "{detail}"
+    );
+    for (decisions, pointer) in [
+        (json!([]), "/decisions"),
+        (json!([late_of(APPEARED), late_of(APPEARED)]), "/decisions"),
+        (
+            json!([{"id": APPEARED, "action": "reopen", "if_match": "*", "reason": "people"}]),
+            "/decisions/0/reason",
+        ),
+    ] {
+        let refused = decide(decisions).await;
+        assert_eq!(refused.status, 422, "{}", refused.text());
+        assert_eq!(refused.json()["errors"][0]["pointer"], pointer);
+    }
+    service.stop().await;
+}
+
+fn late_of(id: &str) -> Value {
+    json!({"id": id, "action": "reopen", "if_match": "*"})
+}
+
+#[tokio::test]
 async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
     let service = changed_hall::start().await;
     let evidence_before = service

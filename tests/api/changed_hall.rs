@@ -221,6 +221,8 @@ fn appeared(route: &RouteId) -> AlertRecord {
         id: APPEARED.parse::<AlertId>().unwrap(),
         route_id: route.clone(),
         revision: 1,
+        decision_revision: 1,
+        decision_region: rectangle(BOX),
         status: AlertStatus::Open,
         evidence: Finding {
             tier: Tier::Confirmed,
@@ -300,5 +302,6 @@ fn by_system(status: AlertStatus, at: Timestamp, note: Option<&str>) -> HistoryE
         at,
         by: SYSTEM.to_owned(),
         note: note.map(ToOwned::to_owned),
+        reason: None,
     }
 }

@@ -162,7 +162,7 @@ impl Client {
         let id = alert["id"].as_str().unwrap();
         let url = format!("{}/v1/alerts/{id}/{action}", self.url);
         let request = self.http.post(url).json(&json!({"by": "A. Keeper"}));
-        let request = request.header("if-match", format!("\"{}\"", alert["revision"]));
+        let request = request.header("if-match", format!("\"{}\"", alert["decision_revision"]));
         let answer = request.send().await.unwrap();
         assert_eq!(answer.status(), StatusCode::OK, "{action} {alert}");
         answer.json().await.unwrap()

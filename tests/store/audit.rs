@@ -2,7 +2,7 @@
 
 use mapshift::change::{AlertAction, AlertStatus, Tier};
 use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
-use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector};
+use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector, DismissReason};
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
     Deleted, Edited, HistoryEntry, Meant, NewWebhook, NextDelivery, OperationRecord, Put,
@@ -91,6 +91,7 @@ async fn dismissal(fixture: &Fixture) -> Decision {
         at: at(20),
         by: "kim".to_owned(),
         note: Some("a parked lorry".to_owned()),
+        reason: Some(DismissReason::Temporary),
     });
     Decision {
         base_revision: fixture.revision(&route()).await,

@@ -36,6 +36,8 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
         id: AlertId(Uuid::from_u128(number)),
         route_id: route(),
         revision: 1,
+        decision_revision: 1,
+        decision_region: corners.map(Vector2::from).to_vec(),
         status: AlertStatus::Open,
         evidence: Finding {
             kind: ChangeKind::Appeared,
@@ -69,6 +71,7 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
             at: at(1),
             by: SYSTEM.to_owned(),
             note: None,
+            reason: None,
         }],
     }
 }

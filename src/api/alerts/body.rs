@@ -8,7 +8,7 @@ use super::suspect_body::SuspectBody;
 use crate::api::types::timestamp;
 use crate::change::Counterpart;
 use crate::geometry::Vector2;
-use crate::model::{AlertAction, AlertStatus, ChangeKind, Tier};
+use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, Tier};
 use crate::pipeline::is_allowed;
 use crate::scan::HeightBand;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
@@ -16,7 +16,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 /// A place where the world contradicts a route's map.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Alert, example = json!({
-    "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 1,
+    "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 17, "decision_revision": 3,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
     "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "suspect": null, "bands": [],
@@ -25,7 +25,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
     "first_seen": "2026-11-20T06:00:00Z", "since": "2026-11-20T06:00:00Z", "last_seen": "2026-11-20T07:30:00Z", "until": null,
     "raised_at": "2026-11-20T06:00:09Z", "updated_at": "2026-11-20T07:30:08Z", "map_version": 1, "related": [],
-    "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null}]
+    "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null, "reason": null}]
 }))]
 pub(super) struct AlertBody {
     /// UUID of version 7: sorts by when the alert was raised.
@@ -33,8 +33,11 @@ pub(super) struct AlertBody {
     pub id: String,
     /// The route.
     pub route_id: String,
-    /// Raised by every change of the alert; in quotes it is the ETag.
+    /// Raised by every change of the alert.
     revision: i64,
+    /// Raised when that changes which a decision is about: status, tier, or the region by more than
+    /// 0.25 m; not by further evidence. In quotes it is the ETag that `If-Match` is compared with.
+    decision_revision: i64,
     /// What changed.
     kind: ChangeKind,
     /// What became of it.
@@ -184,11 +187,14 @@ struct HistoryBody {
     /// Why, for people.
     #[schema(required)]
     note: Option<String>,
+    /// Why it was dismissed; null where nobody says, and of every other status.
+    #[schema(required)]
+    reason: Option<DismissReason>,
 }
 
 /// The ETag of an alert.
 pub(super) fn etag(alert: &AlertRecord) -> String {
-    format!("\"{}\"", alert.revision)
+    format!("\"{}\"", alert.decision_revision)
 }
 
 /// What can be done with an alert now.
@@ -221,6 +227,7 @@ impl From<AlertRecord> for AlertBody {
             id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
             revision: alert.revision,
+            decision_revision: alert.decision_revision,
             kind: evidence.kind,
             status: alert.status,
             tier: evidence.tier,
@@ -299,6 +306,7 @@ impl From<HistoryEntry> for HistoryBody {
             at: entry.at,
             by: entry.by,
             note: entry.note,
+            reason: entry.reason,
         }
     }
 }

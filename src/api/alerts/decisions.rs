@@ -2,7 +2,7 @@
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -12,7 +12,7 @@ use super::body::{allowed_actions, etag};
 use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
-use crate::api::if_match::if_match;
+use crate::api::if_match::is_among;
 use crate::api::note::checked_note;
 use crate::api::parameters::{AlertParam, IfAlertMatches};
 use crate::api::problem::{Problem, ProblemKind};
@@ -20,7 +20,7 @@ use crate::api::problem_responses::DecisionProblems;
 use crate::api::upload::small_json;
 use crate::change::{AlertAction, ChangeKind};
 use crate::ids::AlertId;
-use crate::model::Actor;
+use crate::model::{Actor, DismissReason};
 use crate::pipeline::{DecisionError, Order};
 use crate::store::{AlertRecord, SYSTEM};
 
@@ -36,54 +36,72 @@ pub(in crate::api) struct AlertDecision {
     /// Why, for people.
     #[schema(max_length = 2000)]
     note: Option<String>,
+    /// Why it is dismissed; with `dismiss` alone.
+    #[schema(nullable = false)]
+    reason: Option<DismissReason>,
     /// Who decided; `anonymous` if left out.
     #[schema(min_length = 1, max_length = 100)]
     by: Option<String>,
 }
 
 /// Who decides, and why.
-struct Reason {
+pub(super) struct Why {
     by: String,
     note: Option<String>,
+    reason: Option<DismissReason>,
 }
 
-impl AlertDecision {
-    fn check(self) -> Result<Reason, Problem> {
-        let refuse = |pointer: &str, detail: &str| {
-            Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer))
-        };
-        let note = checked_note(self.note)?;
-        let by = self.by.unwrap_or_else(|| UNNAMED.to_owned());
-        let length = by.chars().count();
-        if !(1..=NAME_CHARS_MAX).contains(&length) || by.chars().any(char::is_control) {
-            return refuse(
-                "/by",
-                "a name has 1 to 100 characters, none of them a control character",
-            );
+impl Why {
+    pub(super) fn checked(
+        action: AlertAction,
+        by: String,
+        note: Option<String>,
+        reason: Option<DismissReason>,
+    ) -> Result<Self, Problem> {
+        if reason.is_some() && action != AlertAction::Dismiss {
+            let detail = "a reason goes with dismiss alone: write a note instead";
+            return Err(Problem::new(ProblemKind::OutOfRange, detail).at("/reason"));
         }
-        if by.eq_ignore_ascii_case(SYSTEM) {
-            return refuse("/by", "\"system\" is the service itself: give another name");
-        }
-        Ok(Reason { by, note })
+        let note = checked_note(note)?;
+        Ok(Self { by, note, reason })
     }
 }
 
-/// A decision must name the revision that its maker has seen.
-fn check_if_match(headers: &HeaderMap, alert: &AlertRecord) -> Result<(), Problem> {
-    match if_match(headers, &etag(alert)) {
-        Some(true) => Ok(()),
-        Some(false) => Err(stale()),
-        None => Err(Problem::new(
-            ProblemKind::PreconditionRequired,
-            "send If-Match with the alert's ETag (its revision in quotes), so that nobody decides \
-             about something else than was looked at",
-        )
-        .at("If-Match")),
+/// Who decides, as they say.
+pub(super) fn checked_name(by: Option<String>) -> Result<String, Problem> {
+    let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/by"));
+    let by = by.unwrap_or_else(|| UNNAMED.to_owned());
+    let length = by.chars().count();
+    if !(1..=NAME_CHARS_MAX).contains(&length) || by.chars().any(char::is_control) {
+        return refuse("a name has 1 to 100 characters, none of them a control character");
     }
+    if by.eq_ignore_ascii_case(SYSTEM) {
+        return refuse("\"system\" is the service itself: give another name");
+    }
+    Ok(by)
 }
 
-fn stale() -> Problem {
-    let detail = "the alert is not as If-Match says: read it again";
+/// A decision must name the decision revision that its maker has seen.
+fn wanted(headers: &HeaderMap) -> Result<&str, Problem> {
+    let wanted = headers.get(header::IF_MATCH).ok_or_else(|| {
+        let detail = "send If-Match with the alert's ETag (its decision_revision in quotes), so that \
+                      nobody decides about something else than was looked at";
+        Problem::new(ProblemKind::PreconditionRequired, detail).at("If-Match")
+    })?;
+    Ok(wanted.to_str().unwrap_or_default())
+}
+
+/// What a decision is about has changed since; more evidence alone never comes here.
+fn stale(alert: &AlertRecord) -> Problem {
+    let last = alert.history.last().map(|last| (&last.by, last.at));
+    let since = last.map_or_else(String::new, |(by, at)| format!(" since {at:.0} by {by}"));
+    let detail = format!(
+        "the alert is not as If-Match says: it is {} ({}){since}, its decision_revision is {}; look \
+         at its status, tier and region, and decide again",
+        alert.status.name(),
+        alert.evidence.tier.name(),
+        alert.decision_revision,
+    );
     Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
 }
 
@@ -125,22 +143,40 @@ async fn decide(
     body: Body,
 ) -> Result<Response, Problem> {
     let decision: AlertDecision = small_json(state, headers, body).await?;
-    let reason = decision.check()?;
+    let by = checked_name(decision.by)?;
+    let why = Why::checked(action, by, decision.note, decision.reason)?;
+    known_alert(state, id).await?;
+    carry_out(state, id, action, actor, wanted(headers)?, why).await?;
+    Ok(with_etag(known_alert(state, id).await?))
+}
+
+/// Carries a decision out if the alert is as one of the wanted ETags says.
+pub(super) async fn carry_out(
+    state: &ApiState,
+    id: AlertId,
+    action: AlertAction,
+    actor: Actor,
+    wanted: &str,
+    why: Why,
+) -> Result<(), Problem> {
     let alert = known_alert(state, id).await?;
-    check_if_match(headers, &alert)?;
+    if !is_among(wanted, &etag(&alert)) {
+        return Err(stale(&alert));
+    }
     let order = Order {
         alert_id: id,
-        revision: alert.revision,
+        decision_revision: alert.decision_revision,
         action,
         actor,
-        by: reason.by,
-        note: reason.note,
+        by: why.by,
+        note: why.note,
+        reason: why.reason,
         at: Timestamp::now(),
     };
     match state.decisions.decide(order).await {
-        Ok(_) => Ok(with_etag(known_alert(state, id).await?)),
+        Ok(_) => Ok(()),
         Err(DecisionError::UnknownAlert) => Err(unknown_alert()),
-        Err(DecisionError::Changed(_)) => Err(stale()),
+        Err(DecisionError::Changed(alert)) => Err(stale(&alert)),
         Err(DecisionError::NotAllowed(alert)) => Err(refused(&alert, action)),
         Err(DecisionError::Busy) => {
             let detail = "the route changes too quickly; send the same again later";
@@ -158,7 +194,7 @@ async fn decide(
     post, path = "/v1/alerts/{alert}/acknowledge", tag = "alerts",
     params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new decision revision, in quotes"))), DecisionProblems)
 )]
 pub(in crate::api) async fn acknowledge_alert(
     State(state): State<ApiState>,
@@ -179,7 +215,7 @@ pub(in crate::api) async fn acknowledge_alert(
     post, path = "/v1/alerts/{alert}/accept", tag = "alerts",
     params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new decision revision, in quotes"))), DecisionProblems)
 )]
 pub(in crate::api) async fn accept_alert(
     State(state): State<ApiState>,
@@ -199,7 +235,7 @@ pub(in crate::api) async fn accept_alert(
     post, path = "/v1/alerts/{alert}/dismiss", tag = "alerts",
     params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new decision revision, in quotes"))), DecisionProblems)
 )]
 pub(in crate::api) async fn dismiss_alert(
     State(state): State<ApiState>,
@@ -219,7 +255,7 @@ pub(in crate::api) async fn dismiss_alert(
     post, path = "/v1/alerts/{alert}/reopen", tag = "alerts",
     params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new decision revision, in quotes"))), DecisionProblems)
 )]
 pub(in crate::api) async fn reopen_alert(
     State(state): State<ApiState>,
@@ -239,7 +275,7 @@ pub(in crate::api) async fn reopen_alert(
     post, path = "/v1/alerts/{alert}/undo", tag = "alerts",
     params(AlertParam, IfAlertMatches),
     request_body(content = AlertDecision, description = "Who decides, and why"),
-    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new revision"))), DecisionProblems)
+    responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's new decision revision, in quotes"))), DecisionProblems)
 )]
 pub(in crate::api) async fn undo_alert(
     State(state): State<ApiState>,

@@ -54,7 +54,7 @@ async function decide(alert, action, note, refresh) {
   const body = { ...(note && { note }), ...(by && { by }) };
   const response = await fetch("/v1/alerts/" + alert.id + "/" + action, {
     method: "POST",
-    headers: { "Content-Type": "application/json", "If-Match": '"' + alert.revision + '"' },
+    headers: { "Content-Type": "application/json", "If-Match": '"' + alert.decision_revision + '"' },
     body: JSON.stringify(body),
   });
   if (response.ok) return refresh();

@@ -21,8 +21,8 @@ use crate::graph::EdgeKind;
 use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::ingest::g2o::write_g2o;
 use crate::mapping::{IntermediateScan, Mending};
-use crate::model::Actor;
-use crate::render::{Look, MapPicture};
+use crate::model::{Actor, DismissReason};
+use crate::render::{Decided, Look, MapPicture};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::solver::Interrupt;
 use crate::store::{
@@ -177,13 +177,14 @@ impl Bench {
     pub fn order(alert: &AlertRecord, action: AlertAction) -> Order {
         Order {
             alert_id: alert.id,
-            revision: alert.revision,
+            decision_revision: alert.decision_revision,
             action,
             actor: Actor::Local {
                 address: "192.0.2.7".to_owned(),
             },
             by: "keeper".to_owned(),
             note: Some("seen with my own eyes".to_owned()),
+            reason: (action == AlertAction::Dismiss).then_some(DismissReason::Temporary),
             at: Timestamp::now(),
         }
     }
@@ -228,7 +229,12 @@ impl Bench {
             map_from_base: *map_from_base,
             scan,
         });
-        MapPicture::draw(looks, &accepted).unwrap()
+        let pending = store.pending_changes(&route()).await.unwrap();
+        let decided = Decided {
+            accepted: &accepted,
+            pending: &pending,
+        };
+        MapPicture::draw(looks, decided).unwrap()
     }
 }
 

@@ -36,6 +36,38 @@ async fn only_what_was_seen_can_be_decided_about() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn more_evidence_refuses_no_decision_and_another_place_does() {
+    let (bench, alert) = Bench::with_alert().await;
+    bench.lap("later", 2, 1, |map| vec![box_finding(map)]).await;
+    let grown = bench.alerts().await.remove(0);
+    assert!(grown.revision > alert.revision, "{grown:?}");
+    assert_eq!(grown.decision_revision, alert.decision_revision);
+    let acknowledged = bench.decide(&alert, AlertAction::Acknowledge).await;
+    assert_eq!(
+        (acknowledged.status, acknowledged.decision_revision),
+        (AlertStatus::Acknowledged, alert.decision_revision + 1)
+    );
+    let moved = |finding: Finding| Finding {
+        region: (finding.region.iter())
+            .map(|corner| corner + Vector2::new(0.3, 0.0))
+            .collect(),
+        ..finding
+    };
+    bench
+        .lap("last", 3, 1, |map| vec![moved(box_finding(map))])
+        .await;
+    let moved = bench.alerts().await.remove(0);
+    assert_eq!(moved.id, alert.id);
+    assert_eq!(
+        moved.decision_revision,
+        acknowledged.decision_revision + 1,
+        "{moved:?}"
+    );
+    let refused = refusal(&bench, Bench::order(&acknowledged, AlertAction::Dismiss)).await;
+    assert!(matches!(refused, DecisionError::Changed(now) if *now == moved));
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn of_two_who_decide_at_once_one_is_told_to_look_again() {
     let (bench, alert) = Bench::with_alert().await;
     let accept = bench
