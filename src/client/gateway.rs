@@ -52,7 +52,7 @@ pub enum GatewayError {
     Url { url: String, source: reqwest::Error },
     /// The service will not take it, however often it is sent.
     #[error("{what} was refused: {problem}")]
-    Refused { what: String, problem: Refusal },
+    Refused { what: String, problem: Box<Refusal> },
     /// The service could not take it for a long time.
     #[error("{what} was given up after {waited_s} s of waiting; the last failure: {last}")]
     GivenUp {
@@ -250,7 +250,7 @@ impl Gateway {
                 Ok(answer) => {
                     let problem = Refusal::read(answer.status, &answer.body);
                     if !is_temporary(answer.status) && !problem.is_damage() {
-                        let what = request.what;
+                        let (what, problem) = (request.what, Box::new(problem));
                         return Err(GatewayError::Refused { what, problem });
                     }
                     (problem.to_string(), retry_after(&answer.headers))
