@@ -11,11 +11,41 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 use super::ApiState;
 use super::extract::NoQuery;
 
-const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// The browser of the vendored Swagger UI sets styles and draws its icons inline.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// `/openapi.json`, `/docs` and `/`, whose words for enumerations are those of the model.
+const HTML: &str = "text/html; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const STYLE: &str = "text/css; charset=utf-8";
+
+/// A file of the console: its path, its media type, its text.
+macro_rules! console {
+    ($path:literal, $media_type:ident, $name:literal) => {
+        ($path, $media_type, include_str!(concat!("page/", $name)))
+    };
+}
+
+/// The maintainers' console, but `/words.js`.
+pub(super) const CONSOLE: [(&str, &str, &str); 15] = [
+    console!("/", HTML, "index.html"),
+    console!("/console.css", STYLE, "console.css"),
+    console!("/app.js", SCRIPT, "app.js"),
+    console!("/decide.js", SCRIPT, "decide.js"),
+    console!("/dom.js", SCRIPT, "dom.js"),
+    console!("/evidence.js", SCRIPT, "evidence.js"),
+    console!("/format.js", SCRIPT, "format.js"),
+    console!("/http.js", SCRIPT, "http.js"),
+    console!("/inbox.js", SCRIPT, "inbox.js"),
+    console!("/live.js", SCRIPT, "live.js"),
+    console!("/map.js", SCRIPT, "map.js"),
+    console!("/panel.js", SCRIPT, "panel.js"),
+    console!("/route.js", SCRIPT, "route.js"),
+    console!("/state.js", SCRIPT, "state.js"),
+    console!("/texts.js", SCRIPT, "texts.js"),
+];
+
+/// `/openapi.json`, `/docs` and the console, whose words for enumerations are those of the model.
 pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
     let docs = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]));
     let docs = Router::from(docs).layer(from_fn(|request, next: Next| async move {
@@ -23,39 +53,13 @@ pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
     }));
     let document =
         move |_: NoQuery| async move { ([(header::CONTENT_TYPE, "application/json")], openapi) };
-    Router::new()
+    let mut router = Router::new()
         .route("/openapi.json", get(document))
-        .route(
-            "/",
-            get(|| file("text/html; charset=utf-8", include_str!("page/index.html"))),
-        )
-        .route(
-            "/page.js",
-            get(|| {
-                file(
-                    "text/javascript; charset=utf-8",
-                    include_str!("page/page.js"),
-                )
-            }),
-        )
-        .route(
-            "/alerts.js",
-            get(|| {
-                file(
-                    "text/javascript; charset=utf-8",
-                    include_str!("page/alerts.js"),
-                )
-            }),
-        )
-        .route(
-            "/words.js",
-            get(move || file("text/javascript; charset=utf-8", words)),
-        )
-        .route(
-            "/page.css",
-            get(|| file("text/css; charset=utf-8", include_str!("page/page.css"))),
-        )
-        .merge(docs)
+        .route("/words.js", get(move || file(SCRIPT, words)));
+    for (path, media_type, text) in CONSOLE {
+        router = router.route(path, get(move || file(media_type, text)));
+    }
+    router.merge(docs)
 }
 
 async fn file(media_type: &'static str, text: impl IntoResponse) -> Response {

@@ -1,7 +1,7 @@
 //! What the maintainers' page calls the values of enumerations: a script that it loads. A new value has
 //! no words until somebody gives it some here.
 
-use crate::model::{AlertAction, AlertStatus, ChangeKind, ResidualMeasurement, TextEnum, Tier};
+use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, TextEnum, Tier};
 
 /// The script: one constant for each enumeration that the page shows, of pairs of a text as the API has
 /// it and the page's words for it, in the order of the model.
@@ -14,7 +14,7 @@ pub(super) fn script() -> Result<String, serde_json::Error> {
         constant("ACTIONS", action_words)?,
         constant("STATUSES", AlertStatus::name)?,
         constant("DOUBTS", doubt_words)?,
-        constant("MEASUREMENTS", measurement_words)?,
+        constant("REASONS", reason_words)?,
     ]
     .concat())
 }
@@ -58,11 +58,14 @@ fn doubt_words(tier: Tier) -> &'static str {
     }
 }
 
-/// What stands in a choice.
-fn measurement_words(measurement: ResidualMeasurement) -> &'static str {
-    match measurement {
-        ResidualMeasurement::Robust => "robust",
-        ResidualMeasurement::AllPoints => "all points",
+/// What can be chosen when an alert is dismissed.
+fn reason_words(reason: DismissReason) -> &'static str {
+    match reason {
+        DismissReason::Temporary => "Temporary: it will be gone again",
+        DismissReason::People => "People were standing there",
+        DismissReason::Sensor => "Sensor: a lidar saw what is not so",
+        DismissReason::WrongPlace => "Wrong place: map or pose is off",
+        DismissReason::Other => "Something else, as the note says",
     }
 }
 
@@ -73,12 +76,20 @@ mod tests {
     use super::*;
     use crate::model::{BatchStatus, ResidualVerdict};
 
-    const ALERTS: &str = include_str!("page/alerts.js");
-    const PAGE: &str = include_str!("page/page.js");
-    const STYLE: &str = include_str!("page/page.css");
+    use crate::api::documents::CONSOLE;
+
+    /// All texts of the console whose path ends so.
+    fn console(end: &str) -> String {
+        let files = CONSOLE.iter().filter(|(path, ..)| path.ends_with(end));
+        files.map(|(.., text)| *text).collect()
+    }
 
     fn has<T: TextEnum>(text: &str) -> bool {
         T::of_text(text).is_ok()
+    }
+
+    fn has_status(text: &str) -> bool {
+        has::<AlertStatus>(text) || has::<BatchStatus>(text)
     }
 
     /// What follows each `before` in a text, as long as it is of an enumeration's letters.
@@ -95,38 +106,29 @@ mod tests {
         let first = "export const KINDS = new Map([[\"appeared\",\"Something appeared\"],";
         assert!(script.starts_with(first), "{script}");
         assert!(script.contains("[\"undo\",\"Undo\"]]);\n"), "{script}");
-        for name in ["KINDS", "ACTIONS", "STATUSES", "DOUBTS", "MEASUREMENTS"] {
+        for name in ["KINDS", "ACTIONS", "STATUSES", "DOUBTS", "REASONS"] {
             assert!(script.contains(&format!("export const {name} = ")));
-            assert!(
-                [ALERTS, PAGE].concat().contains(name),
-                "nobody reads {name}"
-            );
+            assert!(console(".js").contains(name), "nobody reads {name}");
         }
     }
 
     #[test]
     fn every_text_that_the_page_names_is_one() {
         let mut found = BTreeSet::new();
-        let mut check = |text, before, is_one: fn(&str) -> bool| {
+        let mut check = |text: &str, before, is_one: fn(&str) -> bool| {
             for name in named(text, before) {
                 assert!(is_one(name), "{before}{name}");
-                found.insert(name);
+                found.insert(name.to_owned());
             }
         };
-        for script in [ALERTS, PAGE] {
-            check(script, "status === \"", has::<AlertStatus>);
-            check(script, "action === \"", has::<AlertAction>);
-            check(script, "kind === \"", has::<ChangeKind>);
-            check(script, "tier === \"", has::<Tier>);
-        }
-        check(STYLE, ".status-", has::<BatchStatus>);
-        check(STYLE, ".bar.", has::<ResidualVerdict>);
-        check(STYLE, ".alert.", |name| {
-            has::<AlertStatus>(name) || name == "chosen"
-        });
-        check(STYLE, ".map svg .", |name| {
-            has::<Tier>(name) || ["chosen", "settled"].contains(&name)
-        });
+        let (script, style) = (console(".js"), console(".css"));
+        check(&script, "status === \"", has_status);
+        check(&script, "action === \"", has::<AlertAction>);
+        check(&script, "kind === \"", has::<ChangeKind>);
+        check(&script, "tier === \"", has::<Tier>);
+        check(&style, ".status-", has::<BatchStatus>);
+        check(&style, ".dot.", has::<ResidualVerdict>);
+        check(&style, ".kind-", has::<ChangeKind>);
         assert!(found.len() >= 8, "the page was not read: {found:?}");
     }
 }

@@ -218,10 +218,10 @@ async fn operations_and_documents_are_served() {
         );
     }
     for path in [
-        "/page.js",
-        "/alerts.js",
+        "/app.js",
+        "/map.js",
         "/words.js",
-        "/page.css",
+        "/console.css",
         "/docs/swagger-ui-bundle.js",
         "/docs/swagger-initializer.js",
     ] {
