@@ -16,6 +16,7 @@ mod fold;
 mod history;
 mod join;
 mod join_bands;
+mod judged_pass;
 mod layers;
 mod median;
 mod mended;
@@ -48,6 +49,7 @@ pub use finding::{Counterpart, Finding};
 pub use fold::{AlertState, AlertUpdate, SAME_PLACE_M, Step, fold, stays_untouched};
 pub use join::{join_counterparts, separate_counterparts};
 pub use join_bands::{join_bands, separate_bands};
+pub use judged_pass::{JudgedPass, JudgedPasses, PassCounts};
 pub use layers::{Layer, Layers, layer_of};
 pub use mended::resolve_mended;
 pub use mismatch::{KnownPose, TiedPose, mismatches};
@@ -58,6 +60,8 @@ pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Screen, Screened};
 pub use shift_fit::{SHIFT_MAX_M, ShiftFit};
-pub use site::{Observed, Site, state_changes, support_min};
+pub use site::{
+    Observed, PassSeen, Presence, Site, pass_outcomes, state_changes, support_min,
+};
 pub use suspect_evidence::{SilencedChange, SuspectEvidence};
 pub use vehicle::Suspect;
