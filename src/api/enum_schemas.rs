@@ -9,9 +9,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, Clearance, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
-    MapLayer, OperationStatus, PassOutcome, PassSide, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
-    WebhookEvent,
+    ChangeKind, Clearance, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
+    EdgeStatus, MapLayer, OperationStatus, PassOutcome, PassSide, ResidualMeasurement,
+    ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.

@@ -93,6 +93,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::list_alert_passes))
         .routes(routes!(alerts::acknowledge_alert))
         .routes(routes!(alerts::accept_alert))
         .routes(routes!(alerts::dismiss_alert))

@@ -55,13 +55,11 @@ pub use mended::resolve_mended;
 pub use mismatch::{KnownPose, TiedPose, mismatches};
 pub use pass::{Standpoint, passes};
 pub use pending::PendingChange;
-pub use region::region_round;
+pub use region::{centroid, region_round};
 pub use residual_runs::{JudgedClosure, residual_runs};
 pub use running_calibration::{RESIDUAL_FALSE_ALARM_RATE, p_values_in_order};
 pub use screen::{Agreement, CandidateSite, Fit, ObservationKey, Reliability, Screen, Screened};
 pub use shift_fit::{SHIFT_MAX_M, ShiftFit};
-pub use site::{
-    Observed, PassSeen, Presence, Site, pass_outcomes, state_changes, support_min,
-};
+pub use site::{Observed, PassSeen, Presence, Site, pass_outcomes, state_changes, support_min};
 pub use suspect_evidence::{SilencedChange, SuspectEvidence};
 pub use vehicle::Suspect;

@@ -51,3 +51,59 @@ impl RouteMap {
         nearest
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::change::ChangeKind;
+    use crate::change::testing::finding;
+    use crate::geometry::Pose2;
+    use crate::ids::{EdgeId, NodeId, StampNs, TripId};
+    use crate::mapping::{Keyframe, Weighting};
+    use crate::observation::testing::{World, all_round};
+
+    /// One trip along the x axis, a keyframe every metre and second.
+    fn map() -> RouteMap {
+        let world = World::default().with_rectangle([-5.0, -5.0], [15.0, 5.0]);
+        let lidar = Arc::new(all_round(90));
+        let nodes = (0..10).map(|k| {
+            let pose = Pose2::new(f64::from(k), 0.0, 0.0);
+            let scan = world.scan(&lidar, 90, &pose, || 0.0);
+            let (node, trip) = (NodeId(i64::from(k) + 1), TripId::new("monday").unwrap());
+            let stamp = StampNs(i64::from(k) * 1_000_000_000);
+            (pose, Keyframe::new(node, trip, stamp, pose, scan))
+        });
+        RouteMap::restore(Weighting::Robust, nodes, [], NodeId(11), EdgeId(1)).unwrap()
+    }
+
+    #[test]
+    fn distance_counts_from_the_way_to_the_region() {
+        let map = map();
+        let clearance = |place, kind| map.clearance(&finding(kind, place, 0.2, 100));
+        // Between two keyframes, and beside them.
+        for (y, expected) in [
+            (0.0, Clearance::Blocking),
+            (0.59, Clearance::Blocking),
+            (0.61, Clearance::Near),
+            (1.19, Clearance::Near),
+            (1.21, Clearance::Clear),
+        ] {
+            let found = clearance([4.5, y], ChangeKind::Appeared);
+            assert_eq!(found, Some(expected), "{y} m");
+        }
+        let beyond = clearance([9.7, 0.0], ChangeKind::Disappeared);
+        assert_eq!(beyond, Some(Clearance::Near), "the way ends there");
+        assert_eq!(clearance([4.5, 0.0], ChangeKind::MapMismatch), None);
+    }
+
+    #[test]
+    fn only_the_way_before_counts() {
+        let at =
+            |since_s| map().clearance(&finding(ChangeKind::Appeared, [8.5, 0.0], 0.2, since_s));
+        assert_eq!(at(100), Some(Clearance::Blocking));
+        assert_eq!(at(4), Some(Clearance::Clear), "it had come to 3 m");
+        assert_eq!(at(0), None);
+    }
+}

@@ -102,9 +102,8 @@ impl RouteMap {
                 let eye = taken.map_from_base.compose(&lidar.mount).translation();
                 let is_near = (eye - finding.location).norm() <= REACH_M + extent_m(finding)
                     && distance_to_polygon(&eye, &finding.region) <= reach_m(lidar);
-                let is_outdated = |change: &AcceptedChange| {
-                    change.outdates(taken.stamp, &finding.location)
-                };
+                let is_outdated =
+                    |change: &AcceptedChange| change.outdates(taken.stamp, &finding.location);
                 if is_near
                     && is_of(finding, layer_of(taken.scan))
                     && !scope.accepted.iter().any(is_outdated)

@@ -16,8 +16,8 @@ mod route;
 mod webhook;
 
 pub use alert::{
-    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome, PassSide,
-    Tier,
+    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome,
+    PassSide, Tier,
 };
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};

@@ -159,7 +159,9 @@ impl Workspace {
             size_of_val(evidence.nodes.as_slice())
                 + size_of_val(evidence.edges.as_slice())
                 + NAME_BYTES * evidence.trips.len()
-                + a.passes.as_ref().map_or(0, |passes| PASS_BYTES * passes.listed.len())
+                + a.passes
+                    .as_ref()
+                    .map_or(0, |passes| PASS_BYTES * passes.listed.len())
         };
         let alerts: usize = self.alerts.iter().map(|a| size_of_val(a) + named(a)).sum();
         self.map.size_bytes()

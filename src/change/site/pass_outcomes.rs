@@ -109,7 +109,9 @@ fn views_of(finding: &Finding, site: &Site<'_>) -> Vec<View> {
     };
     let inside: Vec<usize> = (0..cells.len()).filter(is_inside).collect();
     let changed = inside.iter().copied();
-    let changed: Vec<usize> = changed.filter(|&c| has_changed(finding, &answers, c)).collect();
+    let changed: Vec<usize> = changed
+        .filter(|&c| has_changed(finding, &answers, c))
+        .collect();
     // What is seen now this way, now that says less of each cell.
     let asked = if changed.is_empty() { inside } else { changed };
     let mut said = vec![(0.0, 0.0); site.observations.len()];
@@ -166,7 +168,10 @@ fn pass_of(finding: &Finding, views: &[View]) -> Option<PassSeen> {
     });
     let is_clear = said >= SAID_MIN_NATS && f64::abs(sum) >= AGREEMENT_MIN * said;
     let towards = f64::signum(sum);
-    let outcome = match (is_clear, (towards > 0.0) == (new_state(finding) == State::Occupied)) {
+    let outcome = match (
+        is_clear,
+        (towards > 0.0) == (new_state(finding) == State::Occupied),
+    ) {
         (false, _) => PassOutcome::CouldNotSee,
         (true, true) => PassOutcome::NewState,
         (true, false) => PassOutcome::OldState,
