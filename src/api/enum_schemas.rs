@@ -11,7 +11,7 @@ use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, Clearance, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
     EdgeStatus, MapLayer, OperationStatus, PassOutcome, PassSide, ResidualMeasurement,
-    ResidualVerdict, Stage, TextEnum, Tier, WebhookEvent,
+    ResidualVerdict, ShownSide, Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -64,6 +64,7 @@ enum_schemas! {
     PassSide as "PassSideName": "Whether a pass was `before` the first observation of the new state, or `since`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
+    ShownSide as "ShownSideName": "Whose observations to show: those from `before` the change, those `since`, or `both`.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";

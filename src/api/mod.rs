@@ -126,6 +126,8 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_yaml))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::get_observations))
+        .routes(routes!(alerts::get_observations_svg))
 }
 
 /// Operations whose answer is as long as a route is old.

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::route_map::RouteMap;
 use crate::change::{
-    AcceptedChange, CandidateSite, Finding, JudgedPass, JudgedPasses, Layer, Observed, PassSeen,
-    Presence, Screen, Site, Standpoint, layer_of, pass_outcomes, passes, support_min,
+    AcceptedChange, CandidateSite, Finding, JudgedPass, JudgedPasses, Observed, PassSeen, Presence,
+    Screen, Site, Standpoint, layer_of, pass_outcomes, passes, support_min,
 };
 use crate::geometry::distance_to_polygon;
 use crate::ids::{TripId, VehicleId};
@@ -36,7 +36,7 @@ impl RouteMap {
         let trips: Vec<TripId> = self.trips.keys().cloned().collect();
         let candidates = [finding.location];
         let layers = self.layers.iter();
-        let layers = layers.filter(|(layer, _)| is_of(finding, *layer));
+        let layers = layers.filter(|(layer, _)| finding.is_of(*layer));
         let sites = layers.map(|(_, screen)| Site {
             candidates: &candidates,
             changed_around: &[],
@@ -105,7 +105,7 @@ impl RouteMap {
                 let is_outdated =
                     |change: &AcceptedChange| change.outdates(taken.stamp, &finding.location);
                 if is_near
-                    && is_of(finding, layer_of(taken.scan))
+                    && finding.is_of(layer_of(taken.scan))
                     && !scope.accepted.iter().any(is_outdated)
                 {
                     let stamp = taken.stamp;
@@ -119,14 +119,6 @@ impl RouteMap {
         let order = |p: &Presence| (p.standpoint.trip, p.standpoint.stamp, p.node);
         presences.sort_by_key(order);
         presences
-    }
-}
-
-/// Whether a layer shows a finding.
-fn is_of(finding: &Finding, layer: Layer) -> bool {
-    match layer {
-        Some(band) => finding.bands.contains(&band),
-        None => finding.bands.is_empty(),
     }
 }
 

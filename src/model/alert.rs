@@ -46,6 +46,20 @@ text_enum! {
 }
 
 text_enum! {
+    /// Whose observations a picture of a place shows.
+    #[derive(Default)]
+    ShownSide {
+        /// Those from before the change.
+        Before = "before",
+        /// Those since.
+        Since = "since",
+        /// All, each side in its colour.
+        #[default]
+        Both = "both",
+    }
+}
+
+text_enum! {
     /// What a pass saw at the place of a change.
     PassOutcome {
         /// What was there before.

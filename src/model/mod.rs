@@ -17,7 +17,7 @@ mod webhook;
 
 pub use alert::{
     AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome,
-    PassSide, Tier,
+    PassSide, ShownSide, Tier,
 };
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
@@ -145,6 +145,7 @@ mod tests {
         check_read(Quantity::name);
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
+        check_read(ShownSide::name);
         check_read(Stage::name);
         check_read(Tier::name);
         check(WebhookEvent::name);
