@@ -9,9 +9,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
-    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
-    WebhookEvent,
+    ChangeKind, Clearance, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
+    EdgeStatus, MapLayer, OperationStatus, PassOutcome, PassSide, ResidualMeasurement,
+    ResidualVerdict, ShownSide, Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -52,6 +52,7 @@ enum_schemas! {
     BatchStatus as "BatchStatusName": "Where a batch is on its way.";
     BeamVerdict as "BeamVerdictName": "What one scan says of a point of another.";
     ChangeKind as "AlertKindName": "What changed.";
+    Clearance as "AlertBlockingName": "How near a change is to the way that vehicles took before it: `blocking`, nearer than 0.4 m, half the width of a vehicle; `near`, within 1 m; `clear`, farther off.";
     DeliveryFailure as "DeliveryFailureName": "Why an attempt had no answer.";
     DeliveryStatus as "DeliveryStatusName": "How far a delivery has come.";
     Detector as "DetectorName": "Which rule decides that something changed.";
@@ -59,8 +60,11 @@ enum_schemas! {
     EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
     OperationStatus as "OperationStatusName": "How far an operation has come.";
     MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
+    PassOutcome as "PassOutcomeName": "What a pass saw at the place of a change: the `old_state`, the `new_state`, or neither (`could_not_see`: it was within reach, but the place was hidden, or its scans disagree).";
+    PassSide as "PassSideName": "Whether a pass was `before` the first observation of the new state, or `since`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
+    ShownSide as "ShownSideName": "Whose observations to show: those from `before` the change, those `since`, or `both`.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";

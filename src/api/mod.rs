@@ -93,6 +93,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::list_alert_passes))
         .routes(routes!(alerts::acknowledge_alert))
         .routes(routes!(alerts::accept_alert))
         .routes(routes!(alerts::dismiss_alert))
@@ -125,6 +126,8 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_yaml))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::get_observations))
+        .routes(routes!(alerts::get_observations_svg))
 }
 
 /// Operations whose answer is as long as a route is old.

@@ -15,7 +15,10 @@ mod residual;
 mod route;
 mod webhook;
 
-pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, DismissReason, Tier};
+pub use alert::{
+    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome,
+    PassSide, ShownSide, Tier,
+};
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
@@ -131,14 +134,18 @@ mod tests {
         check_read(BatchStatus::name);
         check_read(BeamVerdict::name);
         check_read(ChangeKind::name);
+        check_read(Clearance::name);
         check_read(DeliveryFailure::name);
         check_read(DeliveryStatus::name);
         check_read(Detector::name);
         check_read(EdgeKind::name);
         check_read(EdgeStatus::name);
+        check_read(PassOutcome::name);
+        check_read(PassSide::name);
         check_read(Quantity::name);
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
+        check_read(ShownSide::name);
         check_read(Stage::name);
         check_read(Tier::name);
         check(WebhookEvent::name);

@@ -11,7 +11,7 @@ use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
 use crate::ids::{AlertId, EdgeId, RouteId, VehicleId};
-use crate::mapping::Mending;
+use crate::mapping::{Mending, PassScope};
 use crate::model::ResidualVerdict;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry, SYSTEM};
 
@@ -38,7 +38,23 @@ pub(super) fn fold_into(
     take(workspace, route, updates, at, &mut folded);
     let updates = fold(&states_of(workspace), findings);
     take(workspace, route, updates, at, &mut folded);
+    add_passes(workspace, &mut folded.changed);
     folded.changed
+}
+
+/// Brings up to date which passes went by the changed alerts' places, and how near these are to the
+/// vehicles' way.
+fn add_passes(workspace: &mut Workspace, changed: &mut [AlertRecord]) {
+    for alert in changed {
+        let scope = PassScope {
+            accepted: &workspace.accepted,
+            vehicles: &workspace.vehicles,
+            false_alerts_per_lap: workspace.false_alarm_rate,
+        };
+        alert.passes = workspace.map.passes_by(&alert.evidence, &scope);
+        alert.clearance = workspace.map.clearance(&alert.evidence);
+        workspace.replace_alert(alert);
+    }
 }
 
 /// What comes of a job's findings.
@@ -133,6 +149,8 @@ fn raised(
         evidence: state.evidence.clone(),
         first_seen: state.first_seen,
         vehicles: Vec::new(),
+        passes: None,
+        clearance: None,
         residual: None,
         map_version: workspace.map_version,
         related: related_to(workspace, &state.evidence),

@@ -4,11 +4,11 @@
 mod curve;
 mod picture;
 mod place;
-mod text;
 
 #[cfg(test)]
 mod tests;
 
+use super::svg_text as text;
 use crate::change::BeamVerdict;
 
 pub use picture::{Curve, EvidencePicture, Look};

@@ -3,12 +3,12 @@
 use jiff::Timestamp;
 
 pub use crate::change::{
-    AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
+    AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, JudgedPasses, Tier,
 };
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
 pub use crate::model::SYSTEM;
-use crate::model::{Actor, DismissReason};
+use crate::model::{Actor, Clearance, DismissReason};
 pub use crate::render::MapPicture;
 
 use super::records::{EdgeChange, NodeChange};
@@ -35,6 +35,11 @@ pub struct AlertRecord {
     pub first_seen: StampNs,
     /// Whose looks show the new state, ascending.
     pub vehicles: Vec<VehicleId>,
+    /// The passes by its place, and what they saw; `None` of what is no change of state, and of an alert
+    /// that has not changed since passes are kept.
+    pub passes: Option<JudgedPasses>,
+    /// How near it is to the vehicles' way; `None` as `passes`.
+    pub clearance: Option<Clearance>,
     /// What the residual of its strongest closure says; `None` without a closure.
     pub residual: Option<AlertResidual>,
     /// The version of the map that it contradicts.
@@ -99,6 +104,10 @@ pub struct AlertFilter {
     pub bbox: Option<[f64; 4]>,
     /// At least this confident.
     pub min_confidence: Option<f64>,
+    /// Whose new state this vehicle saw.
+    pub vehicle_id: Option<VehicleId>,
+    /// This near to the vehicles' way.
+    pub blocking: Option<Clearance>,
 }
 
 /// Something that happened to an alert.

@@ -6,7 +6,7 @@ use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
 use super::webhook_deliveries::{Happened, queue};
-use crate::model::DismissReason;
+use crate::model::{Clearance, DismissReason};
 use crate::scan::HeightBand;
 
 /// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
@@ -144,6 +144,8 @@ async fn upsert(
         .bind(evidence.suspect.as_ref().map(json_text).transpose()?)
         .bind(alert.decision_revision)
         .bind(polygon_bytes(&alert.decision_region))
+        .bind(alert.passes.as_ref().map(json_text).transpose()?)
+        .bind(alert.clearance.map(Clearance::name))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -155,10 +157,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
      updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, bands, \
-     suspect, decision_revision, decision_region, confirmed_revision) \
+     suspect, decision_revision, decision_region, passes, clearance, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
      ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     ?34, ?35, ?36, ?37, ?38, ?39, iif(?31 = 'confirmed', ?3, NULL) \
+     ?34, ?35, ?36, ?37, ?38, ?39, ?40, ?41, iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -176,6 +178,7 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      counterpart_region = excluded.counterpart_region, shift_x = excluded.shift_x, \
      shift_y = excluded.shift_y, bands = excluded.bands, suspect = excluded.suspect, \
      decision_revision = excluded.decision_revision, decision_region = excluded.decision_region, \
+     passes = excluded.passes, clearance = excluded.clearance, \
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \

@@ -15,7 +15,7 @@ use super::{Store, named};
 use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
-use crate::model::DismissReason;
+use crate::model::{Clearance, DismissReason};
 use crate::scan::HeightBand;
 
 impl Store {
@@ -163,6 +163,15 @@ pub(super) async fn alert_page(
     if let Some(confidence) = filter.min_confidence {
         query.push(" AND confidence >= ").push_bind(confidence);
     }
+    if let Some(vehicle) = &filter.vehicle_id {
+        query
+            .push(" AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = ")
+            .push_bind(vehicle.as_str())
+            .push(")");
+    }
+    if let Some(clearance) = filter.blocking {
+        query.push(" AND clearance = ").push_bind(clearance.name());
+    }
     query
         .push(" ORDER BY alerts.id DESC LIMIT ")
         .push_bind(limit);
@@ -274,6 +283,8 @@ fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
         evidence: evidence_of(row)?,
         first_seen: StampNs(row.try_get("first_seen_ns")?),
         vehicles: json(row, "vehicles")?,
+        passes: optional_json(row, "passes")?,
+        clearance: clearance_of(row)?,
         residual: residual_of(row)?,
         map_version: row.try_get("map_version")?,
         related: json(row, "related")?,
@@ -320,6 +331,11 @@ fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
         kind: text(row, "counterpart_kind")?,
         region: polygon(row, "counterpart_region")?,
     }))
+}
+
+fn clearance_of(row: &SqliteRow) -> Result<Option<Clearance>, StoreError> {
+    let text: Option<&str> = row.try_get("clearance")?;
+    text.map(|text| value_of(text, "clearance")).transpose()
 }
 
 fn bands_of(row: &SqliteRow) -> Result<Vec<HeightBand>, StoreError> {

@@ -37,6 +37,7 @@ mod map_versions;
 mod marker;
 mod migrations;
 mod operations;
+mod place_scans;
 mod quarantines;
 mod rebuild;
 mod records;

@@ -40,6 +40,7 @@ async fn alerts_have_their_documented_form() {
     for (name, path) in [
         ("alert", path(APPEARED)),
         ("alerts", "/v1/alerts?limit=1".to_owned()),
+        ("alert_passes", format!("{}/passes", path(APPEARED))),
         ("alert_evidence", format!("{}/evidence", path(APPEARED))),
         (
             "batch_with_alerts",
@@ -61,6 +62,44 @@ async fn alerts_have_their_documented_form() {
     );
     let route = service.get("/v1/routes/hall").await.json();
     assert_eq!(route["counts"]["open_alerts"], 1);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn an_alert_from_before_passes_were_kept_has_none() {
+    let service = changed_hall::start().await;
+    let alert = service.get(&path(DISAPPEARED)).await.json();
+    assert_eq!(
+        (&alert["passes"], &alert["blocking"]),
+        (&Value::Null, &Value::Null)
+    );
+    let passes = service.get(&format!("{}/passes", path(DISAPPEARED))).await;
+    assert_eq!(passes.json(), json!({"items": [], "next_cursor": null}));
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_list_that_is_as_it_was_is_not_sent_again() {
+    let service = changed_hall::start().await;
+    let list = "/v1/alerts?limit=1";
+    let first = service.get(list).await;
+    let tag = first.header("etag").unwrap().to_owned();
+    let ask = |path: &str| Request::new("GET", path).header("if-none-match", &tag);
+    assert_eq!(service.send(ask(list)).await.status, 304);
+    assert_eq!(
+        service.send(ask("/v1/alerts")).await.status,
+        200,
+        "another list"
+    );
+    let acknowledged = decide(&service, "acknowledge", "\"1\"", json!({})).await;
+    assert_eq!(acknowledged.status, 200);
+    assert_eq!(service.send(ask(list)).await.status, 304, "another alert");
+    let all = service.get("/v1/alerts?status=acknowledged").await;
+    let tag = all.header("etag").unwrap();
+    let ask = Request::new("GET", "/v1/alerts?status=acknowledged").header("if-none-match", tag);
+    let reopened = decide(&service, "reopen", "\"2\"", json!({})).await;
+    assert_eq!(reopened.status, 200);
+    assert_eq!(service.send(ask).await.status, 200);
     service.stop().await;
 }
 
@@ -147,6 +186,10 @@ async fn every_condition_of_a_list_holds() {
         ("?bbox=-10,-10,10,10", vec![DISAPPEARED, APPEARED]),
         ("?min_confidence=0.95", vec![APPEARED]),
         ("?min_confidence=1", vec![]),
+        ("?vehicle_id=agv-07", vec![DISAPPEARED, APPEARED]),
+        ("?vehicle_id=agv-08", vec![]),
+        ("?blocking=near", vec![APPEARED]),
+        ("?blocking=blocking", vec![]),
     ] {
         let page = service.get(&format!("/v1/alerts{query}")).await.json();
         let items = page["items"].as_array().unwrap().iter();

@@ -1,9 +1,13 @@
 //! Alerts that are tentative at first, what is kept of them, and whom they are sent to.
 
-use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
+use mapshift::change::{
+    AlertStatus, ChangeKind, Counterpart, Finding, JudgedPass, JudgedPasses, Tier,
+};
 use mapshift::geometry::Vector2;
 use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
-use mapshift::model::{AlertEventKind, BatchStatus, WebhookEvent};
+use mapshift::model::{
+    AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent,
+};
 use mapshift::store::{
     AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
     StoreError, WebhookSecret, WebhookUpdate,
@@ -61,6 +65,8 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
         },
         first_seen: StampNs(1_000),
         vehicles: vec![VehicleId::new("v").unwrap()],
+        passes: Some(passes()),
+        clearance: Some(Clearance::Near),
         residual: None,
         map_version: 1,
         related: Vec::new(),
@@ -74,6 +80,23 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
             reason: None,
         }],
     }
+}
+
+fn passes() -> JudgedPasses {
+    let pass = |second: i64, side, outcome| JudgedPass {
+        trip: TripId::new("t").unwrap(),
+        vehicle: VehicleId::new("v").unwrap(),
+        begins: StampNs(second),
+        ends: StampNs(second + 1),
+        side,
+        outcome,
+        node: NodeId(1),
+    };
+    let passes = vec![
+        pass(500, PassSide::Before, PassOutcome::OldState),
+        pass(1_000, PassSide::Since, PassOutcome::NewState),
+    ];
+    JudgedPasses::of(ChangeKind::Appeared, passes)
 }
 
 fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {

@@ -4,11 +4,14 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::passes::PassCountsBody;
+use super::sentence::{summary, title};
+use super::size::Size;
 use super::suspect_body::SuspectBody;
 use crate::api::types::timestamp;
 use crate::change::Counterpart;
 use crate::geometry::Vector2;
-use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, Tier};
+use crate::model::{AlertAction, AlertStatus, ChangeKind, Clearance, DismissReason, Tier};
 use crate::pipeline::is_allowed;
 use crate::scan::HeightBand;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
@@ -18,6 +21,9 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 #[schema(as = Alert, example = json!({
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 17, "decision_revision": 3,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
+    "title": "Appeared: about 0.4 × 0.4 m", "summary": "Something about 0.4 × 0.4 m stands where 7 earlier passes saw free space, since 06:00; seen by agv-07 in 2 of 2 passes.",
+    "size": {"length": 0.4, "width": 0.4}, "blocking": "near",
+    "passes": {"before": {"saw_free": 7, "saw_occupied": 0, "could_not_see": 1}, "since": {"saw_free": 0, "saw_occupied": 2, "could_not_see": 0}},
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
     "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "suspect": null, "bands": [],
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
@@ -46,6 +52,20 @@ pub(super) struct AlertBody {
     tier: Tier,
     /// What can be done with it now.
     actions: Vec<AlertAction>,
+    /// What happened, in a few words for people.
+    title: String,
+    /// What happened, where, since when and who saw it, in one sentence for people. Times are UTC.
+    summary: String,
+    /// How large its region is; null without a region.
+    #[schema(required)]
+    size: Option<Size>,
+    /// How near it is to the way that vehicles took before it; null for alerts that are about no change
+    /// of a place, and for those that have not changed since the service computes it.
+    #[schema(required)]
+    blocking: Option<Clearance>,
+    /// How many passes by the place saw what, before and since; null as `blocking`.
+    #[schema(required)]
+    passes: Option<PassCountsBody>,
     /// Probability that it is true.
     #[schema(minimum = 0, maximum = 1)]
     confidence: f64,
@@ -79,7 +99,7 @@ pub(super) struct AlertBody {
     trip_ids: Vec<String>,
     /// Scans that show the new state.
     views: u64,
-    /// Passes by the place that saw the new state.
+    /// Passes since the change: those by the place that saw the new state.
     laps: u64,
     /// What the residual of its strongest closure says; null without a closure.
     #[schema(required)]
@@ -222,6 +242,8 @@ impl From<AlertRecord> for AlertBody {
     fn from(alert: AlertRecord) -> Self {
         let actions = allowed_actions(&alert);
         let location = LocationBody::of(&alert);
+        let size = Size::of(&alert.evidence.region);
+        let (title, summary) = (title(&alert, size), summary(&alert, size));
         let evidence = alert.evidence;
         Self {
             id: alert.id.to_string(),
@@ -232,6 +254,11 @@ impl From<AlertRecord> for AlertBody {
             status: alert.status,
             tier: evidence.tier,
             actions,
+            title,
+            summary,
+            size,
+            blocking: alert.clearance,
+            passes: alert.passes.as_ref().map(PassCountsBody::from),
             confidence: evidence.confidence,
             location,
             region: corners(&evidence.region),
