@@ -10,7 +10,7 @@ use utoipa::{PartialSchema, ToSchema};
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
-    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
+    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Role, Stage, TextEnum, Tier,
     WebhookEvent,
 };
 
@@ -61,6 +61,7 @@ enum_schemas! {
     MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
+    Role as "RoleName": "What somebody may do: `vehicle` uploads and reads what became of it; `viewer` reads; `maintainer` also decides about alerts and keeps routes and vehicles; `admin` also makes keys and webhooks and deletes routes.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";

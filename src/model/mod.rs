@@ -4,6 +4,7 @@
 //! on the maintainers' page and in pictures; here is the only table of it. What values mean to a room,
 //! such as what a status allows, stands in that room. Begin with [`TextEnum`].
 
+mod access;
 mod alert;
 mod audit;
 mod batch;
@@ -15,6 +16,7 @@ mod residual;
 mod route;
 mod webhook;
 
+pub use access::{InvalidHolder, Role, checked_holder};
 pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, DismissReason, Tier};
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
@@ -139,6 +141,7 @@ mod tests {
         check_read(Quantity::name);
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
+        check_read(Role::name);
         check_read(Stage::name);
         check_read(Tier::name);
         check(WebhookEvent::name);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::api::{Limits, Pace};
+use mapshift::api::{AccessOptions, Limits, Pace};
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
@@ -69,6 +69,8 @@ impl Service {
             limits,
             pipeline: PipelineOptions::default(),
             delivery,
+            access: AccessOptions::default(),
+            insecure_open_to_network: false,
         };
         let app = app::start(config).await.unwrap();
         Self {
