@@ -101,7 +101,7 @@ async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<(
     let plan = plan_of(args.laps).plan()?;
     say(&describe(&plan));
     let fleet = Fleet::new(&plan, Timestamp::now())?;
-    let gateway = Gateway::new(url, say)?;
+    let gateway = Gateway::new(url, None, say)?;
     gateway
         .ensure_route(route, Some("Demonstration hall"))
         .await?;
