@@ -9,7 +9,6 @@ use jiff::{SignedDuration, Timestamp};
 use uuid::Uuid;
 
 use super::key_arg::KeyArg;
-use super::progress::say;
 use crate::client::{Gateway, KeyReport, KeyRequest};
 use crate::ids::{KeyId, RouteId, VehicleId};
 use crate::model::{Actor, Role, TextEnum as _, checked_holder};
@@ -25,7 +24,12 @@ const PAGE: u32 = 1_000;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Directory that holds the database. A service that runs on it is asked over HTTP instead.
-    #[arg(long, global = true, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
+    #[arg(
+        long,
+        global = true,
+        env = "MAPSHIFT_DATA_DIR",
+        default_value = "./data"
+    )]
     data: PathBuf,
     /// Ask the service at this address, with an administrator's key.
     #[arg(long, global = true)]
@@ -91,7 +95,7 @@ async fn carry_out(args: &Args) -> anyhow::Result<()> {
     match &args.command {
         Command::Create(create) => {
             let made = keys.create(create.request(Timestamp::now())?).await?;
-            say("This key is shown once: keep it where its holder alone can read it.");
+            note("This key is shown once: keep it where its holder alone can read it.");
             writeln!(std::io::stdout(), "{made}")?;
         }
         Command::List => {
@@ -102,7 +106,7 @@ async fn carry_out(args: &Args) -> anyhow::Result<()> {
         }
         Command::Revoke { id } => {
             keys.revoke(*id).await?;
-            say(&format!("key {id} is revoked"));
+            note(&format!("key {id} is revoked"));
         }
     }
     keys.close().await
@@ -129,14 +133,14 @@ impl CreateArgs {
 
 impl Keys {
     async fn find(args: &Args) -> anyhow::Result<Self> {
-        let there = |url: &str| Gateway::new(url, args.key.key.as_deref(), say);
+        let there = |url: &str| Gateway::new(url, args.key.key.as_deref(), note);
         if let Some(url) = &args.url {
             return Ok(Self::There(there(url)?));
         }
         match open(&args.data).await {
             Ok(store) => Ok(Self::Here(store)),
             Err(StoreError::Locked(_)) => {
-                say(&format!(
+                note(&format!(
                     "a service runs on {}: asking it at {URL} (--url names another)",
                     args.data.display()
                 ));
@@ -211,6 +215,11 @@ async fn open(data: &Path) -> Result<Store, StoreError> {
     Store::open(StoreOptions { data_dir }).await
 }
 
+/// Tells people something; standard output is for keys.
+fn note(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
 fn by() -> Actor {
     Actor::Local {
         address: COMMAND_LINE.to_owned(),
@@ -253,7 +262,9 @@ fn line(key: &KeyReport) -> String {
 }
 
 fn parse_name(text: &str) -> Result<String, String> {
-    checked_holder(text).map(str::to_owned).map_err(|refusal| refusal.to_string())
+    checked_holder(text)
+        .map(str::to_owned)
+        .map_err(|refusal| refusal.to_string())
 }
 
 fn parse_role(text: &str) -> Result<Role, String> {

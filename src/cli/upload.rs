@@ -161,11 +161,7 @@ async fn readable_route(
 }
 
 /// How many of the batches that were uploaded are still under way.
-async fn own_pending(
-    gateway: &Gateway,
-    args: &Args,
-    tally: &Tally,
-) -> Result<i64, GatewayError> {
+async fn own_pending(gateway: &Gateway, args: &Args, tally: &Tally) -> Result<i64, GatewayError> {
     let mut pending = 0;
     for id in &tally.batches {
         let batch = gateway.batch(&args.route, id).await?;

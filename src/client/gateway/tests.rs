@@ -53,7 +53,8 @@ async fn temporary_failures_are_repeated_with_the_same_bytes() {
     let (url, requests) = scripted(&[BUSY, TOO_MANY, ACCEPTED]).await;
     let told = Arc::new(Mutex::new(Vec::new()));
     let tell = told.clone();
-    let gateway = Gateway::new(&url, None, move |t| tell.lock().unwrap().push(t.to_owned())).unwrap();
+    let gateway =
+        Gateway::new(&url, None, move |t| tell.lock().unwrap().push(t.to_owned())).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
     assert_eq!(outcome, Outcome::Stored);
     assert_eq!(told.lock().unwrap().len(), 2);
