@@ -162,6 +162,12 @@ uuid_type!(
     WebhookId
 );
 
+uuid_type!(
+    /// A key of somebody who may send requests: a UUID of version 7, so that keys sort by when they were
+    /// made.
+    KeyId
+);
+
 impl StampNs {
     /// Seconds since the Unix epoch.
     pub fn seconds(self) -> f64 {

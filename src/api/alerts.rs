@@ -26,6 +26,7 @@ use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::is_known;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -33,7 +34,7 @@ use super::parameters::AlertParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AlertListProblems, AlertProblems};
 use crate::ids::AlertId;
-use crate::store::AlertRecord;
+use crate::store::{AlertFilter, AlertRecord};
 
 use body::{AlertBody, etag};
 pub(super) use bulk::*;
@@ -76,10 +77,11 @@ pub(super) struct AlertPage {
 )]
 pub(super) async fn list_alerts(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
     request: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (alerts, next_cursor) = page(&state, &query).await?;
+    let (alerts, next_cursor) = page(&state, &identity, &query).await?;
     let body = serde_json::to_vec(&AlertPage {
         items: alerts.into_iter().map(AlertBody::from).collect(),
         next_cursor,
@@ -129,12 +131,17 @@ pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
 /// A page of the list and where the next one begins.
 async fn page(
     state: &ApiState,
+    identity: &Identity,
     query: &AlertQuery,
 ) -> Result<(Vec<AlertRecord>, Option<String>), Problem> {
     let limit = checked_limit(query.limit)?;
     let before: Option<AlertId> = key_of_cursor(query.cursor.as_deref())?;
-    let filter = query.filter()?;
+    let filter = AlertFilter {
+        among: identity.routes.clone(),
+        ..query.filter()?
+    };
     if let Some(route) = &filter.route_id {
+        identity.check_route(route)?;
         state.known_route(route).await?;
     }
     let mut alerts = state.store.alert_page(&filter, before, limit + 1).await?;
@@ -142,11 +149,11 @@ async fn page(
     Ok((alerts, next_cursor))
 }
 
-async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
+pub(super) async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
     state.store.alert(id).await?.ok_or_else(unknown_alert)
 }
 
-fn unknown_alert() -> Problem {
+pub(super) fn unknown_alert() -> Problem {
     let detail = "there is no such alert: GET /v1/alerts lists them";
     Problem::new(ProblemKind::NotFound, detail)
 }

@@ -11,7 +11,7 @@ use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, Clearance, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
     EdgeStatus, MapLayer, OperationStatus, PassOutcome, PassSide, ResidualMeasurement,
-    ResidualVerdict, ShownSide, Stage, TextEnum, Tier, WebhookEvent,
+    ResidualVerdict, Role, ShownSide, Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -65,6 +65,7 @@ enum_schemas! {
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     ShownSide as "ShownSideName": "Whose observations to show: those from `before` the change, those `since`, or `both`.";
+    Role as "RoleName": "What somebody may do: `vehicle` uploads and reads what became of it; `viewer` reads; `maintainer` also decides about alerts and keeps routes and vehicles; `admin` also makes keys and webhooks and deletes routes.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";

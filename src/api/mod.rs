@@ -4,7 +4,7 @@
 //! lead ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving
 //! and workers.
 
-mod actor;
+mod access;
 mod alerts;
 mod audit;
 mod batches;
@@ -18,6 +18,7 @@ mod extract;
 mod filters;
 mod graph;
 mod if_match;
+mod keys;
 mod layers;
 mod limits;
 mod maps;
@@ -38,6 +39,7 @@ mod removals;
 mod residuals;
 mod retries;
 mod routes;
+mod session;
 mod shares;
 mod state;
 mod subgraphs;
@@ -50,6 +52,8 @@ mod versions;
 mod webhooks;
 mod words;
 
+use std::sync::Arc;
+
 use axum::Router;
 use axum::middleware::{from_fn, from_fn_with_state};
 use tower_http::catch_panic::CatchPanicLayer;
@@ -57,14 +61,19 @@ use utoipa::OpenApi as _;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+pub use access::{
+    AccessOptions, GroupRole, InvalidGroupRole, InvalidNetwork, InvalidUrl, Network, PublicUrl,
+    TrustedProxies,
+};
 pub use alerts::alert_text;
-pub use client_address::ClientAddress;
+pub use client_address::{ClientAddress, PeerAddress};
 pub use limits::{Limits, Pace, Reads};
 pub use quota::Quota;
 pub use raw_answer::raw_answer;
 pub use reading::Held;
-pub use state::ApiState;
+pub use state::{ApiSettings, ApiState};
 
+use access::Rules;
 use reading::Weight;
 
 /// Operations that read a few rows, or write.
@@ -109,6 +118,13 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(webhooks::test_webhook))
         .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(audit::list_audit))
+        .routes(routes!(
+            session::get_session,
+            session::sign_in,
+            session::sign_out
+        ))
+        .routes(routes!(keys::list_keys, keys::create_key))
+        .routes(routes!(keys::get_key, keys::revoke_key))
 }
 
 /// Operations that draw, or compute from much that is stored.
@@ -137,6 +153,7 @@ fn export_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(graph::get_graph_g2o))
         .routes(routes!(trajectories::get_trajectory))
         .routes(routes!(trajectories::get_trajectory_tum))
+        .routes(routes!(audit::export_audit))
 }
 
 /// Operations that wait for no other: health, and streams, which are counted on their own.
@@ -171,15 +188,19 @@ pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
 /// # Errors
 /// If the OpenAPI document, or the words of the page, do not serialise.
 pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
-    let document = serde_json::to_vec(&openapi_document()?)?;
+    let document = openapi_document()?;
+    let rules = Arc::new(Rules::of(&document));
+    let document = serde_json::to_vec(&document)?;
     let limited = |router: OpenApiRouter<ApiState>, weight| {
         router.route_layer(from_fn_with_state((state.clone(), weight), reading::limit))
     };
     let (router, _) = operations(limited).split_for_parts();
     Ok(router
+        .route_layer(from_fn_with_state((state.clone(), rules), access::admit))
         .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn_with_state(state.clone(), access::check_origin))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
         .layer(from_fn(layers::limit_uri))

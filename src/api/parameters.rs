@@ -77,6 +77,14 @@ pub(super) struct AlertParam {
 
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
+pub(super) struct KeyParam {
+    /// Id of the key
+    #[param(format = "uuid")]
+    key: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
 pub(super) struct WebhookParam {
     /// Id of the webhook
     #[param(format = "uuid")]

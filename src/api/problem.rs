@@ -49,11 +49,15 @@ problem_kinds! {
     BadEncoding = BAD_REQUEST, "bad-encoding", "The body does not decompress";
     DigestMismatch = BAD_REQUEST, "digest-mismatch", "The body is not what its digest says";
     BadRequest = BAD_REQUEST, "bad-request", "The request is not usable";
+    Unauthenticated = UNAUTHORIZED, "unauthenticated", "Nobody knows who sends this";
+    Forbidden = FORBIDDEN, "forbidden", "Whoever sends this may not";
+    ForeignOrigin = FORBIDDEN, "foreign-origin", "Another page asks for this";
     UnknownRoute = NOT_FOUND, "unknown-route", "There is no such route";
     NotFound = NOT_FOUND, "not-found", "There is nothing here";
     MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
     BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
+    FirstKey = CONFLICT, "first-key", "The first key is an administrator's";
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
     RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
@@ -71,6 +75,8 @@ problem_kinds! {
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
     WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
+    ForeignHost = MISDIRECTED_REQUEST, "foreign-host", "The request is meant for another host";
+    TooManySignIns = TOO_MANY_REQUESTS, "too-many-sign-ins", "This address has failed to sign in too often";
     TooManyRequests = TOO_MANY_REQUESTS, "too-many-requests", "This address has its share under way";
     HeadersTooLarge = REQUEST_HEADER_FIELDS_TOO_LARGE, "headers-too-large", "The request's headers are too large";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";

@@ -14,6 +14,10 @@ use super::problem::{ProblemKind, ProblemKind as K};
 const ANY: &[ProblemKind] = &[
     K::InvalidParameter,
     K::BadRequest,
+    K::Unauthenticated,
+    K::Forbidden,
+    K::ForeignOrigin,
+    K::ForeignHost,
     K::UriTooLong,
     K::TooManyRequests,
     K::HeadersTooLarge,
@@ -121,6 +125,17 @@ problem_responses! {
 
     /// Of deciding about several alerts.
     DecisionsProblems = [], with BODY;
+
+    /// Of reading a key.
+    KeyProblems = [K::InvalidField, K::NotFound];
+    /// Of making a key.
+    KeyCreationProblems = [K::FirstKey], with BODY;
+    /// Of revoking a key.
+    KeyRevocationProblems = [K::InvalidField, K::NotFound, K::DiskFull];
+    /// Of beginning a session.
+    SignInProblems = [K::TooManySignIns], with BODY;
+    /// Of ending a session.
+    SignOutProblems = [K::DiskFull];
 
     /// Of reading a webhook, or what belongs to it.
     WebhookProblems = [K::InvalidField, K::NotFound];

@@ -214,10 +214,15 @@ pub(super) async fn get_operation(
     Ok(Json(operation.into()))
 }
 
-async fn known_operation(state: &ApiState, id: OperationId) -> Result<OperationRecord, Problem> {
+pub(super) async fn known_operation(
+    state: &ApiState,
+    id: OperationId,
+) -> Result<OperationRecord, Problem> {
     let operation = state.store.operation(id).await?;
-    operation.ok_or_else(|| {
-        let detail = "there is no such operation, or its route was deleted";
-        Problem::new(ProblemKind::NotFound, detail)
-    })
+    operation.ok_or_else(unknown_operation)
+}
+
+pub(super) fn unknown_operation() -> Problem {
+    let detail = "there is no such operation, or its route was deleted";
+    Problem::new(ProblemKind::NotFound, detail)
 }

@@ -4,6 +4,7 @@
 //! on the maintainers' page and in pictures; here is the only table of it. What values mean to a room,
 //! such as what a status allows, stands in that room. Begin with [`TextEnum`].
 
+mod access;
 mod alert;
 mod audit;
 mod batch;
@@ -15,6 +16,7 @@ mod residual;
 mod route;
 mod webhook;
 
+pub use access::{InvalidHolder, Role, checked_holder};
 pub use alert::{
     AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome,
     PassSide, ShownSide, Tier,
@@ -146,6 +148,7 @@ mod tests {
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
         check_read(ShownSide::name);
+        check_read(Role::name);
         check_read(Stage::name);
         check_read(Tier::name);
         check(WebhookEvent::name);

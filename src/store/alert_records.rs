@@ -91,6 +91,8 @@ pub struct HistoryEntry {
 pub struct AlertFilter {
     /// Of this route.
     pub route_id: Option<RouteId>,
+    /// Of one of these routes.
+    pub among: Option<Vec<RouteId>>,
     /// In this state.
     pub status: Option<AlertStatus>,
     /// Of this kind.

@@ -140,6 +140,10 @@ pub(super) async fn alert_page(
     if let Some(route) = &filter.route_id {
         query.push(" AND routes.id = ").push_bind(route.as_str());
     }
+    if let Some(routes) = &filter.among {
+        query.push(" AND routes.id IN (SELECT value FROM json_each(");
+        query.push_bind(json_text(routes)?).push("))");
+    }
     if let Some(status) = filter.status {
         query.push(" AND status = ").push_bind(status.name());
     }

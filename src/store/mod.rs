@@ -32,6 +32,8 @@ mod inputs;
 mod intermediate_scans;
 mod jobs;
 mod journal;
+mod key_records;
+mod keys;
 mod lock;
 mod map_versions;
 mod marker;
@@ -50,7 +52,9 @@ mod retries;
 mod route_audit;
 mod routes;
 mod row_sums;
+mod secrets;
 mod series_closures;
+mod sessions;
 mod settled;
 mod space;
 mod trips;
@@ -71,11 +75,13 @@ pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
 pub use inputs::{Input, InputRecord, JobInput};
+pub use key_records::*;
 pub use quarantines::Quarantine;
 pub use rebuild::InputsToRepeat;
 pub use records::*;
 pub use removal_records::*;
 pub use retries::Retried;
+pub use secrets::{KeyText, NoKey, Secret};
 pub use series_closures::{SeriesClosure, SeriesClosures};
 pub use upload_lags::UploadLag;
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
@@ -83,6 +89,7 @@ pub use webhook_records::*;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
@@ -122,6 +129,10 @@ struct Shared {
     shutdown: CancellationToken,
     writer: Mutex<Option<JoinHandle<Result<(), StoreError>>>>,
     opened: Instant,
+    /// Whether a key was ever made.
+    has_keys: AtomicBool,
+    /// How many keys were revoked since the start.
+    revocations: AtomicU64,
     // After the readers: whoever takes the lock next finds no connection of ours.
     _lock: Arc<DirectoryLock>,
 }
@@ -238,6 +249,7 @@ impl Store {
             );
         }
         jobs::release_orphans(&mut connection, Timestamp::now()).await?;
+        let has_keys = keys::any(&mut connection).await?;
         let readers = database.open_readers().await?;
         let commits = marker::commits(&mut connection).await?;
         let marker = Marker::create(&options.data_dir, commits)?;
@@ -269,6 +281,8 @@ impl Store {
             shutdown,
             writer: Mutex::new(Some(tokio::spawn(writer.run()))),
             opened: Instant::now(),
+            has_keys: AtomicBool::new(has_keys),
+            revocations: AtomicU64::new(0),
             _lock: lock,
         };
         Ok(Self {

@@ -8,6 +8,7 @@
     clippy::print_stdout
 )]
 
+mod access;
 mod alert_stream;
 mod alerts;
 mod audit;
@@ -21,12 +22,16 @@ mod crowds;
 mod edge_batches;
 mod foreign_heads;
 mod hooked;
+mod keys;
 mod lifecycle;
 mod limits;
+mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;
 mod resources;
+mod secrets;
 mod service;
+mod sessions;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;

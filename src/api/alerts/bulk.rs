@@ -9,9 +9,10 @@ use axum::http::HeaderMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::AlertBody;
-use super::decisions::{Why, carry_out, checked_name};
+use super::decisions::{Why, carry_out, decider};
+use super::{AlertBody, unknown_alert};
 use crate::api::ApiState;
+use crate::api::access::Identity;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemBody, ProblemKind};
 use crate::api::problem_responses::DecisionsProblems;
@@ -19,6 +20,7 @@ use crate::api::upload::small_json;
 use crate::change::AlertAction;
 use crate::ids::AlertId;
 use crate::model::{Actor, DismissReason};
+use crate::store::AlertRecord;
 
 const DECISIONS_MAX: usize = 200;
 /// Each begins a version of a map and takes up to seconds.
@@ -33,7 +35,7 @@ pub(in crate::api) struct DecisionsPost {
     /// `undo`.
     #[schema(min_items = 1, max_items = 200)]
     decisions: Vec<DecisionPost>,
-    /// Who decided; `anonymous` if left out.
+    /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in.
     #[schema(min_length = 1, max_length = 100, nullable = false)]
     by: Option<String>,
 }
@@ -126,7 +128,7 @@ impl DecisionResult {
 
 impl DecisionsPost {
     /// All of it, before anything is carried out.
-    fn check(self) -> Result<Vec<(DecisionPost, Why)>, Problem> {
+    fn check(self, actor: &Actor) -> Result<Vec<(DecisionPost, Why)>, Problem> {
         let refuse =
             |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/decisions"));
         if !(1..=DECISIONS_MAX).contains(&self.decisions.len()) {
@@ -143,7 +145,7 @@ impl DecisionsPost {
                 "accept and undo make a new map each: send at most 10 of them at a time",
             );
         }
-        let by = checked_name(self.by)?;
+        let by = decider(actor, self.by)?;
         let decisions = self.decisions.into_iter().enumerate();
         let checked = decisions.map(|(k, mut one)| {
             let why = Why::checked(one.action, by.clone(), one.note.take(), one.reason);
@@ -166,25 +168,36 @@ impl DecisionsPost {
 pub(in crate::api) async fn decide_alerts(
     State(state): State<ApiState>,
     _: NoQuery,
+    identity: Identity,
     actor: Actor,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<DecisionsAnswer>, Problem> {
     let post: DecisionsPost = small_json(&state, &headers, body).await?;
     let mut items = Vec::new();
-    for (one, why) in post.check()? {
-        items.push(answer(&state, &one, why, actor.clone()).await?);
+    for (one, why) in post.check(&actor)? {
+        items.push(answer(&state, &identity, &one, why, actor.clone()).await?);
     }
     Ok(Json(DecisionsAnswer { items }))
 }
 
 async fn answer(
     state: &ApiState,
+    identity: &Identity,
     one: &DecisionPost,
     why: Why,
     actor: Actor,
 ) -> Result<DecisionAnswer, Problem> {
     let before = state.store.alert(one.id).await?;
+    let is_hidden = |alert: &AlertRecord| !identity.sees(&alert.route_id);
+    if before.as_ref().is_some_and(is_hidden) {
+        return Ok(DecisionAnswer {
+            id: one.id.to_string(),
+            result: DecisionResult::Unknown,
+            alert: None,
+            problem: Some(unknown_alert().body("")),
+        });
+    }
     let is_made = |status| one.action.leads_to() == Some(status);
     let (result, problem) = match before {
         Some(alert) if is_made(alert.status) => (DecisionResult::AlreadyDone, None),

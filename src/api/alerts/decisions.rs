@@ -39,7 +39,8 @@ pub(in crate::api) struct AlertDecision {
     /// Why it is dismissed; with `dismiss` alone.
     #[schema(nullable = false)]
     reason: Option<DismissReason>,
-    /// Who decided; `anonymous` if left out.
+    /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in: their
+    /// own name stands in the history.
     #[schema(min_length = 1, max_length = 100)]
     by: Option<String>,
 }
@@ -67,8 +68,15 @@ impl Why {
     }
 }
 
-/// Who decides, as they say.
-pub(super) fn checked_name(by: Option<String>) -> Result<String, Problem> {
+/// Who decides: who has signed in, whatever they say; else as they say.
+pub(super) fn decider(actor: &Actor, by: Option<String>) -> Result<String, Problem> {
+    match actor.signed_in() {
+        Some(name) => Ok(name.to_owned()),
+        None => checked_name(by),
+    }
+}
+
+fn checked_name(by: Option<String>) -> Result<String, Problem> {
     let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/by"));
     let by = by.unwrap_or_else(|| UNNAMED.to_owned());
     let length = by.chars().count();
@@ -143,7 +151,7 @@ async fn decide(
     body: Body,
 ) -> Result<Response, Problem> {
     let decision: AlertDecision = small_json(state, headers, body).await?;
-    let by = checked_name(decision.by)?;
+    let by = decider(&actor, decision.by)?;
     let why = Why::checked(action, by, decision.note, decision.reason)?;
     known_alert(state, id).await?;
     carry_out(state, id, action, actor, wanted(headers)?, why).await?;

@@ -16,6 +16,7 @@ use super::sentence::{summary, title};
 use super::size::Size;
 use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
+use crate::api::access::Identity;
 use crate::api::extract::{ApiQuery, PageQuery};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::AlertMapProblems;
@@ -132,12 +133,14 @@ struct CounterpartProperty {
 )]
 pub(in crate::api) async fn list_alerts_geojson(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
 ) -> Result<Response, Problem> {
     if let Some(route) = query.filter()?.route_id {
+        identity.check_route(&route)?;
         required_plane(&state.known_route(&route).await?)?;
     }
-    let (alerts, next_cursor) = page(&state, &query).await?;
+    let (alerts, next_cursor) = page(&state, &identity, &query).await?;
     let mut planes: BTreeMap<RouteId, Option<TangentPlane>> = BTreeMap::new();
     let mut features = Vec::with_capacity(alerts.len());
     for alert in &alerts {

@@ -65,6 +65,7 @@ impl AlertQuery {
         }
         Ok(AlertFilter {
             route_id: checked_route(self.route_id.as_deref())?,
+            among: None,
             status: self.status,
             kind: self.kind,
             tier: self.tier,
