@@ -10,6 +10,8 @@ import { palette, vehicleColour } from "./palette.js";
  */
 
 const POINTS_MAX = 20000;
+/** As many as show where the vehicles are. */
+const POINTS_FOR_POSES = 500;
 const EDGES_MAX = 5000;
 /** Points of a trajectory that are painted or left out together. */
 const PIECE = 128;
@@ -50,9 +52,9 @@ export function showLayer(layer, on) {
  */
 export async function readLayers(route) {
   const base = routePath(route) + "/map/layers/";
-  const wantsTracks = shown.has("trajectories") || shown.has("vehicles") || shown.has("references");
+  const points = shown.has("trajectories") || shown.has("references") ? POINTS_MAX : shown.has("vehicles") ? POINTS_FOR_POSES : 0;
   const [tracks, residuals] = await Promise.all([
-    wantsTracks ? get(base + "trajectories?max_points=" + POINTS_MAX).catch(() => null) : null,
+    points > 0 ? get(base + "trajectories?max_points=" + points).catch(() => null) : null,
     shown.has("residuals") ? get(base + "residuals?limit=" + EDGES_MAX).catch(() => null) : null,
   ]);
   if (tracks) takeTracks(tracks.items ?? []);

@@ -11,7 +11,7 @@ export const TEXTS = {
   connecting: "Connecting …", live: "Live", broken: "Disconnected",
   lost: "The service does not answer. What you see may be out of date, and decisions are locked; trying again …",
   unreachable: "The service does not answer",
-  open: "Open to everybody on this machine: no key has been created", by: "Decide as",
+  open: "No keys yet: open to everybody on this machine", by: "Decide as",
   signIn: "Sign in", signOut: "Sign out", key: "Your key", signInHint: "Paste the key that an administrator gave you. It is exchanged for a session and not stored here.",
   role: (/** @type {string} */ name, /** @type {string} */ role) => name + " · " + role,
   nothing: "Nothing here yet.", cancel: "Cancel", close: "Close", undo: "Undo", note: "Note (optional)", noteShort: "Note", failed: "It did not succeed.",
@@ -71,7 +71,7 @@ export const TEXTS = {
 
   // The other tabs
   vehicles: {
-    head: ["Vehicle", "State", "Trips", "Scans", "Last seen", "What is known of it", ""],
+    head: ["Vehicle", "State", "Trips", "Scans", "Last seen", "What is known of it", "Decide"],
     states: /** @type {Words} */ ({ trusted: "trusted", suspect: "suspected", quarantined: "quarantined" }),
     quantities: /** @type {Words} */ ({ yaw: "lidar yaw (rad)", offset_x: "lidar offset x (m)", offset_y: "lidar offset y (m)", range_scale: "range scale", beam_spacing: "beam spacing", way_scale: "odometry scale", turn_scale: "turn scale", turn_per_metre: "turn per metre (rad)", clock: "clock offset (s)" }),
     estimate: (/** @type {string} */ quantity, /** @type {number} */ value, /** @type {number} */ sigma, /** @type {boolean} */ applied) => quantity + " " + value.toPrecision(3) + " ± " + sigma.toPrecision(1) + (applied ? ", corrected" : ""),
@@ -102,7 +102,7 @@ export const TEXTS = {
     name: "Name", rate: "False alerts accepted per lap", hold: "A batch waits for its predecessor, seconds", shift: "A batch may move the map by at most, metres", save: "Save", saved: "Saved", stage: "Stage", detector: "Detector", waiting: "Batches waiting",
     counts: /** @type {Words} */ ({ batches: "Batches", scans: "Scans", nodes: "Nodes", edges: "Edges", loop_closures: "Loop closures", subgraphs: "Sub-graphs", vehicles: "Vehicles", open_alerts: "Alerts to decide" }),
   },
-  zones: "Muted zones", noZones: "No place is muted.", zoneHead: ["Where", "Kinds", "Until", "By", "Note", ""], endZone: "End", forGood: "for good",
+  zones: "Muted zones", noZones: "No place is muted.", zoneHead: ["Where", "Kinds", "Until", "By", "Note", "Decide"], endZone: "End", forGood: "for good",
   audit: { head: ["When", "Who", "What", "Of what"], csv: "All of it as CSV", more: (/** @type {number} */ count) => "The newest " + count + " are shown." },
   report: {
     title: "Shift report", period: "Period", periods: /** @type {[string, string][]} */ ([["8", "the last 8 hours"], ["12", "the last 12 hours"], ["24", "the last day"], ["168", "the last week"]]), again: "Refresh", print: "Print",
