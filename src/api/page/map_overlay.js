@@ -67,7 +67,7 @@ export class Overlay {
     const canvas = document.createElement("canvas");
     canvas.width = window.width * ratio;
     canvas.height = window.height * ratio;
-    const pen = canvas.getContext("2d");
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
     if (!pen) return;
     pen.scale(ratio, ratio);
     const job = this.paint(pen, window);
@@ -75,7 +75,11 @@ export class Overlay {
     const step = () => {
       const end = performance.now() + BUDGET_MS;
       let isDone = false;
-      while (!isDone && performance.now() < end) isDone = job.next().done ?? true;
+      while (!isDone && performance.now() < end) {
+        isDone = job.next().done ?? true;
+        // Reading a pixel paints what was recorded: else all of it would be painted in one frame at the end.
+        pen.getImageData(0, 0, 1, 1);
+      }
       if (!isDone) { requestAnimationFrame(step); return; }
       this.job = null;
       this.front = { canvas, window };
