@@ -2,10 +2,13 @@
 
 use axum::Router;
 use axum::body::Bytes;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{MethodRouter, get};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use sha2::{Digest, Sha256};
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::ApiState;
@@ -83,20 +86,32 @@ pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
         move |_: NoQuery| async move { ([(header::CONTENT_TYPE, "application/json")], openapi) };
     let mut router = Router::new()
         .route("/openapi.json", get(document))
-        .route("/words.js", get(move || file(SCRIPT, words)));
+        .route("/words.js", file(SCRIPT, words));
     for (path, media_type, text) in CONSOLE {
-        router = router.route(path, get(move || file(media_type, text)));
+        router = router.route(path, file(media_type, Bytes::from_static(text.as_bytes())));
     }
     router.merge(docs)
 }
 
-async fn file(media_type: &'static str, text: impl IntoResponse) -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, media_type),
-        (header::CACHE_CONTROL, "no-cache"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ];
-    with_policy((headers, text).into_response(), PAGE_POLICY)
+/// Serves a text that a browser keeps for as long as its digest is the same.
+fn file(media_type: &'static str, text: Bytes) -> MethodRouter<ApiState> {
+    let tag = format!("W/\"{}\"", STANDARD.encode(Sha256::digest(&text)));
+    get(move |request: HeaderMap| async move {
+        let known = request.get(header::IF_NONE_MATCH);
+        let is_known = known.is_some_and(|known| known.as_bytes() == tag.as_bytes());
+        let headers = [
+            (header::CONTENT_TYPE, media_type.to_owned()),
+            (header::CACHE_CONTROL, "no-cache".to_owned()),
+            (header::REFERRER_POLICY, "no-referrer".to_owned()),
+            (header::ETAG, tag),
+        ];
+        let response = if is_known {
+            (StatusCode::NOT_MODIFIED, headers).into_response()
+        } else {
+            (headers, text).into_response()
+        };
+        with_policy(response, PAGE_POLICY)
+    })
 }
 
 fn with_policy(mut response: Response, policy: &'static str) -> Response {

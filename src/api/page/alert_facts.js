@@ -2,7 +2,7 @@
 
 import { facts, link, make } from "./dom.js";
 import { placeAddress } from "./address.js";
-import { metres, middle, point, size, time } from "./format.js";
+import { inLocalTime, metres, middle, point, size, time } from "./format.js";
 import { TEXTS } from "./texts.js";
 import { KINDS, REASONS, STATUSES } from "./words.js";
 
@@ -10,6 +10,15 @@ import { KINDS, REASONS, STATUSES } from "./words.js";
 
 const F = TEXTS.fields;
 const NODES_MAX = 40;
+
+/**
+ * What the alert says in one sentence.
+ * @param {Alert} alert
+ */
+export function sentence(alert) {
+  if (alert.summary) return inLocalTime(alert.summary, [alert.since, alert.until]);
+  return (KINDS.get(alert.kind) ?? alert.kind) + ", " + point(alert.location) + ", " + TEXTS.passes(alert.laps) + ", " + alert.vehicle_ids.join(", ") + ".";
+}
 
 /** @param {Alert} alert */
 export function placeFacts(alert) {

@@ -21,8 +21,10 @@ const CHANGED = 412;
  */
 export const isPossible = (alert, action) => state.live && may("maintainer") && alert.actions.includes(action);
 
+/** @param {number} revision */
+const tag = (revision) => '"' + revision + '"';
 /** @param {Alert} alert */
-export const tagOf = (alert) => '"' + alert.decision_revision + '"';
+export const tagOf = (alert) => tag(alert.decision_revision);
 
 /**
  * Whether it changes the map, which takes a while.
@@ -42,7 +44,7 @@ const WAY_BACK = { accept: "undo", dismiss: "reopen" };
 async function carryOut(alert, action, said) {
   const by = typedName();
   const body = { ...(said.note && { note: said.note }), ...(said.reason && { reason: said.reason }), ...(by && { by }) };
-  return send("POST", alertPath(alert.id) + "/" + action, body, { "If-Match": tagOf(alert) });
+  return send("POST", alertPath(alert.id) + "/" + action, body, { "If-Match": said.revision === undefined ? tagOf(alert) : tag(said.revision) });
 }
 
 /**

@@ -32,6 +32,21 @@ export function age(stamp, now = Date.now()) {
   return minutes < 1440 ? TEXTS.ago(Math.floor(minutes / 60), hours) : TEXTS.ago(Math.floor(minutes / 1440), days);
 }
 
+/**
+ * A sentence of the service, which has UTC, with these times as the rest of the page has them.
+ * @param {string} text
+ * @param {(string | null)[]} stamps
+ */
+export function inLocalTime(text, stamps) {
+  let said = text;
+  for (const stamp of stamps) {
+    if (!stamp) continue;
+    const [day, minute] = [stamp.slice(0, 10), stamp.slice(11, 16)];
+    said = said.replace(new RegExp("\\b(since|from|to) (" + day + " )?" + minute), (_, word) => word + " " + clock(stamp));
+  }
+  return said;
+}
+
 /** @param {number} value */
 export const metres = (value) => value.toFixed(2) + " m";
 /** @param {{x: number, y: number}} place */

@@ -2,6 +2,9 @@
 
 import { TEXTS } from "./texts.js";
 
+/** Where one signs in and out, and asks who one is. */
+export const SESSION = "/v1/session";
+
 /** The service answered, and not with what was asked for. */
 export class Refused extends Error {
   /**
@@ -31,7 +34,7 @@ async function ask(path, options) {
   } catch (cause) {
     throw new Error(TEXTS.unreachable, { cause });
   }
-  if (response.status === 401) onSignedOut();
+  if (response.status === 401 && path !== SESSION) onSignedOut();
   return response;
 }
 

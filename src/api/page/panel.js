@@ -1,11 +1,10 @@
 // The chosen alert: a sentence, what was observed, what can be done, and what it rests on.
 
-import { history, numberFacts, placeFacts } from "./alert_facts.js";
+import { history, numberFacts, placeFacts, sentence } from "./alert_facts.js";
 import { decide, isPossible } from "./decide.js";
 import { Discussion } from "./discussion.js";
 import { arrange, button, byId, link, make, say } from "./dom.js";
 import { Evidence } from "./evidence.js";
-import { point } from "./format.js";
 import { readAlert } from "./live.js";
 import { hideScan } from "./map_scan.js";
 import { Passes } from "./passes.js";
@@ -17,12 +16,6 @@ import { ACTIONS, DOUBTS, KINDS, STATUSES } from "./words.js";
 
 /** @type {View | null} */
 let view = null;
-
-/** @param {Alert} alert */
-function sentence(alert) {
-  if (alert.summary) return alert.summary;
-  return (KINDS.get(alert.kind) ?? alert.kind) + ", " + point(alert.location) + ", " + TEXTS.passes(alert.laps) + ", " + alert.vehicle_ids.join(", ") + ".";
-}
 
 /** @param {Alert} alert */
 function chips(alert) {

@@ -1,5 +1,6 @@
 // What is asked before a decision: what accepting will change, why something is dismissed.
 
+import { sentence } from "./alert_facts.js";
 import { ask } from "./dialog.js";
 import { choice, facts, make, noteField } from "./dom.js";
 import { alertPath, get } from "./http.js";
@@ -8,7 +9,7 @@ import { ACTIONS, REASONS } from "./words.js";
 
 /**
  * @typedef {import("./types").Alert} Alert
- * @typedef {{note?: string, reason?: string, muteHours?: number}} Said
+ * @typedef {{note?: string, reason?: string, muteHours?: number, revision?: number}} Said
  */
 
 const P = TEXTS.preview;
@@ -22,6 +23,7 @@ function previewFacts(preview) {
     [P.edges, String(preview.edges_retired)],
     [P.nodes, String(preview.nodes_handed_over)],
     [P.moved, P.atMost(preview.max_displacement_m)],
+    [P.precision, preview.nodes_reactivated ? P.approximate(preview.nodes_reactivated) : null],
   ]);
 }
 
@@ -36,12 +38,19 @@ export async function askBeforeAccepting(alert, note) {
   effect.setAttribute("role", "status");
   const { area, field } = noteField(TEXTS.note, note);
   const accept = ACTIONS.get("accept") ?? "";
-  const answered = ask(TEXTS.acceptTitle, [make("p", "", alert.summary ?? alert.title ?? ""), effect, field], [[TEXTS.cancel, null], [accept, true, "main"]]);
+  const answered = ask(TEXTS.acceptTitle, [make("p", "", sentence(alert)), effect, field], [[TEXTS.cancel, null], [accept, true, "main"]]);
+  /** @type {number | undefined} what was previewed is what is decided about */
+  let revision;
   const confirm = document.querySelector("dialog[open] button.main");
   if (confirm instanceof HTMLButtonElement) {
     confirm.disabled = true;
     get(alertPath(alert.id) + "/preview").then(
-      (preview) => { effect.replaceChildren(previewFacts(preview), make("p", "quiet", TEXTS.acceptBody)); confirm.disabled = false; confirm.focus(); },
+      (preview) => {
+        revision = preview.decision_revision;
+        effect.replaceChildren(previewFacts(preview), make("p", "quiet", TEXTS.acceptBody));
+        confirm.disabled = false;
+        if (document.activeElement !== area) confirm.focus();
+      },
       (error) => {
         effect.replaceChildren(make("p", "refusal", error.message));
         // Without a preview one may still decide; what cannot be accepted stays locked.
@@ -49,7 +58,7 @@ export async function askBeforeAccepting(alert, note) {
       },
     );
   }
-  return (await answered) ? { note: area.value.trim() } : null;
+  return (await answered) ? { note: area.value.trim(), revision } : null;
 }
 
 /**

@@ -1,7 +1,7 @@
 // Who is signed in, and how one signs in and out.
 
 import { button, byId, make, say } from "./dom.js";
-import { getIfThere, send } from "./http.js";
+import { getIfThere, send, SESSION } from "./http.js";
 import { state } from "./state.js";
 import { TEXTS } from "./texts.js";
 
@@ -9,7 +9,7 @@ const NAME = "by";
 
 /** Reads who is signed in; a service without sessions is open to everybody. */
 export async function readSession() {
-  const session = await getIfThere("/v1/session");
+  const session = await getIfThere(SESSION);
   if (session) state.session = session.open ? { ...session, role: "admin" } : session;
 }
 
@@ -32,7 +32,7 @@ export function showAccess(beforeSigningOut) {
   }
   const out = button(TEXTS.signOut, async () => {
     beforeSigningOut();
-    await send("DELETE", "/v1/session");
+    await send("DELETE", SESSION);
     location.reload();
   });
   byId("access").replaceChildren(TEXTS.role(name ?? "", role ?? ""), " ", out);
@@ -51,7 +51,7 @@ export function showSignIn() {
     event.preventDefault();
     submit.disabled = true;
     try {
-      await send("POST", "/v1/session", { key: field.value.trim() });
+      await send("POST", SESSION, { key: field.value.trim() });
       location.reload();
     } catch (error) {
       say(refusal, error instanceof Error ? error.message : String(error));

@@ -48,7 +48,7 @@ export const TEXTS = {
   acceptTitle: "Take this change into the map?", acceptBody: "The part of the graph around it is solved again. You can undo this.",
   acceptSeveralTitle: (/** @type {number} */ count) => "Take " + plural(count, "change", "changes") + " into the map?", acceptSeveralBody: "Those on one route make one new version of its map. You can undo each of them.",
   preview: {
-    working: "Working out what it would change …", version: "New version", cells: "Map", edges: "Loop closures retired", nodes: "Keyframes handed over", moved: "Poses move by",
+    working: "Working out what it would change …", version: "New version", cells: "Map", edges: "Loop closures retired", nodes: "Keyframes handed over", moved: "Poses move by", precision: "Precision", approximate: (/** @type {number} */ nodes) => "approximate: " + plural(nodes, "archived keyframe is", "archived keyframes are") + " read first",
     cellCounts: (/** @type {number} */ occupied, /** @type {number} */ free, /** @type {number} */ unknown) => plural(occupied, "cell becomes", "cells become") + " occupied, " + free + " free, " + unknown + " unknown",
     atMost: (/** @type {number} */ metres) => (metres < 0.0005 ? "nothing" : "at most " + (metres * 100).toFixed(1) + " cm"),
   },

@@ -40,6 +40,7 @@ export interface Alert {
   residual: { edge_id: number; delta_f: number; threshold: number | null; p_value: number } | null;
   since: string;
   last_seen: string;
+  until: string | null;
   raised_at: string;
   map_version: number;
   history: HistoryEntry[];
@@ -70,6 +71,8 @@ export interface Pass {
 }
 
 export interface Preview {
+  decision_revision: number;
+  nodes_reactivated?: number;
   map_version_next: number;
   cells: { to_free: number; to_occupied: number; to_unknown: number };
   edges_retired: number;
