@@ -2,7 +2,7 @@
 
 import { alertAddress, placeAddress } from "./address.js";
 import { button, check, choice, iconButton, make, mark, say } from "./dom.js";
-import { list, routePath } from "./http.js";
+import { get, list, routePath } from "./http.js";
 import { hearMap, ZOOM_STEP } from "./map_input.js";
 import { dropLayers, isShown, LAYERS, overlay, readLayers, showLayer } from "./map_layers.js";
 import { alertAt, drawMarks, drawScale } from "./map_marks.js";
@@ -14,6 +14,7 @@ import { state } from "./state.js";
 import { TEXTS } from "./texts.js";
 
 const REFRESH_MS = 30000;
+const VERSIONS_MAX = 1000;
 const ADDRESS_MS = 400;
 /** An alert's place is shown at least at 2.5 cm a pixel. */
 const ALERT_ZOOM = 9;
@@ -28,6 +29,8 @@ let placed = null;
 let reading = null;
 /** @type {readonly [number, number, number, number] | null} */
 let bounds = null;
+/** The version that grows. */
+let draft = 0;
 let frame = 0;
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let addressDue;
@@ -44,12 +47,13 @@ export async function readMap() {
     reading = route;
     bounds = null;
     picture = "accepted";
+    draft = 0;
     dropTiles();
     dropLayers();
-    await offerVersions(route);
   }
-  const version = picture in TEXTS.pictures ? "" : picture;
-  const info = await readTiles(route, version ? "accepted" : picture, version);
+  const { map_version } = await get(routePath(route));
+  if (map_version !== draft) { draft = map_version; await offerVersions(route); }
+  const info = await readTiles(route, picture, picture === "observed" ? "?layer=observed" : "?version=" + (picture === "accepted" ? draft : picture));
   if (reading !== route) return;
   bounds = info?.bounds ?? null;
   say(parts.empty, info ? "" : TEXTS.noMap);
@@ -59,9 +63,9 @@ export async function readMap() {
 
 /** @param {string} route */
 async function offerVersions(route) {
-  const versions = /** @type {import("./types").Version[]} */ (await list(routePath(route) + "/versions", 1000).catch(() => []));
-  const past = versions.filter((version) => !version.current).map((version) => String(version.version)).reverse();
-  const options = [...Object.entries(TEXTS.pictures), ...past.map((version) => /** @type {const} */ ([version, TEXTS.versionNumber(version)]))];
+  const versions = /** @type {import("./types").Version[]} */ (await list(routePath(route) + "/versions", VERSIONS_MAX));
+  const past = versions.filter((version) => !version.current).sort((a, b) => b.version - a.version);
+  const options = [...Object.entries(TEXTS.pictures), ...past.map((version) => [String(version.version), TEXTS.versionNumber(version.version, TEXTS.versions.states[version.state ?? ""] ?? "")])];
   parts?.pictures.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
   if (parts) parts.pictures.value = picture;
 }

@@ -6,10 +6,17 @@ import { dark, palette } from "./palette.js";
 
 /**
  * @typedef {{image: ImageBitmap | HTMLCanvasElement | null, tag: string, used: number}} Tile
- * @typedef {{route: string, layer: string, version: string, info: import("./types").TilesInfo, tag: string}} Source
+ * @typedef {object} Source
+ * @property {string} route
+ * @property {string} picture what is shown, by the name that it keeps while the map grows
+ * @property {string} query which map that is now
+ * @property {import("./types").TilesInfo} info
+ * @property {string} tag changes with the map
  */
 
 const TILE_PX = 256;
+/** Zoom 8 is 5 cm a pixel. */
+const TILE_AT_8_M = 0.05 * TILE_PX;
 const KEPT_MAX = 300;
 const AT_ONCE = 6;
 /** A missing tile is stood in for by one up to so many levels above it. */
@@ -30,21 +37,20 @@ dark.addEventListener("change", () => { tiles.clear(); moved(); });
 /**
  * Reads what there is of a map, and again whenever it may have changed.
  * @param {string} route
- * @param {string} layer
- * @param {string} version empty for the newest
+ * @param {string} picture
+ * @param {string} query
  * @returns {Promise<import("./types").TilesInfo | null>} null while there is no map
  */
-export async function readTiles(route, layer, version) {
-  const isOther = source?.route !== route || source.layer !== layer || source.version !== version;
+export async function readTiles(route, picture, query) {
   let answer;
   try {
-    answer = await getTagged(routePath(route) + "/map/tiles.json" + query(layer, version));
+    answer = await getTagged(routePath(route) + "/map/tiles.json" + query);
   } catch (error) {
     if (!(error instanceof Refused) || error.status !== 404) throw error;
     answer = null;
   }
-  if (isOther) tiles.clear();
-  source = answer && { route, layer, version, info: answer.body, tag: String(answer.body.tag ?? answer.body.revision ?? answer.tag) };
+  if (source?.route !== route || source.picture !== picture) tiles.clear();
+  source = answer && { route, picture, query, info: answer.body, tag: String(answer.body.tag ?? answer.tag) };
   moved();
   return source?.info ?? null;
 }
@@ -56,12 +62,6 @@ export function dropTiles() {
 }
 
 /**
- * @param {string} layer
- * @param {string} version
- */
-const query = (layer, version) => (version ? "?version=" + encodeURIComponent(version) : "?layer=" + layer);
-
-/**
  * Draws the tiles that are seen; the pen measures in device pixels.
  * @param {CanvasRenderingContext2D} pen
  * @param {number} ratio device pixels a pixel
@@ -70,15 +70,15 @@ export function drawTiles(pen, ratio) {
   if (!source) return;
   frame += 1;
   wanted = [];
-  const { min_zoom, max_zoom, resolution_m } = source.info;
+  const { min_zoom, max_zoom } = source.info;
   const scale = view.scale * ratio;
-  const z = Math.min(max_zoom, Math.max(min_zoom, Math.ceil(max_zoom + Math.log2(scale * resolution_m) - 0.3)));
-  const tile_m = TILE_PX * resolution_m * 2 ** (max_zoom - z);
+  const z = Math.min(max_zoom, Math.max(min_zoom, Math.ceil(8 + Math.log2((scale * TILE_AT_8_M) / TILE_PX) - 0.3)));
+  const tile_m = TILE_AT_8_M * 2 ** (8 - z);
   const half = { x: view.width / 2 / view.scale, y: view.height / 2 / view.scale };
   const seen = clip(Math.floor((view.x - half.x) / tile_m), Math.floor((view.x + half.x) / tile_m), Math.floor((-view.y - half.y) / tile_m), Math.floor((-view.y + half.y) / tile_m), tile_m);
   const left = (/** @type {number} */ x) => Math.round((view.width * ratio) / 2 + (x * tile_m - view.x) * scale);
   const top = (/** @type {number} */ y) => Math.round((view.height * ratio) / 2 + (y * tile_m + view.y) * scale);
-  pen.imageSmoothingEnabled = scale * resolution_m * 2 ** (max_zoom - z) < 1;
+  pen.imageSmoothingEnabled = (scale * tile_m) / TILE_PX < 1;
   for (let y = seen.y0; y <= seen.y1; y += 1) {
     for (let x = seen.x0; x <= seen.x1; x += 1) drawTile(pen, z, x, y, left(x), top(y), left(x + 1), top(y + 1));
   }
@@ -151,15 +151,14 @@ async function read(from, z, x, y, key) {
   /** @type {Tile["image"]} */
   let image = tiles.get(key)?.image ?? null;
   try {
-    const blob = await getBlob(routePath(from.route) + "/map/tiles/" + key + ".png" + query(from.layer, from.version));
+    const blob = await getBlob(routePath(from.route) + "/map/tiles/" + key + ".png" + from.query);
     image = blob.size > 0 ? recoloured(await createImageBitmap(blob)) : null;
   } catch {
     // A tile that cannot be read now stays as it is until the map changes.
   } finally {
     underWay.delete(key);
   }
-  if (source?.route !== from.route || source.layer !== from.layer || source.version !== from.version) { moved(); return; }
-  tiles.set(key, { image, tag: from.tag, used: frame });
+  if (source?.route === from.route && source.picture === from.picture) tiles.set(key, { image, tag: from.tag, used: frame });
   forget();
   moved();
 }

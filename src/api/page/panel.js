@@ -102,12 +102,23 @@ class View {
 /** What is half typed about the chosen alert. */
 export const typedNote = () => view?.note.value.trim() ?? "";
 
+/**
+ * A new alert in the panel; the focus stays there if it was there.
+ * @param {Alert} alert
+ */
+function open(alert) {
+  const hadFocus = view !== null && (document.activeElement === document.body || byId("panel").contains(document.activeElement));
+  hideScan();
+  view = new View(alert);
+  if (hadFocus) view.title.focus({ preventScroll: true });
+}
+
 /** Shows the chosen alert, or says that none is. */
 export function showPanel() {
   const alert = chosenAlert();
   if (alert) {
-    if (view?.id !== alert.id) { hideScan(); view = new View(alert); }
-    view.bring(alert);
+    if (view?.id !== alert.id) open(alert);
+    view?.bring(alert);
     return;
   }
   if (state.chosen && state.loaded) readAlert(state.chosen);

@@ -64,7 +64,7 @@ export const TEXTS = {
   tabs: /** @type {Words} */ ({ map: "Map", vehicles: "Vehicles", batches: "Batches", residuals: "Residuals", versions: "Versions", settings: "Settings", audit: "Audit" }),
   noRoute: "No route yet. A vehicle's first upload needs one: PUT /v1/routes/{route}.",
   routeSummary: (/** @type {import("./types").Route} */ route) => "map version " + route.map_version + (route.pending_batches ? ", " + plural(route.pending_batches, "batch waits", "batches wait") : ""),
-  picture: "Map shown", pictures: /** @type {Words} */ ({ accepted: "Accepted map", observed: "With pending changes" }), versionNumber: (/** @type {string} */ version) => "Version " + version,
+  picture: "Map shown", pictures: /** @type {Words} */ ({ accepted: "Accepted map", observed: "With pending changes" }), versionNumber: (/** @type {number} */ version, /** @type {string} */ state) => "Version " + version + (state ? ", " + state : ""),
   layersTitle: "Layers", layers: /** @type {Words} */ ({ trajectories: "Trajectories by vehicle", residuals: "Edges by residual", references: "Reference keyframes", vehicles: "Last poses" }),
   fit: "Fit", zoomIn: "Zoom in", zoomOut: "Zoom out", noMap: "No map yet: nothing has been merged.", noCanvas: "This browser cannot draw the map.",
   mapLabel: (/** @type {string} */ route) => "Map of the route " + route + " with the places of its alerts, which the list has too",
@@ -89,7 +89,7 @@ export const TEXTS = {
     entry: (/** @type {import("./types").ResidualEntry} */ entry) => "closure " + entry.n + ", edge " + entry.edge_id + ": ΔF " + entry.delta_f.toPrecision(3) + ", p " + entry.p_value.toPrecision(2),
   },
   versions: {
-    title: (/** @type {number} */ version) => "Version " + version, current: "grows with every pass", began: "Began", ended: "Ended", cause: "Because", by: "By", moved: "Poses moved", hash: "SHA-256 of the PGM", files: "Files", onMap: "Show on the map",
+    title: (/** @type {number} */ version) => "Version " + version, current: "grows with every pass", began: "Began", ended: "Ended", released: "Released", retired: "Retired", cause: "Because", by: "By", moved: "Poses moved", hash: "SHA-256 of the PGM", files: "Files", onMap: "Show on the map",
     states: /** @type {Words} */ ({ draft: "draft", released: "released", retired: "retired" }), causes: /** @type {Words} */ ({ accept: "a change was accepted", undo: "a decision was undone", release: "a version was released" }),
     actions: /** @type {Words} */ ({ release: "Release", retire: "Retire" }),
     asks: /** @type {Record<string, (version: number) => string>} */ ({ release: (version) => "Release version " + version + "?", retire: (version) => "Retire version " + version + "?" }),

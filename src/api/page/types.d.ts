@@ -93,19 +93,13 @@ export interface Version {
   sha256: string | null;
   cause: { action: string; alert_id: string | null; by?: string | null; note?: string | null } | null;
   max_displacement_m?: number | null;
-  release?: { by?: string; note?: string | null } | null;
+  released?: { at: string; by: string; note: string | null } | null;
+  retired_at?: string | null;
 }
 
 export interface VersionDifference { from: number; to: number; cells: Record<string, number>; bbox: number[] | null; alerts: string[] }
 
-export interface TilesInfo {
-  resolution_m: number;
-  min_zoom: number;
-  max_zoom: number;
-  bounds: [number, number, number, number] | null;
-  tag?: string;
-  revision?: number | string;
-}
+export interface TilesInfo { min_zoom: number; max_zoom: number; bounds: [number, number, number, number]; tag?: string }
 
 export interface NodeScan {
   node_id: number;

@@ -93,6 +93,8 @@ function item(route, version, again) {
   return make("li", "version", title, facts([
     [T.began, time(version.created_at)],
     [T.ended, version.superseded_at ? time(version.superseded_at) : null],
+    [T.released, version.released ? make("span", "", time(version.released.at), ", " + version.released.by + (version.released.note ? ": " + version.released.note : "")) : null],
+    [T.retired, version.retired_at ? time(version.retired_at) : null],
     [T.cause, why],
     [T.by, cause?.by],
     [TEXTS.noteShort, cause?.note],
