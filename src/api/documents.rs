@@ -2,16 +2,19 @@
 
 use axum::Router;
 use axum::body::Bytes;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{MethodRouter, get};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use sha2::{Digest, Sha256};
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::ApiState;
 use super::extract::NoQuery;
 
-const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// The browser of the vendored Swagger UI sets styles and draws its icons inline.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -27,22 +30,50 @@ macro_rules! console {
 }
 
 /// The maintainers' console, but `/words.js`.
-pub(super) const CONSOLE: [(&str, &str, &str); 15] = [
+pub(super) const CONSOLE: [(&str, &str, &str); 43] = [
     console!("/", HTML, "index.html"),
     console!("/console.css", STYLE, "console.css"),
+    console!("/views.css", STYLE, "views.css"),
+    console!("/address.js", SCRIPT, "address.js"),
+    console!("/alert_facts.js", SCRIPT, "alert_facts.js"),
     console!("/app.js", SCRIPT, "app.js"),
+    console!("/audit.js", SCRIPT, "audit.js"),
+    console!("/batches.js", SCRIPT, "batches.js"),
     console!("/decide.js", SCRIPT, "decide.js"),
+    console!("/dialog.js", SCRIPT, "dialog.js"),
+    console!("/discussion.js", SCRIPT, "discussion.js"),
     console!("/dom.js", SCRIPT, "dom.js"),
     console!("/evidence.js", SCRIPT, "evidence.js"),
+    console!("/filters.js", SCRIPT, "filters.js"),
     console!("/format.js", SCRIPT, "format.js"),
     console!("/http.js", SCRIPT, "http.js"),
     console!("/inbox.js", SCRIPT, "inbox.js"),
+    console!("/keys.js", SCRIPT, "keys.js"),
     console!("/live.js", SCRIPT, "live.js"),
     console!("/map.js", SCRIPT, "map.js"),
+    console!("/map_input.js", SCRIPT, "map_input.js"),
+    console!("/map_layers.js", SCRIPT, "map_layers.js"),
+    console!("/map_marks.js", SCRIPT, "map_marks.js"),
+    console!("/map_overlay.js", SCRIPT, "map_overlay.js"),
+    console!("/map_scan.js", SCRIPT, "map_scan.js"),
+    console!("/map_tiles.js", SCRIPT, "map_tiles.js"),
+    console!("/map_view.js", SCRIPT, "map_view.js"),
+    console!("/palette.js", SCRIPT, "palette.js"),
     console!("/panel.js", SCRIPT, "panel.js"),
+    console!("/passes.js", SCRIPT, "passes.js"),
+    console!("/questions.js", SCRIPT, "questions.js"),
+    console!("/report.js", SCRIPT, "report.js"),
+    console!("/residuals.js", SCRIPT, "residuals.js"),
     console!("/route.js", SCRIPT, "route.js"),
+    console!("/settings.js", SCRIPT, "settings.js"),
+    console!("/several.js", SCRIPT, "several.js"),
+    console!("/shown.js", SCRIPT, "shown.js"),
+    console!("/sign_in.js", SCRIPT, "sign_in.js"),
     console!("/state.js", SCRIPT, "state.js"),
     console!("/texts.js", SCRIPT, "texts.js"),
+    console!("/vehicles.js", SCRIPT, "vehicles.js"),
+    console!("/versions.js", SCRIPT, "versions.js"),
+    console!("/zones.js", SCRIPT, "zones.js"),
 ];
 
 /// `/openapi.json`, `/docs` and the console, whose words for enumerations are those of the model.
@@ -55,20 +86,32 @@ pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
         move |_: NoQuery| async move { ([(header::CONTENT_TYPE, "application/json")], openapi) };
     let mut router = Router::new()
         .route("/openapi.json", get(document))
-        .route("/words.js", get(move || file(SCRIPT, words)));
+        .route("/words.js", file(SCRIPT, words));
     for (path, media_type, text) in CONSOLE {
-        router = router.route(path, get(move || file(media_type, text)));
+        router = router.route(path, file(media_type, Bytes::from_static(text.as_bytes())));
     }
     router.merge(docs)
 }
 
-async fn file(media_type: &'static str, text: impl IntoResponse) -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, media_type),
-        (header::CACHE_CONTROL, "no-cache"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ];
-    with_policy((headers, text).into_response(), PAGE_POLICY)
+/// Serves a text that a browser keeps for as long as its digest is the same.
+fn file(media_type: &'static str, text: Bytes) -> MethodRouter<ApiState> {
+    let tag = format!("W/\"{}\"", STANDARD.encode(Sha256::digest(&text)));
+    get(move |request: HeaderMap| async move {
+        let known = request.get(header::IF_NONE_MATCH);
+        let is_known = known.is_some_and(|known| known.as_bytes() == tag.as_bytes());
+        let headers = [
+            (header::CONTENT_TYPE, media_type.to_owned()),
+            (header::CACHE_CONTROL, "no-cache".to_owned()),
+            (header::REFERRER_POLICY, "no-referrer".to_owned()),
+            (header::ETAG, tag),
+        ];
+        let response = if is_known {
+            (StatusCode::NOT_MODIFIED, headers).into_response()
+        } else {
+            (headers, text).into_response()
+        };
+        with_policy(response, PAGE_POLICY)
+    })
 }
 
 fn with_policy(mut response: Response, policy: &'static str) -> Response {

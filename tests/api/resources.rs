@@ -227,6 +227,11 @@ async fn operations_and_documents_are_served() {
     ] {
         assert_eq!(service.get(path).await.status, 200, "{path}");
     }
+    let script = service.get("/app.js").await;
+    let known =
+        Request::new("GET", "/app.js").header("if-none-match", script.header("etag").unwrap());
+    let again = service.send(known).await;
+    assert_eq!((again.status, again.text().as_str()), (304, ""));
     let initialiser = service.get("/docs/swagger-initializer.js").await.text();
     assert!(initialiser.contains("/openapi.json"));
     service.stop().await;

@@ -1,108 +1,92 @@
-// Decisions: what is asked before them, sending them, and taking them back.
+// Sending a decision about one alert, going on to the next, and the way back.
 
-import { ask, button, byId, make } from "/dom.js";
-import { getIfThere, send } from "/http.js";
-import { isPending, keep, may, shownAlerts, state } from "/state.js";
-import { TEXTS } from "/texts.js";
-import { ACTIONS, REASONS } from "/words.js";
+import { alertAddress } from "./address.js";
+import { progress, toast, toastError } from "./dialog.js";
+import { alertPath, get, Refused, send } from "./http.js";
+import { nextToDecide } from "./shown.js";
+import { askBeforeAccepting, askBeforeDismissing } from "./questions.js";
+import { typedName } from "./sign_in.js";
+import { keep, keepDraft, may, state } from "./state.js";
+import { TEXTS } from "./texts.js";
+import { mute } from "./zones.js";
 
-const TOAST_MS = 20000;
+/** @typedef {import("./types").Alert} Alert */
 
-/** Whether this person can do this with the alert now. */
+const CHANGED = 412;
+
+/**
+ * Whether this person can do this with the alert now.
+ * @param {Alert} alert
+ * @param {string} action
+ */
 export const isPossible = (alert, action) => state.live && may("maintainer") && alert.actions.includes(action);
 
-export function toast(text, undo) {
-  const made = make("p", "toast", text);
-  if (undo) made.append(button(TEXTS.undo, () => { made.remove(); undo(); }));
-  byId("toasts").append(made);
-  setTimeout(() => made.remove(), TOAST_MS);
-}
+/** @param {number} revision */
+const tag = (revision) => '"' + revision + '"';
+/** @param {Alert} alert */
+export const tagOf = (alert) => tag(alert.decision_revision);
 
-const by = () => (state.session.open ? byId("by").value.trim() : "");
-const tag = (alert) => '"' + alert.decision_revision + '"';
+/**
+ * Whether it changes the map, which takes a while.
+ * @param {string} action
+ */
+export const carriesOut = (action) => ["accept", "undo"].includes(action);
 
+/** @type {Record<string, string>} what takes an action back */
+const WAY_BACK = { accept: "undo", dismiss: "reopen" };
+
+/**
+ * @param {Alert} alert
+ * @param {string} action
+ * @param {import("./questions.js").Said} said
+ * @returns {Promise<Alert>}
+ */
 async function carryOut(alert, action, said) {
-  const body = { ...(said.note && { note: said.note }), ...(said.reason && { reason: said.reason }), ...(by() && { by: by() }) };
-  const decided = await send("POST", "/v1/alerts/" + alert.id + "/" + action, body, { "If-Match": tag(alert) });
-  keep(decided);
-  return decided;
+  const by = typedName();
+  const body = { ...(said.note && { note: said.note }), ...(said.reason && { reason: said.reason }), ...(by && { by }) };
+  return send("POST", alertPath(alert.id) + "/" + action, body, { "If-Match": said.revision === undefined ? tagOf(alert) : tag(said.revision) });
 }
 
-/** The way back from an action; there is none from an acknowledgement that nobody needs. */
-const wayBack = (action) => ({ accept: "undo", dismiss: "reopen" })[action];
-
-function noteField(value) {
-  const note = make("textarea");
-  note.maxLength = 2000;
-  note.rows = 2;
-  note.value = value;
-  return [make("label", "field", TEXTS.note, note), note];
+/**
+ * @param {Alert} alert
+ * @param {string} action
+ * @param {string} note
+ * @returns {Promise<import("./questions.js").Said | null>}
+ */
+async function askFirst(alert, action, note) {
+  if (action === "accept") return askBeforeAccepting(alert, note);
+  if (action === "dismiss") return askBeforeDismissing(note, alert);
+  return { note };
 }
 
-async function askBeforeAccepting(alert, note) {
-  const preview = await getIfThere("/v1/alerts/" + alert.id + "/preview").catch(() => null);
-  const [field, area] = noteField(note);
-  const rows = preview ? [make("p", "quiet", JSON.stringify(preview))] : [];
-  const answer = await ask(TEXTS.acceptTitle, [make("p", "", alert.summary ?? ""), make("p", "", TEXTS.acceptBody(alert)), ...rows, field],
-    [[TEXTS.cancel, null], [ACTIONS.get("accept"), true, "main"]]);
-  return answer ? { note: area.value.trim() } : null;
-}
-
-async function askBeforeDismissing(note) {
-  const set = make("fieldset", "", make("legend", "unseen", TEXTS.dismissTitle));
-  REASONS.forEach((label, value) => {
-    const radio = make("input");
-    Object.assign(radio, { type: "radio", name: "reason", value, checked: value === "temporary" });
-    set.append(make("label", "radio", radio, label));
-  });
-  const [field, area] = noteField(note);
-  const answer = await ask(TEXTS.dismissTitle, [make("p", "", TEXTS.dismissBody), set, field], [[TEXTS.cancel, null], [ACTIONS.get("dismiss"), true, "main"]]);
-  return answer ? { note: area.value.trim(), reason: set.querySelector("input:checked").value } : null;
-}
-
-/** Asks what has to be asked, decides, and opens the next alert. `open` shows an alert. */
-export async function decide(alert, action, note, open) {
+/**
+ * Asks what has to be asked, decides, and opens the next alert.
+ * @param {Alert} alert
+ * @param {string} action
+ * @param {string} note
+ * @returns {Promise<boolean>} whether it was decided
+ */
+export async function decide(alert, action, note) {
   if (!isPossible(alert, action)) return false;
-  let said = { note };
-  if (action === "accept") said = await askBeforeAccepting(alert, note);
-  if (action === "dismiss") said = await askBeforeDismissing(note);
+  const said = await askFirst(alert, action, note);
   if (said === null) return false;
   const next = nextToDecide(alert);
+  const waiting = carriesOut(action) ? progress(TEXTS.working) : null;
   try {
-    if (action === "accept" || action === "undo") toast(TEXTS.working);
-    const decided = await carryOut(state.alerts.get(alert.id), action, said);
-    const back = wayBack(action);
-    toast(TEXTS.done[action], back && (() => decide(decided, back, "", open)));
-    if (back && next) open(next.id);
+    const decided = await carryOut(state.alerts.get(alert.id) ?? alert, action, said);
+    keep(decided);
+    keepDraft(alert.id, "");
+    const back = WAY_BACK[action];
+    toast(TEXTS.done[action] ?? action, back ? () => decide(state.alerts.get(alert.id) ?? decided, back, "") : undefined);
+    if (said.muteHours) await mute(alert, said.muteHours, said.note);
+    // Whoever has gone on by themselves is left there.
+    if (back && next && state.chosen === alert.id) location.hash = alertAddress(next.id);
     return true;
   } catch (error) {
-    toast(error.message);
+    if (error instanceof Refused && error.status === CHANGED) keep(await get(alertPath(alert.id)));
+    toastError(error);
     return false;
-  }
-}
-
-function nextToDecide(alert) {
-  const waiting = shownAlerts().filter((other) => isPending(other) || other.id === alert.id);
-  const place = waiting.findIndex((other) => other.id === alert.id);
-  return waiting[place + 1] ?? waiting.find((other) => other.id !== alert.id);
-}
-
-/** The same action for all that are picked and allow it. */
-export async function decideSeveral(action) {
-  const alerts = [...state.picked].map((id) => state.alerts.get(id)).filter((alert) => alert && isPossible(alert, action));
-  if (alerts.length === 0) return;
-  const said = action === "dismiss" ? await askBeforeDismissing("") : {};
-  if (said === null) return;
-  const decisions = alerts.slice(0, 200).map((alert) => ({ id: alert.id, action, if_match: tag(alert), ...(said.note && { note: said.note }), ...(said.reason && { reason: said.reason }) }));
-  try {
-    const answer = await send("POST", "/v1/alerts/decisions", { decisions, ...(by() && { by: by() }) });
-    for (const item of answer.items) {
-      if (item.alert) keep(item.alert);
-      if (item.result === "done" || item.result === "already_done") state.picked.delete(item.id);
-    }
-    const failed = answer.items.filter((item) => item.problem !== null).length;
-    toast(TEXTS.several(answer.items.length - failed, failed));
-  } catch (error) {
-    toast(error.message);
+  } finally {
+    waiting?.end();
   }
 }

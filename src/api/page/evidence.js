@@ -1,84 +1,117 @@
-// What was observed at an alert's place before and since, and which passes saw it.
+// What was observed at an alert's place: before, since, both, faded into each other, or blinking.
 
-import { button, make } from "/dom.js";
-import { getIfThere } from "/http.js";
-import { time } from "/format.js";
-import { TEXTS } from "/texts.js";
+import { button, make, mark } from "./dom.js";
+import { alertPath, getBlob } from "./http.js";
+import { TEXTS } from "./texts.js";
 
 const BLINK_MS = 700;
+const SHOWS = ["before", "since", "both"];
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Evidence {
-  constructor(alert) {
-    this.path = "/v1/alerts/" + alert.id;
+  /** @param {string} id of the alert */
+  constructor(id) {
+    this.path = alertPath(id);
     this.show = "both";
-    this.picture = make("img", "evidence");
-    this.picture.addEventListener("error", () => this.fallBack());
-    this.buttons = Object.entries(TEXTS.shows).map(([show, text]) => {
-      const made = button(text, () => { this.stopBlinking(); this.choose(show); });
+    /** @type {ReturnType<typeof setInterval> | undefined} */
+    this.timer = undefined;
+    /** @type {Map<string, HTMLImageElement>} */
+    this.pictures = new Map(SHOWS.map((show) => [show, picture(TEXTS.evidenceAlt(TEXTS.shows[show]))]));
+    this.buttons = SHOWS.map((show) => {
+      const made = button(TEXTS.shows[show], () => { this.stopBlinking(); this.choose(show); });
       made.dataset.show = show;
       return made;
     });
-    this.blinker = button(TEXTS.blink, () => this.blink());
-    this.blinker.setAttribute("aria-pressed", "false");
-    this.choices = make("div", "row shows", ...this.buttons, this.blinker);
-    this.passes = make("div", "passes");
-    this.element = make("div", "", this.choices, this.picture, this.passes);
+    this.blinker = button(TEXTS.blink, () => (this.timer === undefined ? this.blink() : this.stopBlinking()));
+    this.fader = make("input", "fader");
+    Object.assign(this.fader, { type: "range", min: "0", max: "100", value: "0" });
+    this.fader.setAttribute("aria-label", TEXTS.fade);
+    this.fader.addEventListener("input", () => { this.stopBlinking(); this.fade(Number(this.fader.value) / 100); });
+    this.choices = make("div", "row shows", ...this.buttons, this.blinker, this.fader);
+    this.stack = make("div", "stack", ...this.pictures.values());
+    this.scans = make("div", "scans");
+    this.element = make("section", "", this.choices, this.stack, this.scans);
+    this.element.setAttribute("aria-label", TEXTS.evidence);
+    mark(this.blinker, "aria-pressed", "false");
+    this.choose("both");
   }
 
-  /** Reads pictures and passes anew when the alert has changed. */
-  bring(alert) {
-    this.revision = alert.revision;
-    this.choose(this.show);
-    this.showPasses().catch(() => this.passes.replaceChildren());
+  /** Reads the pictures, which have changed; those on show stay until the new ones are there. */
+  async bring() {
+    const shows = ["both", "before", "since"];
+    const results = await Promise.allSettled(shows.map((show) => this.read(show)));
+    if (results.every((result) => result.status === "rejected")) await this.fallBack();
   }
 
+  /** @param {string} show */
+  async read(show) {
+    await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show);
+  }
+
+  /** Where not all observations are known: two scans that disagree. */
+  async fallBack() {
+    this.choices.hidden = true;
+    this.stack.hidden = true;
+    const shown = picture(TEXTS.scans);
+    try {
+      await load(shown, this.path + "/evidence.svg");
+      this.scans.replaceChildren(shown);
+    } catch {
+      this.scans.replaceChildren(make("p", "quiet", TEXTS.noEvidence));
+    }
+  }
+
+  /** @param {string} show */
   choose(show) {
     this.show = show;
-    for (const made of this.buttons) made.setAttribute("aria-pressed", String(made.dataset.show === show));
-    // Another query for another revision: the picture is read anew.
-    const path = this.hasOnlyScans ? this.path + "/evidence.svg" : this.path + "/observations.svg?show=" + show;
-    this.picture.src = this.hasOnlyScans ? path : path;
-    this.picture.alt = this.hasOnlyScans ? TEXTS.scans : TEXTS.evidenceAlt(TEXTS.shows[show]);
+    for (const made of this.buttons) mark(made, "aria-pressed", String(made.dataset.show === show));
+    for (const [name, shown] of this.pictures) shown.style.opacity = name === show ? "1" : "0";
+    for (const [name, shown] of this.pictures) mark(shown, "aria-hidden", name === show ? null : "true");
+    if (show !== "both") this.fader.value = show === "before" ? "0" : "100";
   }
 
-  /** Two scans are all that there is to show. */
-  fallBack() {
-    if (this.hasOnlyScans) { this.picture.hidden = true; return; }
-    this.hasOnlyScans = true;
-    this.choices.hidden = true;
-    this.stopBlinking();
-    this.choose(this.show);
+  /**
+   * Lays what was since over what was before.
+   * @param {number} share of since
+   */
+  fade(share) {
+    this.choose(share < 0.5 ? "before" : "since");
+    this.fader.value = String(Math.round(share * 100));
+    const [before, since] = ["before", "since"].map((show) => this.pictures.get(show));
+    if (before) before.style.opacity = "1";
+    if (since) since.style.opacity = String(share);
   }
 
+  /** Shows the two states in turn; with reduced motion each press shows the other one. */
   blink() {
-    if (this.timer) { this.stopBlinking(); return; }
-    this.blinker.setAttribute("aria-pressed", "true");
-    this.choose("before");
+    const turn = () => this.choose(this.show === "before" ? "since" : "before");
+    turn();
     if (still.matches) return;
-    this.timer = setInterval(() => {
-      if (!this.element.isConnected) this.stopBlinking();
-      else this.choose(this.show === "before" ? "since" : "before");
-    }, BLINK_MS);
+    mark(this.blinker, "aria-pressed", "true");
+    this.timer = setInterval(() => (this.element.isConnected ? turn() : this.stopBlinking()), BLINK_MS);
   }
 
   stopBlinking() {
     clearInterval(this.timer);
-    this.timer = null;
-    this.blinker.setAttribute("aria-pressed", "false");
+    this.timer = undefined;
+    mark(this.blinker, "aria-pressed", "false");
   }
+}
 
-  async showPasses() {
-    const page = await getIfThere(this.path + "/passes");
-    if (!page || page.items.length === 0) { this.passes.replaceChildren(); return; }
-    const marks = page.items.map((pass) => {
-      const mark = make("li", "pass " + pass.outcome + " " + pass.side);
-      const words = pass.vehicle_id + " " + TEXTS.outcomes[pass.outcome] + ", ";
-      mark.append(make("span", "unseen", words, time(pass.begins_at)));
-      mark.title = words + time(pass.begins_at).textContent + ", " + pass.trip_id;
-      return mark;
-    });
-    const legend = Object.entries(TEXTS.outcomes).map(([outcome, text]) => make("span", "legend", make("span", "pass " + outcome), text));
-    this.passes.replaceChildren(make("h3", "", TEXTS.passes), make("ol", "strip", ...marks), make("p", "quiet legends", ...legend));
-  }
+/** @param {string} alt */
+function picture(alt) {
+  const made = make("img", "evidence");
+  made.alt = alt;
+  return made;
+}
+
+/**
+ * @param {HTMLImageElement | undefined} shown
+ * @param {string} path
+ */
+async function load(shown, path) {
+  const address = URL.createObjectURL(await getBlob(path));
+  if (!shown) return;
+  if (shown.src) URL.revokeObjectURL(shown.src);
+  shown.src = address;
 }

@@ -1,29 +1,95 @@
 // Requests to the service. Whatever fails becomes an Error with the service's own words.
 
+import { TEXTS } from "./texts.js";
+
+/** Where one signs in and out, and asks who one is. */
+export const SESSION = "/v1/session";
+
+/** The service answered, and not with what was asked for. */
 export class Refused extends Error {
+  /**
+   * @param {number} status
+   * @param {{title?: string, detail?: string}} problem
+   */
   constructor(status, problem) {
     super(problem.title ? problem.title + ": " + problem.detail : "HTTP " + status);
     this.status = status;
   }
 }
 
-async function answer(response) {
+/** Called when the session is over. */
+let onSignedOut = () => {};
+
+/** @param {() => void} listener */
+export const whenSignedOut = (listener) => { onSignedOut = listener; };
+
+/**
+ * @param {string} path
+ * @param {RequestInit} [options]
+ */
+async function ask(path, options) {
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch (cause) {
+    throw new Error(TEXTS.unreachable, { cause });
+  }
+  if (response.status === 401 && path !== SESSION) onSignedOut();
+  return response;
+}
+
+/** @param {Response} response */
+async function bodyOf(response) {
   const text = await response.text();
-  const body = text ? JSON.parse(text) : {};
+  const isJson = (response.headers.get("Content-Type") ?? "").includes("json");
+  const body = text && isJson ? JSON.parse(text) : {};
   if (!response.ok) throw new Refused(response.status, body);
   return body;
 }
 
-export async function get(path) {
-  return answer(await fetch(path, { headers: { Accept: "application/json" } }));
+/**
+ * @param {string} path
+ * @returns {Promise<any>}
+ */
+export const get = async (path) => bodyOf(await ask(path, { headers: { Accept: "application/json" } }));
+
+/**
+ * @param {string} path
+ * @returns {Promise<{body: any, tag: string | null}>} with the ETag
+ */
+export async function getTagged(path) {
+  const response = await ask(path, { headers: { Accept: "application/json" } });
+  return { body: await bodyOf(response), tag: response.headers.get("ETag") };
 }
 
+/**
+ * Whatever it is, such as a picture.
+ * @param {string} path
+ * @returns {Promise<Blob>}
+ */
+export async function getBlob(path) {
+  const response = await ask(path);
+  if (!response.ok) await bodyOf(response);
+  return response.blob();
+}
+
+/**
+ * @param {string} method
+ * @param {string} path
+ * @param {unknown} [body]
+ * @param {Record<string, string>} [headers]
+ * @returns {Promise<any>}
+ */
 export async function send(method, path, body, headers = {}) {
-  const all = { "Content-Type": "application/json", ...headers };
-  return answer(await fetch(path, { method, headers: all, body: body === undefined ? undefined : JSON.stringify(body) }));
+  const all = body === undefined ? headers : { "Content-Type": "application/json", ...headers };
+  return bodyOf(await ask(path, { method, headers: all, body: body === undefined ? undefined : JSON.stringify(body) }));
 }
 
-/** What a service without that operation answers with null. */
+/**
+ * What is not there is null.
+ * @param {string} path
+ * @returns {Promise<any>}
+ */
 export async function getIfThere(path) {
   try {
     return await get(path);
@@ -33,12 +99,19 @@ export async function getIfThere(path) {
   }
 }
 
-/** Up to `most` items of a list. */
+/**
+ * Up to `most` items of a list.
+ * @param {string} path
+ * @param {number} most
+ * @returns {Promise<any[]>}
+ */
 export async function list(path, most) {
+  /** @type {any[]} */
   const items = [];
   let cursor = null;
   const glue = path.includes("?") ? "&" : "?";
   do {
+    /** @type {any} */
     const page = await get(path + glue + "limit=" + Math.min(most, 1000) + (cursor ? "&cursor=" + encodeURIComponent(cursor) : ""));
     items.push(...page.items);
     cursor = page.next_cursor;
@@ -46,4 +119,7 @@ export async function list(path, most) {
   return items;
 }
 
+/** @param {string} route */
 export const routePath = (route) => "/v1/routes/" + encodeURIComponent(route);
+/** @param {string} alert */
+export const alertPath = (alert) => "/v1/alerts/" + encodeURIComponent(alert);

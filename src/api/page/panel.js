@@ -1,120 +1,131 @@
-// The alert that is looked at: a sentence, what can be done, and what it rests on.
+// The chosen alert: a sentence, what was observed, what can be done, and what it rests on.
 
-import { arrange, button, byId, facts, make, say } from "/dom.js";
-import { decide, isPossible } from "/decide.js";
-import { Evidence } from "/evidence.js";
-import { metres, middle, point, time } from "/format.js";
-import { state } from "/state.js";
-import { TEXTS } from "/texts.js";
-import { ACTIONS, DOUBTS, KINDS, REASONS, STATUSES } from "/words.js";
+import { history, numberFacts, placeFacts, sentence } from "./alert_facts.js";
+import { decide, isPossible } from "./decide.js";
+import { Discussion } from "./discussion.js";
+import { arrange, button, byId, link, make, say } from "./dom.js";
+import { Evidence } from "./evidence.js";
+import { readAlert } from "./live.js";
+import { hideScan } from "./map_scan.js";
+import { Passes } from "./passes.js";
+import { chosenAlert, draft, isMuted, keepDraft, may, state } from "./state.js";
+import { TEXTS } from "./texts.js";
+import { ACTIONS, DOUBTS, KINDS, STATUSES } from "./words.js";
 
-const F = TEXTS.fields;
+/** @typedef {import("./types").Alert} Alert */
+
+/** @type {View | null} */
 let view = null;
 
-function summary(alert) {
-  if (alert.summary) return alert.summary;
-  return (KINDS.get(alert.kind) ?? alert.kind) + " at " + point(alert.location) + ", seen in " + alert.laps + " passes by " + alert.vehicle_ids.join(", ") + ".";
-}
-
-function place(alert) {
-  const rows = [
-    [F.where, point(alert.location) + " ± " + metres(alert.location.sigma)],
-    [F.since, time(alert.since)], [F.last, time(alert.last_seen)],
-    [F.vehicles, alert.vehicle_ids.join(", ")], [F.passes, String(alert.laps)],
-    [F.before, alert.passes ? TEXTS.beforePasses(alert.passes.before) : null],
-    [F.sure, (100 * alert.confidence).toFixed(1) + " %"],
-    [F.other, alert.counterpart ? (KINDS.get(alert.counterpart.kind) + " at " + point(middle(alert.counterpart.region))) : null],
-    [F.shift, alert.shift ? point(alert.shift) : null],
-    [F.bands, alert.bands.map(({ from, to }) => metres(from) + " to " + metres(to)).join(", ")],
+/** @param {Alert} alert */
+function chips(alert) {
+  const chip = (/** @type {string | null | undefined} */ text, className = "") => (text ? make("li", className, text) : null);
+  const all = [
+    chip(TEXTS.blocking[alert.blocking ?? ""], alert.blocking ?? ""),
+    chip(STATUSES.get(alert.status), alert.status),
+    chip(DOUBTS.get(alert.tier)),
+    chip(isMuted(alert) ? TEXTS.muted : null),
+    chip(alert.route_id),
   ];
-  const faults = (alert.suspect?.faults ?? []).map((fault) => make("p", "", fault.text));
-  return make("div", "", ...faults, facts(rows));
-}
-
-function details(alert) {
-  const { residual } = alert;
-  const number = (value) => (value === null || value === undefined ? null : value.toPrecision(3));
-  return facts([
-    [F.deltaF, residual && number(residual.delta_f)], [F.threshold, residual && number(residual.threshold)], [F.p, residual && number(residual.p_value)],
-    [F.edges, alert.edge_ids.join(", ")], [F.nodes, alert.node_ids.slice(0, 40).join(", ")], [F.views, String(alert.views)],
-    [F.version, String(alert.map_version)], [F.revision, alert.decision_revision + " / " + alert.revision], [F.id, alert.id],
-  ]);
-}
-
-function history(alert) {
-  const items = alert.history.map((entry) => make("li", "", make("strong", "", STATUSES.get(entry.status)), " ", entry.by, " · ", time(entry.at),
-    entry.reason ? make("p", "", REASONS.get(entry.reason)) : null, entry.note ? make("p", "note", entry.note) : null));
-  return make("ol", "history", ...items);
+  return all.filter((made) => made !== null);
 }
 
 class View {
-  constructor(alert, open) {
+  /** @param {Alert} alert */
+  constructor(alert) {
     this.id = alert.id;
-    this.open = open;
+    this.revision = -1;
     this.title = make("h2");
     this.title.id = "panel-title";
     this.title.tabIndex = -1;
     this.sentence = make("p", "sentence");
-    this.chips = make("p", "chips");
+    this.chips = make("ul", "chips");
     this.note = make("textarea");
-    Object.assign(this.note, { rows: 1, maxLength: 2000, placeholder: TEXTS.note });
+    Object.assign(this.note, { rows: 1, maxLength: 2000, placeholder: TEXTS.note, value: draft(alert.id) });
     this.note.setAttribute("aria-label", TEXTS.note);
+    this.note.addEventListener("input", () => keepDraft(alert.id, this.note.value));
     this.actions = make("div", "row");
+    /** @type {Map<string, HTMLButtonElement>} */
     this.buttons = new Map();
-    this.evidence = new Evidence(alert);
+    this.evidence = new Evidence(alert.id);
+    this.passes = new Passes(alert);
+    this.discussion = new Discussion(alert);
     this.place = make("div");
-    this.details = make("div");
+    this.numbers = make("div");
     this.history = make("div");
-    const fold = (title, content) => make("details", "", make("summary", "", title), content);
-    const back = make("a", "back", TEXTS.back);
-    back.href = "#/";
-    byId("panel").replaceChildren(back, this.title, this.sentence, this.chips, this.note, this.actions, this.evidence.element, this.place, fold(TEXTS.details, this.details), make("h3", "", TEXTS.history), this.history);
+    const details = make("details", "", make("summary", "", TEXTS.details), this.numbers);
+    const body = make("div", "alert", link(TEXTS.back, "#/", "back"), this.title, this.chips, this.sentence, this.evidence.element, this.passes.element, this.place,
+      this.discussion.element, make("h3", "", TEXTS.history), this.history, details);
+    this.locked = make("p", "quiet");
+    byId("panel").replaceChildren(body, make("div", "actions", this.note, this.actions, this.locked));
+    byId("panel").scrollTop = 0;
   }
 
-  /** Changes what differs; the note and the focus stay. */
+  /**
+   * Changes what differs; the note and the focus stay.
+   * @param {Alert} alert
+   */
   bring(alert) {
-    say(this.title, alert.title ?? KINDS.get(alert.kind) ?? alert.kind);
-    say(this.sentence, summary(alert));
-    say(this.chips, [STATUSES.get(alert.status), DOUBTS.get(alert.tier), TEXTS.blocking[alert.blocking], alert.route_id].filter(Boolean).join(" · "));
     this.bringActions(alert);
     if (this.revision === alert.revision) return;
     this.revision = alert.revision;
-    this.place.replaceChildren(place(alert));
-    this.details.replaceChildren(details(alert));
+    say(this.title, alert.title ?? KINDS.get(alert.kind) ?? alert.kind);
+    say(this.sentence, sentence(alert));
+    this.chips.replaceChildren(...chips(alert));
+    this.place.replaceChildren(placeFacts(alert));
+    this.numbers.replaceChildren(numberFacts(alert));
     this.history.replaceChildren(history(alert));
-    this.evidence.bring(alert);
+    this.discussion.bring(alert);
+    this.evidence.bring().catch(() => {});
+    this.passes.bring().catch(() => {});
   }
 
+  /** @param {Alert} alert */
   bringActions(alert) {
     const shown = alert.actions.map((action) => {
-      if (!this.buttons.has(action)) {
-        const run = async () => {
-          if (await decide(state.alerts.get(this.id), action, this.note.value.trim(), this.open)) this.note.value = "";
-        };
-        this.buttons.set(action, button(ACTIONS.get(action), run, action === "accept" ? "main" : ""));
-      }
-      const made = this.buttons.get(action);
+      const made = this.buttons.get(action) ?? button(ACTIONS.get(action) ?? action, () => { this.run(action); }, action === "accept" ? "main" : "");
+      this.buttons.set(action, made);
       made.disabled = !isPossible(alert, action);
       return made;
     });
     arrange(this.actions, shown);
+    say(this.locked, may("maintainer") ? "" : TEXTS.onlyMaintainers);
+  }
+
+  /** @param {string} action */
+  async run(action) {
+    const alert = state.alerts.get(this.id);
+    if (alert && (await decide(alert, action, this.note.value.trim()))) this.note.value = "";
   }
 }
 
-/** What is half typed about the alert at hand. */
+/** What is half typed about the chosen alert. */
 export const typedNote = () => view?.note.value.trim() ?? "";
 
+/**
+ * A new alert in the panel; the focus stays there if it was there.
+ * @param {Alert} alert
+ */
+function open(alert) {
+  const hadFocus = view !== null && (document.activeElement === document.body || byId("panel").contains(document.activeElement));
+  hideScan();
+  view = new View(alert);
+  if (hadFocus) view.title.focus({ preventScroll: true });
+}
+
 /** Shows the chosen alert, or says that none is. */
-export function showPanel(open) {
-  const alert = state.alerts.get(state.chosen);
-  if (!alert) {
-    view = null;
-    const text = state.chosen && state.live ? TEXTS.unknownAlert : TEXTS.noneChosen;
-    const title = make("h2", "unseen", TEXTS.panel);
-    title.id = "panel-title";
-    if (byId("panel").textContent !== TEXTS.panel + text) byId("panel").replaceChildren(title, make("p", "quiet", text));
+export function showPanel() {
+  const alert = chosenAlert();
+  if (alert) {
+    if (view?.id !== alert.id) open(alert);
+    view?.bring(alert);
     return;
   }
-  if (view?.id !== alert.id) view = new View(alert, open);
-  view.bring(alert);
+  if (state.chosen && state.loaded) readAlert(state.chosen);
+  view = null;
+  const text = !state.chosen ? TEXTS.noneChosen : state.loaded ? TEXTS.unknownAlert : TEXTS.connecting;
+  if (byId("panel").textContent === TEXTS.panel + text) return;
+  const title = make("h2", "unseen", TEXTS.panel);
+  title.id = "panel-title";
+  byId("panel").replaceChildren(title, make("p", "quiet", text));
 }

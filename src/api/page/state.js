@@ -1,23 +1,42 @@
 // What the page knows: alerts, routes, what is chosen. Whoever shows some of it listens.
 
+/**
+ * @typedef {import("./types").Alert} Alert
+ * @typedef {"vehicle" | "viewer" | "maintainer" | "admin"} Role
+ */
+
+const ROLES = ["vehicle", "viewer", "maintainer", "admin"];
+const DRAFTS = "drafts";
+
 export const state = {
-  /** @type {Map<string, any>} alerts by id */
+  /** @type {Map<string, Alert>} */
   alerts: new Map(),
+  /** @type {import("./types").Route[]} */
   routes: [],
+  /** @type {import("./types").Session} */
   session: { open: true, role: "admin", name: null },
+  /** whether the event stream is open, so that what is shown is how it is */
   live: false,
-  /** the id of the alert in the panel */
+  /** whether all alerts were read once */
+  loaded: false,
+  /** @type {string | null} the id of the alert in the panel */
   chosen: null,
+  /** @type {string | null} */
   route: null,
   tab: "map",
-  filters: { view: "pending", route: "", kind: "", sure: false, text: "" },
+  filters: { view: "pending", route: "", kind: "", hours: 0, sure: false, text: "" },
+  /** @type {Set<string>} ids */
   picked: new Set(),
 };
 
+/** @type {Set<() => void>} */
 const listeners = new Set();
 let due = false;
 
-/** Calls `listener` after each change. */
+/**
+ * Calls `listener` after each change.
+ * @param {() => void} listener
+ */
 export const listen = (listener) => listeners.add(listener);
 
 /** Tells all listeners, once for changes that come together. */
@@ -30,7 +49,10 @@ export function changed() {
   });
 }
 
-/** Keeps an alert unless a newer state of it is known. */
+/**
+ * Keeps an alert unless a newer state of it is known.
+ * @param {Alert} alert
+ */
 export function keep(alert) {
   const known = state.alerts.get(alert.id);
   if (known && known.revision > alert.revision) return;
@@ -38,27 +60,32 @@ export function keep(alert) {
   changed();
 }
 
+export const chosenAlert = () => (state.chosen === null ? undefined : state.alerts.get(state.chosen));
+
+/** @param {Alert} alert */
+export const isMuted = (alert) => Boolean(alert.muted_until) && new Date(alert.muted_until ?? 0).getTime() > Date.now();
+/** @param {Alert} alert */
 export const isPending = (alert) => alert.status === "open" || alert.status === "acknowledged";
+/** @param {Alert} alert */
+export const waits = (alert) => isPending(alert) && !isMuted(alert);
 
-function matches(alert) {
-  const { view, route, kind, sure, text } = state.filters;
-  if (view === "pending" && !isPending(alert) && alert.id !== state.chosen) return false;
-  if (route && alert.route_id !== route) return false;
-  if (kind && alert.kind !== kind) return false;
-  if (sure && alert.confidence < 0.9) return false;
-  if (!text) return true;
-  const words = [alert.id, alert.route_id, alert.title ?? "", alert.summary ?? "", ...alert.vehicle_ids, ...alert.history.map((entry) => entry.note ?? "")];
-  return words.join(" ").toLowerCase().includes(text.toLowerCase());
+/**
+ * Whether this person may do what needs the role.
+ * @param {Role} role
+ */
+export const may = (role) => ROLES.indexOf(state.session.role ?? "") >= ROLES.indexOf(role);
+
+/** @type {Record<string, string>} half-typed notes by the id of their alert */
+const drafts = JSON.parse(sessionStorage.getItem(DRAFTS) ?? "{}");
+
+/** @param {string} key */
+export const draft = (key) => drafts[key] ?? "";
+
+/**
+ * @param {string} key
+ * @param {string} text
+ */
+export function keepDraft(key, text) {
+  if (text) drafts[key] = text; else delete drafts[key];
+  sessionStorage.setItem(DRAFTS, JSON.stringify(drafts));
 }
-
-/** The alerts that the filters let through, those to decide first, each kind of them the newest first. */
-export function shownAlerts() {
-  const shown = [...state.alerts.values()].filter(matches);
-  const rank = (alert) => (isPending(alert) ? (alert.tier === "confirmed" ? 0 : 1) : 2);
-  return shown.sort((a, b) => rank(a) - rank(b) || b.raised_at.localeCompare(a.raised_at) || b.id.localeCompare(a.id));
-}
-
-export const may = (role) => {
-  const roles = ["vehicle", "viewer", "maintainer", "admin"];
-  return roles.indexOf(state.session.role) >= roles.indexOf(role);
-};
