@@ -45,6 +45,14 @@ impl PassCounts {
         self.saw_free + self.saw_occupied + self.could_not_see
     }
 
+    fn less(self, other: Self) -> Self {
+        Self {
+            saw_free: self.saw_free.saturating_sub(other.saw_free),
+            saw_occupied: self.saw_occupied.saturating_sub(other.saw_occupied),
+            could_not_see: self.could_not_see.saturating_sub(other.could_not_see),
+        }
+    }
+
     fn of<'a>(kind: ChangeKind, passes: impl Iterator<Item = &'a JudgedPass>) -> Self {
         let mut counts = Self::default();
         for pass in passes {
@@ -91,6 +99,19 @@ impl JudgedPasses {
             listed: passes,
         }
     }
+
+    /// Those of which no scan was taken out, by the place of a change of this kind; `None` if that is all
+    /// of them.
+    pub fn without(&self, kind: ChangeKind, is_out: impl Fn(NodeId) -> bool) -> Option<Self> {
+        let passes = self.listed.iter().cloned();
+        let (out, listed): (Vec<_>, Vec<_>) = passes.partition(|pass| is_out(pass.node));
+        let counts = |side| PassCounts::of(kind, out.iter().filter(|pass| pass.side == side));
+        (!out.is_empty()).then(|| Self {
+            before: self.before.less(counts(PassSide::Before)),
+            since: self.since.less(counts(PassSide::Since)),
+            listed,
+        })
+    }
 }
 
 #[cfg(test)]
@@ -130,6 +151,21 @@ mod tests {
         assert_eq!(disappeared.since, counts(1, 1, 0));
         let begins: Vec<i64> = appeared.listed.iter().map(|pass| pass.begins.0).collect();
         assert_eq!(begins, [1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn what_is_taken_out_counts_no_more() {
+        let passes = (0..4).map(|k| pass(k, PassSide::Before, PassOutcome::OldState));
+        let all = JudgedPasses::of(ChangeKind::Disappeared, passes.collect());
+        assert_eq!(
+            all.without(ChangeKind::Disappeared, |node| node.0 > 3),
+            None
+        );
+        let left = all
+            .without(ChangeKind::Disappeared, |node| node.0 == 2)
+            .unwrap();
+        assert_eq!((left.before.saw_occupied, left.listed.len()), (3, 3));
+        assert!(left.listed.iter().all(|pass| pass.node != NodeId(2)));
     }
 
     #[test]

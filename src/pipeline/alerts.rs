@@ -10,7 +10,7 @@ use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
-use crate::ids::{AlertId, EdgeId, RouteId, VehicleId};
+use crate::ids::{AlertId, EdgeId, NodeId, RouteId, VehicleId};
 use crate::mapping::{Mending, PassScope};
 use crate::model::ResidualVerdict;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry, SYSTEM};
@@ -64,6 +64,33 @@ struct Folded {
     changed: Vec<AlertRecord>,
     /// Those that change, as they were before the job.
     stored: BTreeMap<AlertId, AlertRecord>,
+}
+
+/// Takes passes whose scans were taken out of the map from the alerts that name them, other than the
+/// changed ones: each of these has a next revision. `nodes` are ascending.
+pub(super) fn take_out_passes(
+    workspace: &mut Workspace,
+    nodes: &[NodeId],
+    at: Timestamp,
+    changed: &mut Vec<AlertRecord>,
+) {
+    let is_out = |node: NodeId| nodes.binary_search(&node).is_ok();
+    let next = |alert: &AlertRecord| {
+        let passes = alert.passes.as_ref()?;
+        Some(AlertRecord {
+            revision: alert.revision + 1,
+            updated_at: at.max(alert.updated_at),
+            passes: Some(passes.without(alert.evidence.kind, is_out)?),
+            ..alert.clone()
+        })
+    };
+    let others = workspace.alerts.iter();
+    let others = others.filter(|alert| !changed.iter().any(|other| other.id == alert.id));
+    let others: Vec<AlertRecord> = others.filter_map(next).collect();
+    for alert in others {
+        workspace.replace_alert(&alert);
+        changed.push(alert);
+    }
 }
 
 fn states_of(workspace: &Workspace) -> Vec<AlertState> {

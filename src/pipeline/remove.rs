@@ -9,7 +9,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use super::alerts::fold_into;
+use super::alerts::{fold_into, take_out_passes};
 use super::engine::{Engine, now};
 use super::findings::{findings, observed_everywhere};
 use super::result::changes_of;
@@ -167,7 +167,8 @@ fn take_out(
     changed_nodes.retain(|change| nodes.binary_search(&change.id).is_err());
     let observed = observed_everywhere(&mut workspace);
     let found = findings(&workspace, observed);
-    let alerts = fold_into(&mut workspace, &operation.route_id, &found, &[], at);
+    let mut alerts = fold_into(&mut workspace, &operation.route_id, &found, &[], at);
+    take_out_passes(&mut workspace, nodes, at, &mut alerts);
     let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
     let result = RemovalResult {
         batches: count(removable.batches.len()),

@@ -247,9 +247,9 @@ mod tests {
 
     #[test]
     fn a_box_is_hit_since_where_it_was_free_before() {
-        let room = World::default().with_rectangle([-4.0, -2.0], [4.0, 2.0]);
+        let room = World::default().with_rectangle([-4.0, -2.0], [4.02, 2.0]);
         let with_box = World::default()
-            .with_rectangle([-4.0, -2.0], [4.0, 2.0])
+            .with_rectangle([-4.0, -2.0], [4.02, 2.0])
             .with_rectangle([2.02, 0.92], [2.38, 1.28]);
         let grid = seen([&room, &with_box]);
         assert_eq!((grid.before.eyes.len(), grid.since.eyes.len()), (5, 5));
@@ -260,7 +260,7 @@ mod tests {
         let inside = cell(&grid, 2.2, 1.1);
         assert_eq!(grid.before.said_of(inside), Said::Free);
         assert_eq!(grid.since.said_of(inside), Said::Nothing);
-        let wall = cell(&grid, 2.2, -1.99);
+        let wall = cell(&grid, 4.02, -1.0);
         assert_eq!(grid.before.said_of(wall), Said::Occupied);
         assert_eq!(grid.since.said_of(wall), Said::Occupied);
         // A cell is counted once for each observation.

@@ -66,6 +66,33 @@ async fn alerts_have_their_documented_form() {
 }
 
 #[tokio::test]
+async fn the_observations_show_both_sides_of_a_place() {
+    let service = changed_hall::start().await;
+    let path = format!("{}/observations", path(APPEARED));
+    let observations = service.get(&path).await;
+    insta::assert_json_snapshot!("alert_observations", rounded(observations.json()));
+    let tag = observations.header("etag").unwrap();
+    let again = Request::new("GET", &*path).header("if-none-match", tag);
+    assert_eq!(service.send(again).await.status, 304);
+    for show in ["", "?show=before", "?show=since", "?show=both"] {
+        let picture = service.get(&format!("{path}.svg{show}")).await;
+        assert_eq!(picture.status, 200, "{show}");
+        assert_eq!(picture.header("content-type"), Some("image/svg+xml"));
+        let policy = picture.header("content-security-policy").unwrap();
+        assert!(policy.contains("sandbox"));
+        assert_ne!(picture.header("etag"), Some(tag), "{show}");
+        let text = picture.text();
+        assert_eq!(text.contains("observations before"), show != "?show=since");
+        assert_eq!(text.contains("observation since"), show != "?show=before");
+    }
+    assert_eq!(
+        service.get(&format!("{path}.svg?show=now")).await.status,
+        400
+    );
+    service.stop().await;
+}
+
+#[tokio::test]
 async fn an_alert_from_before_passes_were_kept_has_none() {
     let service = changed_hall::start().await;
     let alert = service.get(&path(DISAPPEARED)).await.json();
