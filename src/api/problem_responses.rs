@@ -50,6 +50,7 @@ const RETRY_AFTER: (&str, &str) = (
     "Retry-After",
     "Seconds to wait before the same request is sent again",
 );
+const WWW_AUTHENTICATE: (&str, &str) = ("WWW-Authenticate", "`Bearer`");
 const RATE_LIMIT_POLICY: (&str, &str) = (
     "RateLimit-Policy",
     "What one client address may have under way, as draft-ietf-httpapi-ratelimit-headers-10 writes it: `\"uploads\";q=32;qu=\"concurrent-requests\"`",
@@ -170,6 +171,7 @@ fn response(status: u16, kinds: &[ProblemKind]) -> Response {
         .description(description.join(". "))
         .content("application/problem+json", problem.build());
     let headers: &[(&str, &str)] = match status {
+        401 => &[WWW_AUTHENTICATE],
         503 | 507 => &[RETRY_AFTER],
         429 => &[RETRY_AFTER, RATE_LIMIT_POLICY, RATE_LIMIT],
         _ => &[],
