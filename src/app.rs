@@ -81,7 +81,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         draining.clone(),
         metrics,
         pipeline.decisions,
-        pipeline.removals,
+        pipeline.operations,
         receivers,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;

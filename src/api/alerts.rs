@@ -7,6 +7,7 @@ mod evidence;
 mod evidence_body;
 mod evidence_picture;
 mod geojson;
+mod preview;
 mod query;
 mod stream;
 mod suspect_body;
@@ -34,6 +35,7 @@ pub(super) use decisions::*;
 pub(super) use evidence_body::*;
 pub(super) use evidence_picture::*;
 pub(super) use geojson::*;
+pub(super) use preview::*;
 use query::AlertQuery;
 pub(super) use stream::*;
 

@@ -9,9 +9,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
-    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
-    WebhookEvent,
+    ChangeKind, DecisionResult, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
+    EdgeStatus, MapLayer, OperationKind, OperationStatus, ResidualMeasurement, ResidualVerdict,
+    Stage, TextEnum, Tier, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -57,6 +57,8 @@ enum_schemas! {
     Detector as "DetectorName": "Which rule decides that something changed.";
     EdgeKind as "EdgeKindName": "What made an edge.";
     EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
+    DecisionResult as "DecisionResult": "What became of a decision: `done`; `already_done`, the alert had that status; `changed`, it is not as `if_match` says; `not_allowed` for its status or kind; `unknown`, there is no such alert; `failed`, the same may succeed later.";
+    OperationKind as "OperationKindName": "What an operation does: a `removal` takes uploads out of a route, `decisions` are about several alerts.";
     OperationStatus as "OperationStatusName": "How far an operation has come.";
     MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";

@@ -25,6 +25,7 @@ mod nodes;
 mod note;
 mod offload;
 mod openapi;
+mod operation;
 mod operations;
 mod paging;
 mod parameters;
@@ -83,7 +84,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(removals::post_removal))
         .routes(routes!(quarantines::quarantine_vehicle))
         .routes(routes!(quarantines::release_vehicle))
-        .routes(routes!(removals::get_operation))
+        .routes(routes!(operation::get_operation))
         .routes(routes!(nodes::list_nodes))
         .routes(routes!(nodes::get_node))
         .routes(routes!(nodes::get_node_scan))
@@ -123,6 +124,7 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::preview_alert))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
 }

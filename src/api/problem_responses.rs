@@ -119,6 +119,8 @@ problem_responses! {
         K::TransitionNotAllowed,
     ], with BODY;
 
+    /// Of previewing an acceptance.
+    PreviewProblems = [K::InvalidField, K::NotFound, K::TransitionNotAllowed];
     /// Of deciding about several alerts.
     DecisionsProblems = [], with BODY;
 

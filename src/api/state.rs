@@ -13,7 +13,7 @@ use super::problem::Problem;
 use super::reading::Gate;
 use super::shares::Shares;
 use crate::ids::RouteId;
-use crate::pipeline::{Decisions, Removals};
+use crate::pipeline::{Decisions, Operations};
 use crate::store::{RouteRecord, Store};
 use crate::webhooks::ReceiverPolicy;
 
@@ -33,8 +33,8 @@ pub struct Shared {
     pub metrics: PrometheusHandle,
     /// Who carries decisions about alerts out.
     pub decisions: Decisions,
-    /// Who takes uploads out of maps.
-    pub removals: Removals,
+    /// Who carries long work out.
+    pub operations: Operations,
     /// Where webhooks may lead.
     pub receivers: ReceiverPolicy,
     /// Uploads that may be under way.
@@ -67,7 +67,7 @@ impl ApiState {
         draining: CancellationToken,
         metrics: PrometheusHandle,
         decisions: Decisions,
-        removals: Removals,
+        operations: Operations,
         receivers: ReceiverPolicy,
     ) -> Self {
         let requests = |name, whole| Shares::of_requests(name, whole, limits.share(whole));
@@ -90,7 +90,7 @@ impl ApiState {
             draining,
             metrics,
             decisions,
-            removals,
+            operations,
             receivers,
         }))
     }

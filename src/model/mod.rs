@@ -15,13 +15,15 @@ mod residual;
 mod route;
 mod webhook;
 
-pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, DismissReason, Tier};
+pub use alert::{
+    AlertAction, AlertStatus, BeamVerdict, ChangeKind, DecisionResult, DismissReason, Tier,
+};
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
 pub use map::MapLayer;
-pub use operation::OperationStatus;
+pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
 pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
@@ -121,7 +123,10 @@ mod tests {
     #[test]
     fn every_value_has_one_text() {
         check_read(AlertAction::name);
+        check_read(DecisionResult::name);
         check_read(DismissReason::name);
+        check_read(OperationKind::name);
+        check_read(OperationStatus::name);
         check_read(MapLayer::name);
         check_read(AlertEventKind::name);
         check_read(AlertStatus::name);

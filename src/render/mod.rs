@@ -5,12 +5,14 @@
 
 pub mod evidence_svg;
 
+mod cell_changes;
 mod cells;
 mod map_image;
 mod map_picture;
 mod occupancy;
 mod plot_svg;
 
+pub use cell_changes::{CellChanges, cell_changes};
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};

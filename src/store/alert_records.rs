@@ -114,7 +114,8 @@ pub struct AlertEvent {
     pub at: Timestamp,
 }
 
-/// Everything that one decision about an alert changes, applied in one transaction.
+/// Everything that one decision changes, applied in one transaction. It is about one alert, or accepts
+/// several of one route at once.
 #[derive(Debug, Clone)]
 pub struct Decision {
     /// The route's revision that it was computed from.
@@ -123,16 +124,17 @@ pub struct Decision {
     pub action: AlertAction,
     /// By whom.
     pub actor: Actor,
-    /// The alert as it is to be: its revision one more than before, its history one longer.
-    pub alert: AlertRecord,
+    /// The alerts as they are to be: the revision of each one more than before, its history one longer;
+    /// all with the same time of their last change.
+    pub alerts: Vec<AlertRecord>,
     /// What happens to the map.
     pub map: Option<MapDecision>,
 }
 
-/// What accepting an alert, or taking that back, does to a route's map.
+/// What accepting alerts, or taking that back for one, does to a route's map: its next version.
 #[derive(Debug, Clone)]
 pub struct MapDecision {
-    /// Whether a change is taken in or taken back.
+    /// Whether changes are taken in or one is taken back.
     pub accepted: AcceptanceChange,
     /// Nodes that moved, or changed their block or part.
     pub changed_nodes: Vec<NodeChange>,
@@ -145,8 +147,8 @@ pub struct MapDecision {
 /// How the set of accepted changes changes.
 #[derive(Debug, Clone)]
 pub enum AcceptanceChange {
-    /// The alert's change is taken into the map.
-    Added(Acceptance),
+    /// The changes of the alerts are taken into the map, in their order.
+    Added(Vec<Acceptance>),
     /// The alert's change is taken out of it again.
     Removed,
 }

@@ -36,6 +36,7 @@ mod lock;
 mod map_versions;
 mod marker;
 mod migrations;
+mod operation_records;
 mod operations;
 mod quarantines;
 mod rebuild;
@@ -69,7 +70,8 @@ pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compa
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
-pub use inputs::{Input, InputRecord, JobInput};
+pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};
+pub use operation_records::*;
 pub use quarantines::Quarantine;
 pub use rebuild::InputsToRepeat;
 pub use records::*;

@@ -14,7 +14,7 @@ use super::records::{ClaimedJob, RouteSettings};
 use super::request::Request;
 use super::trips::{Place, queue};
 use crate::ids::{BatchId, RouteId};
-use crate::model::{BatchFlag, BatchStatus, OperationStatus, Stage};
+use crate::model::{BatchFlag, BatchStatus, OperationKind, OperationStatus, Stage};
 
 /// Flags that processing sets.
 const SET_BY_PROCESSING: [BatchFlag; 3] = [
@@ -231,11 +231,13 @@ impl Request for Begin {
         .await?;
         sqlx::query(
             "UPDATE operations SET status = $1, result = NULL, ended_at_us = NULL \
-             WHERE route_key = $2 AND status = $3 AND NOT json_extract(request, '$.dry_run')",
+             WHERE route_key = $2 AND status = $3 AND kind = $4 \
+             AND NOT json_extract(request, '$.dry_run')",
         )
         .bind(OperationStatus::Queued.name())
         .bind(route_key)
         .bind(OperationStatus::Succeeded.name())
+        .bind(OperationKind::Removal.name())
         .execute(&mut *transaction)
         .await?;
         sqlx::query(

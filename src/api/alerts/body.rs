@@ -198,7 +198,7 @@ pub(super) fn etag(alert: &AlertRecord) -> String {
 }
 
 /// What can be done with an alert now.
-pub(super) fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
+fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
     let all = AlertAction::ALL.into_iter();
     all.filter(|action| is_allowed(alert, *action)).collect()
 }
