@@ -11,7 +11,7 @@ use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, DecisionResult, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
     EdgeStatus, MapLayer, OperationKind, OperationStatus, ResidualMeasurement, ResidualVerdict,
-    Stage, TextEnum, Tier, WebhookEvent,
+    Stage, TextEnum, Tier, WebhookEvent, ZonePurpose,
 };
 
 /// The schema of one text of a list.
@@ -65,5 +65,6 @@ enum_schemas! {
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
+    ZonePurpose as "ZonePurposeName": "What a zone does with the alerts in it: `mute`, they are recorded and shown, but not sent, and do not count among the open ones.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
 }

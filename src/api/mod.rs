@@ -50,6 +50,7 @@ mod version_maps;
 mod versions;
 mod webhooks;
 mod words;
+mod zones;
 
 use axum::Router;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -100,6 +101,17 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::reopen_alert))
         .routes(routes!(alerts::undo_alert))
         .routes(routes!(alerts::decide_alerts))
+        .routes(routes!(alerts::assign_alert))
+        .routes(routes!(
+            alerts::list_alert_comments,
+            alerts::comment_on_alert
+        ))
+        .routes(routes!(zones::list_zones, zones::create_zone))
+        .routes(routes!(
+            zones::get_zone,
+            zones::put_zone,
+            zones::delete_zone
+        ))
         .routes(routes!(webhooks::list_webhooks, webhooks::register_webhook))
         .routes(routes!(
             webhooks::get_webhook,

@@ -83,6 +83,18 @@ text_enum! {
         VehicleQuarantined = "vehicle.quarantined",
         /// They are kept out no longer.
         VehicleReleased = "vehicle.released",
+        /// Somebody was asked to see to an alert, or nobody is any more.
+        AlertAssigned = "alert.assigned",
+        /// Somebody wrote about an alert.
+        AlertCommented = "alert.commented",
+        /// A zone was made.
+        ZoneCreated = "zone.created",
+        /// A zone was changed.
+        ZoneChanged = "zone.changed",
+        /// A zone was deleted.
+        ZoneDeleted = "zone.deleted",
+        /// The time of a zone was over.
+        ZoneEnded = "zone.ended",
     }
 }
 

@@ -14,6 +14,7 @@ mod operation;
 mod residual;
 mod route;
 mod webhook;
+mod zone;
 
 pub use alert::{
     AlertAction, AlertStatus, BeamVerdict, ChangeKind, DecisionResult, DismissReason, Tier,
@@ -27,6 +28,7 @@ pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
 pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
+pub use zone::ZonePurpose;
 
 /// An enumeration whose values have texts.
 pub trait TextEnum: Copy + PartialEq + 'static {
@@ -146,6 +148,7 @@ mod tests {
         check_read(ResidualVerdict::name);
         check_read(Stage::name);
         check_read(Tier::name);
+        check_read(ZonePurpose::name);
         check(WebhookEvent::name);
     }
 

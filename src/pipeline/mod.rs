@@ -39,6 +39,7 @@ mod vehicles;
 mod watch;
 mod worker;
 mod workspace;
+mod zones;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use operations::Operations;
@@ -75,6 +76,10 @@ pub fn start(
 ) -> anyhow::Result<Pipeline> {
     let engine = Engine::new(store, options)?;
     let mut tasks = worker::start(&engine, stopping);
+    tasks.push(tokio::spawn(zones::end_in_time(
+        store.clone(),
+        stopping.clone(),
+    )));
     let decisions = Decisions::new(engine);
     let operations = Operations::new(store);
     let carrying_out = operations

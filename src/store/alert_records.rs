@@ -11,6 +11,7 @@ pub use crate::model::SYSTEM;
 use crate::model::{Actor, DismissReason};
 pub use crate::render::MapPicture;
 
+use super::handling::Handling;
 use super::records::{EdgeChange, NodeChange};
 
 /// An alert.
@@ -47,6 +48,15 @@ pub struct AlertRecord {
     pub updated_at: Timestamp,
     /// Every status that it had, the first one first.
     pub history: Vec<HistoryEntry>,
+    /// What people and zones have added to it.
+    pub handling: Handling,
+}
+
+impl AlertRecord {
+    /// The revision that clients see: raised by every change of the alert and of its handling.
+    pub fn shown_revision(&self) -> i64 {
+        self.revision + self.handling.changes
+    }
 }
 
 /// A closure's place in the residual series of its sub-graph.
@@ -99,6 +109,8 @@ pub struct AlertFilter {
     pub bbox: Option<[f64; 4]>,
     /// At least this confident.
     pub min_confidence: Option<f64>,
+    /// Muted, or not.
+    pub muted: Option<bool>,
 }
 
 /// Something that happened to an alert.

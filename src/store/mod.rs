@@ -27,6 +27,7 @@ mod fsck;
 mod gaps;
 mod graph;
 mod graph_rows;
+mod handling;
 mod inbox;
 mod inputs;
 mod intermediate_scans;
@@ -61,7 +62,9 @@ mod webhook_audit;
 mod webhook_deliveries;
 mod webhook_records;
 mod webhooks;
+mod withheld;
 mod writer;
+mod zones;
 
 pub use alert_records::*;
 pub use archive::SubgraphSums;
@@ -70,6 +73,7 @@ pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compa
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
+pub use handling::{CommentRecord, Handling, Muted};
 pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};
 pub use operation_records::*;
 pub use quarantines::Quarantine;
@@ -81,6 +85,7 @@ pub use series_closures::{SeriesClosure, SeriesClosures};
 pub use upload_lags::UploadLag;
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
+pub use zones::{ZONES_MAX, ZoneEdit, ZoneMade, ZoneRecord};
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -14,8 +14,8 @@ use mapshift::model::{Actor, BatchStatus, Stage};
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
     AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord,
-    GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, SYSTEM,
-    Store, StoreOptions,
+    GeoAnchor, Handling, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate,
+    SYSTEM, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -259,6 +259,7 @@ fn appeared(route: &RouteId) -> AlertRecord {
         raised_at,
         updated_at: raised_at,
         history: vec![by_system(AlertStatus::Open, raised_at, None)],
+        handling: Handling::default(),
     }
 }
 

@@ -376,7 +376,7 @@ async fn a_decision_leaves_a_row_with_what_was_and_what_is() {
         assert_eq!(decided.unwrap(), became);
     }
     let before = json!({"status": "open", "by": "system", "note": null});
-    let after = json!({"status": "dismissed", "by": "kim", "note": "a parked lorry"});
+    let after = json!({"status": "dismissed", "by": "kim", "note": "a parked lorry", "reason": "temporary"});
     assert_eq!(
         told_since(&fixture, count, by()).await,
         [told(AuditAction::AlertDismissed, alert_id(), before, after)]

@@ -5,8 +5,8 @@ use mapshift::geometry::Vector2;
 use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
 use mapshift::model::{AlertEventKind, BatchStatus, WebhookEvent};
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
-    StoreError, WebhookSecret, WebhookUpdate,
+    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    Store, StoreError, WebhookSecret, WebhookUpdate,
 };
 use uuid::Uuid;
 
@@ -66,6 +66,7 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
         related: Vec::new(),
         raised_at: at(1),
         updated_at: at(1),
+        handling: Handling::default(),
         history: vec![HistoryEntry {
             status: AlertStatus::Open,
             at: at(1),

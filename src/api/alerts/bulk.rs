@@ -157,7 +157,7 @@ impl DecisionsPost {
         if count(&self.decisions, AlertAction::Undo) > UNDOS_MAX {
             return refuse("each undo makes a new map: send at most 10 of them at a time");
         }
-        let by = checked_name(self.by)?;
+        let by = checked_name("/by", self.by)?;
         let decisions = self.decisions.into_iter().enumerate();
         let checked = decisions.map(|(k, one)| {
             let why = Why::checked(one.action, by.clone(), one.note, one.reason);

@@ -67,9 +67,9 @@ impl Why {
     }
 }
 
-/// Who decides, as they say.
-pub(super) fn checked_name(by: Option<String>) -> Result<String, Problem> {
-    let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/by"));
+/// A name at a JSON pointer, as people say it; without one they are anonymous.
+pub(super) fn checked_name(pointer: &str, by: Option<String>) -> Result<String, Problem> {
+    let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer));
     let by = by.unwrap_or_else(|| UNNAMED.to_owned());
     let length = by.chars().count();
     if !(1..=NAME_CHARS_MAX).contains(&length) || by.chars().any(char::is_control) {
@@ -115,7 +115,7 @@ async fn decide(
     body: Body,
 ) -> Result<Response, Problem> {
     let decision: AlertDecision = small_json(state, headers, body).await?;
-    let by = checked_name(decision.by)?;
+    let by = checked_name("/by", decision.by)?;
     let why = Why::checked(action, by, decision.note, decision.reason)?;
     known_alert(state, id).await?;
     carry_out(state, id, action, actor, wanted(headers)?, why).await?;

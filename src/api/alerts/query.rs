@@ -35,6 +35,9 @@ pub(in crate::api) struct AlertQuery {
     /// Only at least this confident.
     #[param(minimum = 0, maximum = 1, nullable = false)]
     min_confidence: Option<f64>,
+    /// Only muted by a zone (`true`), or only others (`false`).
+    #[param(nullable = false)]
+    muted: Option<bool>,
     /// As `PageQuery` declares it.
     #[param(ignore)]
     pub limit: Option<u32>,
@@ -65,6 +68,7 @@ impl AlertQuery {
             since: checked_time("since", self.since.as_deref())?,
             bbox: bbox.map(|bbox| bbox.bounds()),
             min_confidence: self.min_confidence,
+            muted: self.muted,
         })
     }
 }
