@@ -88,7 +88,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         draining.clone(),
         metrics,
         pipeline.decisions,
-        pipeline.removals,
+        pipeline.operations,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;
     let connections = Connections::new(router, config.limits, draining.clone());

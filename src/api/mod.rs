@@ -26,6 +26,7 @@ mod nodes;
 mod note;
 mod offload;
 mod openapi;
+mod operation;
 mod operations;
 mod paging;
 mod parameters;
@@ -51,6 +52,7 @@ mod version_maps;
 mod versions;
 mod webhooks;
 mod words;
+mod zones;
 
 use std::sync::Arc;
 
@@ -92,7 +94,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(removals::post_removal))
         .routes(routes!(quarantines::quarantine_vehicle))
         .routes(routes!(quarantines::release_vehicle))
-        .routes(routes!(removals::get_operation))
+        .routes(routes!(operation::get_operation))
         .routes(routes!(nodes::list_nodes))
         .routes(routes!(nodes::get_node))
         .routes(routes!(nodes::get_node_scan))
@@ -109,6 +111,17 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::reopen_alert))
         .routes(routes!(alerts::undo_alert))
         .routes(routes!(alerts::decide_alerts))
+        .routes(routes!(alerts::assign_alert))
+        .routes(routes!(
+            alerts::list_alert_comments,
+            alerts::comment_on_alert
+        ))
+        .routes(routes!(zones::list_zones, zones::create_zone))
+        .routes(routes!(
+            zones::get_zone,
+            zones::put_zone,
+            zones::delete_zone
+        ))
         .routes(routes!(webhooks::list_webhooks, webhooks::register_webhook))
         .routes(routes!(
             webhooks::get_webhook,
@@ -140,6 +153,7 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::preview_alert))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
         .routes(routes!(alerts::get_observations))

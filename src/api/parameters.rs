@@ -92,6 +92,22 @@ pub(super) struct WebhookParam {
 }
 
 #[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct ZoneParam {
+    /// Id of the zone
+    #[param(format = "uuid")]
+    zone: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct IfZoneMatches {
+    /// Change nothing unless the zone has this ETag
+    #[param(rename = "If-Match", nullable = false)]
+    if_match: Option<String>,
+}
+
+#[derive(IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct IfAlertMatches {
     /// The alert's ETag, as it was read

@@ -63,6 +63,7 @@ problem_kinds! {
     RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
     NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
     TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
+    TooManyZones = CONFLICT, "too-many-zones", "The route has as many zones as it can have";
     WebhookDisabled = CONFLICT, "webhook-disabled", "The webhook is not active";
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
     PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
@@ -233,6 +234,11 @@ impl Problem {
     /// The kind.
     pub fn kind(&self) -> ProblemKind {
         self.kind
+    }
+
+    /// What happened this time.
+    pub(super) fn detail(&self) -> &str {
+        &self.detail
     }
 
     /// What only the log may see.

@@ -124,6 +124,22 @@ problem_responses! {
         K::TransitionNotAllowed,
     ], with BODY;
 
+    /// Of previewing an acceptance.
+    PreviewProblems = [K::InvalidField, K::NotFound, K::TransitionNotAllowed];
+    /// Of assigning an alert, or commenting on it.
+    HandlingProblems = [K::NotFound], with BODY;
+    /// Of making a zone.
+    ZoneCreationProblems = [K::UnknownRoute, K::TooManyZones], with BODY;
+    /// Of replacing a zone.
+    ZonePutProblems = [K::UnknownRoute, K::NotFound, K::PreconditionFailed], with BODY;
+    /// Of deleting a zone.
+    ZoneDeletionProblems = [
+        K::InvalidField,
+        K::UnknownRoute,
+        K::NotFound,
+        K::PreconditionFailed,
+        K::DiskFull,
+    ];
     /// Of deciding about several alerts.
     DecisionsProblems = [], with BODY;
 

@@ -15,7 +15,7 @@ use super::problem::Problem;
 use super::reading::Gate;
 use super::shares::Shares;
 use crate::ids::RouteId;
-use crate::pipeline::{Decisions, Removals};
+use crate::pipeline::{Decisions, Operations};
 use crate::store::{RouteRecord, Store};
 use crate::webhooks::ReceiverPolicy;
 
@@ -35,8 +35,8 @@ pub struct Shared {
     pub metrics: PrometheusHandle,
     /// Who carries decisions about alerts out.
     pub decisions: Decisions,
-    /// Who takes uploads out of maps.
-    pub removals: Removals,
+    /// Who carries long work out.
+    pub operations: Operations,
     /// Where webhooks may lead.
     pub receivers: ReceiverPolicy,
     /// The names of the service.
@@ -87,7 +87,7 @@ impl ApiState {
         draining: CancellationToken,
         metrics: PrometheusHandle,
         decisions: Decisions,
-        removals: Removals,
+        operations: Operations,
     ) -> Self {
         let ApiSettings {
             limits,
@@ -115,7 +115,7 @@ impl ApiState {
             draining,
             metrics,
             decisions,
-            removals,
+            operations,
             receivers,
             hosts: Hosts::new(listen, access.public_url),
             proxies: access.proxies,

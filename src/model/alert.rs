@@ -116,6 +116,24 @@ text_enum! {
 }
 
 text_enum! {
+    /// What became of one of several decisions.
+    DecisionResult {
+        /// It was carried out.
+        Done = "done",
+        /// The alert had that status already.
+        AlreadyDone = "already_done",
+        /// The alert is not as it was when it was decided about.
+        Changed = "changed",
+        /// The alert's status or kind does not allow it.
+        NotAllowed = "not_allowed",
+        /// There is no such alert.
+        Unknown = "unknown",
+        /// It could not be carried out now; the same may succeed later.
+        Failed = "failed",
+    }
+}
+
+text_enum! {
     /// Why an alert is dismissed.
     DismissReason {
         /// What is there will be gone again.

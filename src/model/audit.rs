@@ -133,6 +133,18 @@ text_enum! {
         KeyCreated = "key.created",
         /// A key is valid no longer.
         KeyRevoked = "key.revoked",
+        /// Somebody was asked to see to an alert, or nobody is any more.
+        AlertAssigned = "alert.assigned",
+        /// Somebody wrote about an alert.
+        AlertCommented = "alert.commented",
+        /// A zone was made.
+        ZoneCreated = "zone.created",
+        /// A zone was changed.
+        ZoneChanged = "zone.changed",
+        /// A zone was deleted.
+        ZoneDeleted = "zone.deleted",
+        /// The time of a zone was over.
+        ZoneEnded = "zone.ended",
     }
 }
 

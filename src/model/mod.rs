@@ -15,21 +15,23 @@ mod operation;
 mod residual;
 mod route;
 mod webhook;
+mod zone;
 
 pub use access::{InvalidHolder, Role, checked_holder};
 pub use alert::{
-    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DismissReason, PassOutcome,
-    PassSide, ShownSide, Tier,
+    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DecisionResult, DismissReason,
+    PassOutcome, PassSide, ShownSide, Tier,
 };
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
 pub use map::MapLayer;
-pub use operation::OperationStatus;
+pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
 pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
+pub use zone::ZonePurpose;
 
 /// An enumeration whose values have texts.
 pub trait TextEnum: Copy + PartialEq + 'static {
@@ -126,7 +128,10 @@ mod tests {
     #[test]
     fn every_value_has_one_text() {
         check_read(AlertAction::name);
+        check_read(DecisionResult::name);
         check_read(DismissReason::name);
+        check_read(OperationKind::name);
+        check_read(OperationStatus::name);
         check_read(MapLayer::name);
         check_read(AlertEventKind::name);
         check_read(AlertStatus::name);
@@ -151,6 +156,7 @@ mod tests {
         check_read(Role::name);
         check_read(Stage::name);
         check_read(Tier::name);
+        check_read(ZonePurpose::name);
         check(WebhookEvent::name);
     }
 

@@ -13,7 +13,7 @@ use crate::geometry::polygon_gap;
 use crate::ids::{AlertId, EdgeId, NodeId, RouteId, VehicleId};
 use crate::mapping::{Mending, PassScope};
 use crate::model::ResidualVerdict;
-use crate::store::{AlertRecord, AlertResidual, HistoryEntry, SYSTEM};
+use crate::store::{AlertRecord, AlertResidual, Handling, HistoryEntry, SYSTEM};
 
 /// Alerts whose regions are this close tell of the same place, metres.
 const RELATED_M: f64 = 1.0;
@@ -184,6 +184,7 @@ fn raised(
         raised_at: at,
         updated_at: at,
         history: Vec::new(),
+        handling: Handling::default(),
     }
 }
 

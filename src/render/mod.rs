@@ -6,6 +6,7 @@
 pub mod evidence_svg;
 pub mod place_svg;
 
+mod cell_changes;
 mod cells;
 mod map_image;
 mod map_picture;
@@ -14,6 +15,7 @@ mod place_grid;
 mod plot_svg;
 mod svg_text;
 
+pub use cell_changes::{CellChanges, cell_changes};
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};

@@ -11,6 +11,7 @@ pub use crate::model::SYSTEM;
 use crate::model::{Actor, Clearance, DismissReason};
 pub use crate::render::MapPicture;
 
+use super::handling::Handling;
 use super::records::{EdgeChange, NodeChange};
 
 /// An alert.
@@ -52,6 +53,15 @@ pub struct AlertRecord {
     pub updated_at: Timestamp,
     /// Every status that it had, the first one first.
     pub history: Vec<HistoryEntry>,
+    /// What people and zones have added to it.
+    pub handling: Handling,
+}
+
+impl AlertRecord {
+    /// The revision that clients see: raised by every change of the alert and of its handling.
+    pub fn shown_revision(&self) -> i64 {
+        self.revision + self.handling.changes
+    }
 }
 
 /// A closure's place in the residual series of its sub-graph.
@@ -110,6 +120,8 @@ pub struct AlertFilter {
     pub vehicle_id: Option<VehicleId>,
     /// This near to the vehicles' way.
     pub blocking: Option<Clearance>,
+    /// Muted, or not.
+    pub muted: Option<bool>,
 }
 
 /// Something that happened to an alert.
@@ -125,7 +137,8 @@ pub struct AlertEvent {
     pub at: Timestamp,
 }
 
-/// Everything that one decision about an alert changes, applied in one transaction.
+/// Everything that one decision changes, applied in one transaction. It is about one alert, or accepts
+/// several of one route at once.
 #[derive(Debug, Clone)]
 pub struct Decision {
     /// The route's revision that it was computed from.
@@ -134,16 +147,17 @@ pub struct Decision {
     pub action: AlertAction,
     /// By whom.
     pub actor: Actor,
-    /// The alert as it is to be: its revision one more than before, its history one longer.
-    pub alert: AlertRecord,
+    /// The alerts as they are to be: the revision of each one more than before, its history one longer;
+    /// all with the same time of their last change.
+    pub alerts: Vec<AlertRecord>,
     /// What happens to the map.
     pub map: Option<MapDecision>,
 }
 
-/// What accepting an alert, or taking that back, does to a route's map.
+/// What accepting alerts, or taking that back for one, does to a route's map: its next version.
 #[derive(Debug, Clone)]
 pub struct MapDecision {
-    /// Whether a change is taken in or taken back.
+    /// Whether changes are taken in or one is taken back.
     pub accepted: AcceptanceChange,
     /// Nodes that moved, or changed their block or part.
     pub changed_nodes: Vec<NodeChange>,
@@ -156,8 +170,8 @@ pub struct MapDecision {
 /// How the set of accepted changes changes.
 #[derive(Debug, Clone)]
 pub enum AcceptanceChange {
-    /// The alert's change is taken into the map.
-    Added(Acceptance),
+    /// The changes of the alerts are taken into the map, in their order.
+    Added(Vec<Acceptance>),
     /// The alert's change is taken out of it again.
     Removed,
 }

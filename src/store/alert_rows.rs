@@ -5,7 +5,8 @@ use sqlx::SqliteConnection;
 use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
-use super::webhook_deliveries::{Happened, queue};
+use super::handling::{Handled, count_open, happen};
+use super::zones::Mutes;
 use crate::model::{Clearance, DismissReason};
 use crate::scan::HeightBand;
 
@@ -22,6 +23,7 @@ pub(super) async fn write_alerts(
     if alerts.is_empty() {
         return Ok(());
     }
+    let mutes = Mutes::of(transaction, route_key).await?;
     for alert in alerts {
         check(alert)?;
         let (alert_key, confirmed_revision) = upsert(transaction, route_key, alert)
@@ -29,44 +31,23 @@ pub(super) async fn write_alerts(
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
         add_history(transaction, alert_key, &alert.history).await?;
         link_batches(transaction, route_key, alert_key, alert).await?;
-        let at_us = micros(alert.updated_at);
-        let happened = Happened {
+        let handled = Handled {
             route_key,
             alert_key,
-            sequence: add_event(transaction, alert_key, alert.revision, at_us).await?,
             revision: alert.revision,
             confirmed_revision,
-            at_us,
+            status: alert.status,
         };
-        queue(transaction, &happened).await?;
+        let muted_until_us = mutes.until_us(alert.evidence.kind, &alert.evidence.location);
+        happen(
+            transaction,
+            &handled,
+            muted_until_us,
+            micros(alert.updated_at),
+        )
+        .await?;
     }
-    sqlx::query(
-        "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
-         WHERE route_key = ?1 AND status IN ('open', 'acknowledged')) WHERE route_key = ?1",
-    )
-    .bind(route_key)
-    .execute(transaction)
-    .await?;
-    Ok(())
-}
-
-/// Writes what happened to an alert where streams read it.
-async fn add_event(
-    transaction: &mut SqliteConnection,
-    alert_key: i64,
-    revision: i64,
-    at_us: i64,
-) -> Result<i64, StoreError> {
-    let sequence = sqlx::query_scalar(
-        "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
-         RETURNING sequence",
-    )
-    .bind(alert_key)
-    .bind(revision)
-    .bind(at_us)
-    .fetch_one(transaction)
-    .await?;
-    Ok(sequence)
+    count_open(transaction, route_key).await
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {

@@ -11,6 +11,7 @@ use super::columns::{
     alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
 };
 use super::error::StoreError;
+use super::handling::handling_of;
 use super::{Store, named};
 use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
@@ -105,8 +106,10 @@ macro_rules! select_alerts {
         concat!(
             "SELECT alerts.*, routes.id AS route_id, \
              (SELECT json_group_array(json_array(position, status, at_us, by_whom, note, reason)) \
-              FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history \
-             FROM alerts JOIN routes USING (route_key) ",
+              FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history, \
+             handling.changes AS handling_changes, assignee, comments, muted_until_us \
+             FROM alerts JOIN routes USING (route_key) \
+             LEFT JOIN alert_handling AS handling USING (alert_key) ",
             $rest
         )
     };
@@ -175,6 +178,11 @@ pub(super) async fn alert_page(
     }
     if let Some(clearance) = filter.blocking {
         query.push(" AND clearance = ").push_bind(clearance.name());
+    }
+    if let Some(muted) = filter.muted {
+        query
+            .push(" AND (muted_until_us IS NOT NULL) = ")
+            .push_bind(muted);
     }
     query
         .push(" ORDER BY alerts.id DESC LIMIT ")
@@ -295,6 +303,7 @@ fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
         raised_at: time(row, "raised_at_us")?,
         updated_at: time(row, "updated_at_us")?,
         history: history_of(row)?,
+        handling: handling_of(row)?,
     })
 }
 

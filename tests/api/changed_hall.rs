@@ -16,8 +16,8 @@ use mapshift::model::{Actor, BatchStatus, Clearance, PassOutcome, PassSide, Stag
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
     AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord,
-    GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, SYSTEM,
-    Store, StoreOptions,
+    GeoAnchor, Handling, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate,
+    SYSTEM, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -263,6 +263,7 @@ fn appeared(route: &RouteId) -> AlertRecord {
         raised_at,
         updated_at: raised_at,
         history: vec![by_system(AlertStatus::Open, raised_at, None)],
+        handling: Handling::default(),
     }
 }
 

@@ -9,8 +9,8 @@ use mapshift::model::{
     AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent,
 };
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
-    StoreError, WebhookSecret, WebhookUpdate,
+    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    Store, StoreError, WebhookSecret, WebhookUpdate,
 };
 use uuid::Uuid;
 
@@ -72,6 +72,7 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
         related: Vec::new(),
         raised_at: at(1),
         updated_at: at(1),
+        handling: Handling::default(),
         history: vec![HistoryEntry {
             status: AlertStatus::Open,
             at: at(1),

@@ -17,7 +17,7 @@ use super::authenticate::{authenticate, unauthenticated};
 use super::identity::Identity;
 use super::operations::{About, Needs, needs_of};
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::{ApiState, alerts, removals, webhooks};
+use crate::api::{ApiState, alerts, operation, webhooks};
 use crate::ids::RouteId;
 
 /// What every operation needs, by path and method.
@@ -162,10 +162,16 @@ async fn check_sees(
             Some(id) => webhooks::known_webhook(state, id).await?.route_id,
             None => return Ok(()),
         },
-        About::Operation => match param(&params, "operation") {
-            Some(id) => Some(removals::known_operation(state, id).await?.route_id),
-            None => return Ok(()),
-        },
+        About::Operation => {
+            let Some(id) = param(&params, "operation") else {
+                return Ok(());
+            };
+            let known = operation::known_operation(state, id).await?;
+            return match known.is_within(|route| identity.sees(route)) {
+                true => Ok(()),
+                false => Err(operation::unknown_operation()),
+            };
+        }
     };
     if route.is_some_and(|route| identity.sees(&route)) {
         return Ok(());
@@ -173,8 +179,9 @@ async fn check_sees(
     Err(match about {
         About::Alert => alerts::unknown_alert(),
         About::Webhook => webhooks::unknown_webhook(),
-        About::Operation => removals::unknown_operation(),
-        About::Route | About::Several | About::Service => Problem::unknown_route(),
+        About::Route | About::Operation | About::Several | About::Service => {
+            Problem::unknown_route()
+        }
     })
 }
 

@@ -31,6 +31,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
     "first_seen": "2026-11-20T06:00:00Z", "since": "2026-11-20T06:00:00Z", "last_seen": "2026-11-20T07:30:00Z", "until": null,
     "raised_at": "2026-11-20T06:00:09Z", "updated_at": "2026-11-20T07:30:08Z", "map_version": 1, "related": [],
+    "assignee": null, "comments": 0, "muted": false, "muted_until": null,
     "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null, "reason": null}]
 }))]
 pub(super) struct AlertBody {
@@ -39,7 +40,7 @@ pub(super) struct AlertBody {
     pub id: String,
     /// The route.
     pub route_id: String,
-    /// Raised by every change of the alert.
+    /// Raised by every change of the alert, and of `assignee`, `comments` and `muted`.
     revision: i64,
     /// Raised when that changes which a decision is about: status, tier, or the region by more than
     /// 0.25 m; not by further evidence. In quotes it is the ETag that `If-Match` is compared with.
@@ -126,6 +127,16 @@ pub(super) struct AlertBody {
     map_version: i64,
     /// Alerts that tell of the same place.
     related: Vec<String>,
+    /// Who sees to it; null if nobody does.
+    #[schema(required)]
+    assignee: Option<String>,
+    /// How many comments there are.
+    comments: i64,
+    /// Whether a zone mutes it: webhooks are not sent it, and it does not count among the open alerts.
+    muted: bool,
+    /// When that ends by itself; null if it does not, or if it is not muted.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    muted_until: Option<Timestamp>,
     /// Every status that it had, the first one first.
     history: Vec<HistoryBody>,
 }
@@ -218,7 +229,7 @@ pub(super) fn etag(alert: &AlertRecord) -> String {
 }
 
 /// What can be done with an alert now.
-pub(super) fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
+fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
     let all = AlertAction::ALL.into_iter();
     all.filter(|action| is_allowed(alert, *action)).collect()
 }
@@ -244,11 +255,12 @@ impl From<AlertRecord> for AlertBody {
         let location = LocationBody::of(&alert);
         let size = Size::of(&alert.evidence.region);
         let (title, summary) = (title(&alert, size), summary(&alert, size));
+        let revision = alert.shown_revision();
         let evidence = alert.evidence;
         Self {
             id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
-            revision: alert.revision,
+            revision,
             decision_revision: alert.decision_revision,
             kind: evidence.kind,
             status: alert.status,
@@ -281,6 +293,10 @@ impl From<AlertRecord> for AlertBody {
             updated_at: alert.updated_at,
             map_version: alert.map_version,
             related: alert.related.iter().map(ToString::to_string).collect(),
+            assignee: alert.handling.assignee,
+            comments: alert.handling.comments,
+            muted: alert.handling.muted.is_some(),
+            muted_until: alert.handling.muted.and_then(|muted| muted.until),
             history: alert.history.into_iter().map(HistoryBody::from).collect(),
         }
     }

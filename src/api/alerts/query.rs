@@ -41,6 +41,9 @@ pub(in crate::api) struct AlertQuery {
     /// Only this near to the way that vehicles took before the change.
     #[param(nullable = false, inline)]
     blocking: Option<Clearance>,
+    /// Only muted by a zone (`true`), or only others (`false`).
+    #[param(nullable = false)]
+    muted: Option<bool>,
     /// As `PageQuery` declares it.
     #[param(ignore)]
     pub limit: Option<u32>,
@@ -74,6 +77,7 @@ impl AlertQuery {
             min_confidence: self.min_confidence,
             vehicle_id: checked_vehicle(self.vehicle_id.as_deref())?,
             blocking: self.blocking,
+            muted: self.muted,
         })
     }
 }
