@@ -236,6 +236,7 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::key_arg::KeyArg;
     use crate::client::pretend::{Faults, Pretend};
     use crate::geometry::Pose2;
     use crate::ids::{RouteId, TripId, VehicleId};
@@ -260,6 +261,7 @@ mod tests {
             vehicle: VehicleId::new("agv-07").unwrap(),
             trip: Some(TripId::new("monday").unwrap()),
             url: url.to_owned(),
+            key: KeyArg { key: None },
             batch_scans,
             batch_nodes: 2,
             beam_spacing: 1.0,
