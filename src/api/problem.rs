@@ -49,8 +49,8 @@ problem_kinds! {
     BadEncoding = BAD_REQUEST, "bad-encoding", "The body does not decompress";
     DigestMismatch = BAD_REQUEST, "digest-mismatch", "The body is not what its digest says";
     BadRequest = BAD_REQUEST, "bad-request", "The request is not usable";
-    Unauthenticated = UNAUTHORIZED, "unauthenticated", "Nobody knows who sends this";
-    Forbidden = FORBIDDEN, "forbidden", "Whoever sends this may not";
+    Unauthenticated = UNAUTHORIZED, "unauthenticated", "The request does not say who sends it";
+    Forbidden = FORBIDDEN, "forbidden", "Whoever sends this may not do it";
     ForeignOrigin = FORBIDDEN, "foreign-origin", "Another page asks for this";
     UnknownRoute = NOT_FOUND, "unknown-route", "There is no such route";
     NotFound = NOT_FOUND, "not-found", "There is nothing here";

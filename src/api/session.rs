@@ -19,7 +19,7 @@ use super::problem_responses::{AnyProblems, SignInProblems, SignOutProblems};
 use super::upload::small_json;
 use crate::ids::RouteId;
 use crate::model::Role;
-use crate::store::{KeyText, Secret, SessionRecord};
+use crate::store::{KeyText, Secret};
 
 /// Who somebody is to the service.
 #[derive(Debug, Serialize, ToSchema)]
@@ -112,13 +112,11 @@ pub(super) async fn sign_in(
     };
     let id = Secret::random().map_err(Problem::internal)?;
     state.store.begin_session(&id, key.id, now).await?;
+    // None if the key was revoked meanwhile.
+    let session = state.store.session(&id, now).await?;
+    let session = session.ok_or_else(not_a_key)?;
     tracing::info!(name = key.name, key = %key.id, "signed in");
     let cookie = session_cookie(&id, &headers).map_err(Problem::internal)?;
-    let session = SessionRecord {
-        key,
-        created_at: now,
-        last_used_at: now,
-    };
     let body = Json(SessionBody::new(Identity::of_session(session), false));
     let no_store = (header::CACHE_CONTROL, "no-store");
     Ok(([(header::SET_COOKIE, cookie)], [no_store], body).into_response())

@@ -5,6 +5,6 @@
 pub(super) struct KeyArg {
     /// A key of the service, if it has any. The variable is safer: other users of the machine can read
     /// arguments.
-    #[arg(long, env = "MAPSHIFT_KEY", hide_env_values = true)]
+    #[arg(long, global = true, env = "MAPSHIFT_KEY", hide_env_values = true)]
     pub(super) key: Option<String>,
 }

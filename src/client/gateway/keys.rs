@@ -69,7 +69,7 @@ impl Gateway {
         let (mut keys, mut cursor) = (Vec::new(), String::new());
         loop {
             let path = format!("/v1/keys?limit=1000{cursor}");
-            let page: KeyPage = self.get(path, "the keys".to_owned()).await?;
+            let page: KeyPage = self.get(path, "the list of keys".to_owned()).await?;
             keys.extend(page.items);
             match page.next_cursor {
                 Some(next) => cursor = format!("&cursor={next}"),
