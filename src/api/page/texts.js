@@ -26,7 +26,7 @@ export const TEXTS = {
   passes: (/** @type {number} */ count) => plural(count, "pass", "passes"),
   noAlerts: "Nothing to decide: what the vehicles observe agrees with the map.", noMatch: "No alert matches these filters.",
   onlyFirst: (/** @type {number} */ count) => "The first " + count + " are shown: narrow the list by the filters.",
-  chosen: (/** @type {number} */ count) => count + " chosen", choose: (/** @type {string} */ title) => "Choose: " + title, clear: "Clear",
+  chosen: (/** @type {number} */ count) => count + " chosen", choose: (/** @type {string} */ title) => "Choose: " + title, chooseAll: "Choose all", clear: "Clear",
   muted: "muted", assignedTo: (/** @type {string} */ name) => "with " + name,
   blocking: /** @type {Words} */ ({ blocking: "On the vehicles' way", near: "Near the vehicles' way", clear: "Clear of the vehicles' way" }),
 
