@@ -107,8 +107,8 @@ export const TEXTS = {
   report: {
     title: "Shift report", period: "Period", periods: /** @type {[string, string][]} */ ([["8", "the last 8 hours"], ["12", "the last 12 hours"], ["24", "the last day"], ["168", "the last week"]]), again: "Refresh", print: "Print",
     raised: "Raised", decided: "Decided", open: "Still open", dismissals: "Why alerts were dismissed", none: "None.", truncated: "There is more than is shown: choose a shorter period.",
-    alertHead: ["Alert", "Route", "Way", "Status", "With", "Raised"], decidedHead: ["Alert", "Route", "Decision", "By", "Why", "When"], dismissalHead: ["Route", "Kind", "Reason", "Alerts"],
-    counts: /** @type {Words} */ ({ raised: "raised", decided: "decided", open: "still open", accepted: "accepted", dismissed: "dismissed", acknowledged: "acknowledged", reopened: "reopened", undone: "undone", resolved: "resolved" }),
+    alertHead: ["Alert", "Route", "Where", "Way", "Status", "With", "Raised"], decidedHead: ["Alert", "Route", "Decision", "By", "Why", "When"], dismissalHead: ["Route", "Kind", "Reason", "Alerts"],
+    counts: /** @type {Words} */ ({ raised: "raised", decided: "decided", open: "still open", muted: "muted" }),
   },
   help: "Keys",
   helpRows: /** @type {[string, string][]} */ ([["j, k", "next, previous alert"], ["a", "accept"], ["d", "dismiss"], ["e", "acknowledge"], ["u", "undo or reopen"], ["x", "choose for deciding several"], ["/", "search"], ["?", "this list"], ["Esc", "close, leave a field"], ["arrows, +, −, 0", "move, zoom and fit the map when it has the focus"]]),
