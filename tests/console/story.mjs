@@ -10,6 +10,7 @@ import { startService } from "./service.mjs";
 
 const FIRST_VIEW_MAX = 300_000;
 const IDLE_MAX_PER_S = 5_000;
+const TABS = ["vehicles", "batches", "residuals", "versions", "settings", "audit"];
 const AXE = fs.readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 const chromium = findChromium();
@@ -85,7 +86,7 @@ async function map(page) {
 
 async function otherViews(page) {
   const [route] = (await api("/v1/routes")).items;
-  for (const tab of ["vehicles", "batches", "residuals", "versions", "settings", "audit"]) {
+  for (const tab of TABS) {
     await check("the tab " + tab + " has content that axe accepts", async () => {
       await page.goto(base + "/#/routes/" + route.id + "/" + tab);
       await page.waitForSelector(".content :is(table, svg, .version, form)");
@@ -130,7 +131,16 @@ async function phoneAndDark() {
     await page.waitForSelector(".sentence");
     await page.waitForTimeout(500);
     await check("a phone shows an alert, " + colorScheme, async () => { await fitsPhone(page, "the alert"); await axe(page, "the alert"); });
-    equal(faults.join(), "", "faults");
+    const [route] = (await api("/v1/routes")).items;
+    for (const address of [...TABS.map((tab) => "#/routes/" + route.id + "/" + tab), "#/routes/" + route.id + "/map", "#/report"]) {
+      await check("a phone shows " + address + ", " + colorScheme, async () => {
+        await page.goto(base + "/" + address);
+        await page.waitForSelector(address === "#/report" ? ".report .counts" : ".content :is(table, svg, .version, form, canvas)");
+        await fitsPhone(page, address);
+        await axe(page, address);
+      });
+    }
+    await check("no error on a phone, " + colorScheme, () => equal(faults.join("\n"), "", "what went wrong"));
     await page.context().close();
   }
 }

@@ -1,10 +1,10 @@
 // Who takes care of an alert, and what was said about it.
 
 import { toastError } from "./dialog.js";
-import { button, make, say } from "./dom.js";
+import { button, make } from "./dom.js";
 import { time } from "./format.js";
 import { alertPath, getIfThere, send } from "./http.js";
-import { ownName } from "./sign_in.js";
+import { ownName, typedName } from "./sign_in.js";
 import { draft, keep, keepDraft, may, state } from "./state.js";
 import { TEXTS } from "./texts.js";
 
@@ -62,12 +62,12 @@ export class Discussion {
   async post() {
     const text = this.text.value.trim();
     if (!text) { this.text.focus(); return; }
-    await send("POST", this.path + "/comments", { text });
+    const by = typedName();
+    await send("POST", this.path + "/comments", { text, ...(by && { by }) });
     this.text.value = "";
     keepDraft(this.draft, "");
     this.count = -1;
     const alert = state.alerts.get(this.id);
     if (alert) this.bring(alert);
-    say(this.text, "");
   }
 }

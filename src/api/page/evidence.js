@@ -40,7 +40,7 @@ export class Evidence {
   async bring() {
     const shows = ["both", "before", "since"];
     const results = await Promise.allSettled(shows.map((show) => this.read(show)));
-    if (results.every((result) => result.status === "rejected")) await this.fallBack();
+    if (!results.some((result) => result.status !== "rejected")) await this.fallBack();
   }
 
   /** @param {string} show */

@@ -2,13 +2,11 @@
 
 import { alertAddress } from "./address.js";
 import { button, byId, choice, link, make, table } from "./dom.js";
-import { clock, time } from "./format.js";
+import { clock, point, time } from "./format.js";
 import { get } from "./http.js";
 import { state } from "./state.js";
 import { TEXTS } from "./texts.js";
 import { ACTIONS, KINDS, REASONS, STATUSES } from "./words.js";
-
-/** @typedef {import("./types").Alert} Alert */
 
 const HOUR_MS = 3600000;
 const T = TEXTS.report;
@@ -22,20 +20,29 @@ function period(query) {
   return { since, until, route: query.get("route") ?? "" };
 }
 
-/** @param {Alert} alert */
-const named = (alert) => link(alert.title ?? KINDS.get(alert.kind) ?? alert.kind, alertAddress(alert.id));
+/**
+ * A link to an alert, by its title if it is known.
+ * @param {string} id
+ * @param {string} kind
+ */
+const named = (id, kind) => link(state.alerts.get(id)?.title ?? KINDS.get(kind) ?? kind, alertAddress(id));
 
-/** @param {Alert[]} alerts */
-const alertTable = (alerts, /** @type {string} */ caption) => (alerts.length === 0 ? make("p", "quiet", T.none)
-  : table(caption, T.alertHead, alerts.map((alert) => [named(alert), alert.route_id, TEXTS.blocking[alert.blocking ?? ""] ?? null, STATUSES.get(alert.status), alert.assignee ?? null, time(alert.raised_at)])));
+/**
+ * @param {import("./types").ReportAlert[]} alerts
+ * @param {string} caption
+ */
+function alertTable(alerts, caption) {
+  if (alerts.length === 0) return make("p", "quiet", T.none);
+  return table(caption, T.alertHead, alerts.map((alert) => [named(alert.id, alert.kind), alert.route_id, point(alert), TEXTS.blocking[state.alerts.get(alert.id)?.blocking ?? ""],
+    [STATUSES.get(alert.status), alert.muted ? TEXTS.muted : null].filter(Boolean).join(", "), alert.assignee, time(alert.raised_at)]));
+}
 
 /** @param {import("./types").Report} report */
 function decided({ decided: all }) {
   if (all.length === 0) return make("p", "quiet", T.none);
   return table(T.decided, T.decidedHead, all.map((one) => {
-    const alert = typeof one.alert === "string" ? state.alerts.get(one.alert) : one.alert;
     const why = [one.reason ? REASONS.get(one.reason) ?? one.reason : null, one.note].filter(Boolean).join(": ");
-    return [alert ? named(alert) : String(one.alert), alert?.route_id ?? null, ACTIONS.get(one.action) ?? STATUSES.get(one.action) ?? one.action, one.by, why, time(one.at)];
+    return [named(one.alert, one.kind), one.route_id, ACTIONS.get(one.action) ?? one.action, one.by, why, time(one.at)];
   }));
 }
 

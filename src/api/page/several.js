@@ -5,8 +5,9 @@ import { progress, toast, toastError } from "./dialog.js";
 import { askBeforeAcceptingSeveral, askBeforeDismissing } from "./questions.js";
 import { button, make, mark } from "./dom.js";
 import { get, send } from "./http.js";
+import { shownAlerts } from "./shown.js";
 import { typedName } from "./sign_in.js";
-import { changed, keep, state } from "./state.js";
+import { changed, keep, state, waits } from "./state.js";
 import { TEXTS } from "./texts.js";
 import { ACTIONS } from "./words.js";
 
@@ -29,8 +30,9 @@ export function showSeveral(bar) {
   if (bar.dataset.key === key) return;
   mark(bar, "data-key", key);
   bar.hidden = picked.length === 0;
+  const all = button(TEXTS.chooseAll, () => { for (const alert of shownAlerts().slice(0, SEVERAL_MAX)) if (waits(alert)) state.picked.add(alert.id); changed(); });
   const clear = button(TEXTS.clear, () => { state.picked.clear(); changed(); });
-  bar.replaceChildren(make("span", "", TEXTS.chosen(picked.length)), ...actions.map((action) => button(ACTIONS.get(action) ?? action, () => decideSeveral(action))), clear);
+  bar.replaceChildren(make("span", "", TEXTS.chosen(picked.length)), ...actions.map((action) => button(ACTIONS.get(action) ?? action, () => decideSeveral(action))), all, clear);
 }
 
 /**

@@ -63,7 +63,7 @@ export function keep(alert) {
 export const chosenAlert = () => (state.chosen === null ? undefined : state.alerts.get(state.chosen));
 
 /** @param {Alert} alert */
-export const isMuted = (alert) => Boolean(alert.muted_until) && new Date(alert.muted_until ?? 0).getTime() > Date.now();
+export const isMuted = (alert) => alert.muted === true;
 /** @param {Alert} alert */
 export const isPending = (alert) => alert.status === "open" || alert.status === "acknowledged";
 /** @param {Alert} alert */

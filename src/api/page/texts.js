@@ -26,7 +26,7 @@ export const TEXTS = {
   passes: (/** @type {number} */ count) => plural(count, "pass", "passes"),
   noAlerts: "Nothing to decide: what the vehicles observe agrees with the map.", noMatch: "No alert matches these filters.",
   onlyFirst: (/** @type {number} */ count) => "The first " + count + " are shown: narrow the list by the filters.",
-  chosen: (/** @type {number} */ count) => count + " chosen", choose: (/** @type {string} */ title) => "Choose: " + title, clear: "Clear",
+  chosen: (/** @type {number} */ count) => count + " chosen", choose: (/** @type {string} */ title) => "Choose: " + title, chooseAll: "Choose all", clear: "Clear",
   muted: "muted", assignedTo: (/** @type {string} */ name) => "with " + name,
   blocking: /** @type {Words} */ ({ blocking: "On the vehicles' way", near: "Near the vehicles' way", clear: "Clear of the vehicles' way" }),
 
@@ -107,8 +107,8 @@ export const TEXTS = {
   report: {
     title: "Shift report", period: "Period", periods: /** @type {[string, string][]} */ ([["8", "the last 8 hours"], ["12", "the last 12 hours"], ["24", "the last day"], ["168", "the last week"]]), again: "Refresh", print: "Print",
     raised: "Raised", decided: "Decided", open: "Still open", dismissals: "Why alerts were dismissed", none: "None.", truncated: "There is more than is shown: choose a shorter period.",
-    alertHead: ["Alert", "Route", "Way", "Status", "With", "Raised"], decidedHead: ["Alert", "Route", "Decision", "By", "Why", "When"], dismissalHead: ["Route", "Kind", "Reason", "Alerts"],
-    counts: /** @type {Words} */ ({ raised: "raised", decided: "decided", open: "still open", accepted: "accepted", dismissed: "dismissed", acknowledged: "acknowledged", reopened: "reopened", undone: "undone", resolved: "resolved" }),
+    alertHead: ["Alert", "Route", "Where", "Way", "Status", "With", "Raised"], decidedHead: ["Alert", "Route", "Decision", "By", "Why", "When"], dismissalHead: ["Route", "Kind", "Reason", "Alerts"],
+    counts: /** @type {Words} */ ({ raised: "raised", decided: "decided", open: "still open", muted: "muted" }),
   },
   help: "Keys",
   helpRows: /** @type {[string, string][]} */ ([["j, k", "next, previous alert"], ["a", "accept"], ["d", "dismiss"], ["e", "acknowledge"], ["u", "undo or reopen"], ["x", "choose for deciding several"], ["/", "search"], ["?", "this list"], ["Esc", "close, leave a field"], ["arrows, +, −, 0", "move, zoom and fit the map when it has the focus"]]),

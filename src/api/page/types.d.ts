@@ -22,6 +22,7 @@ export interface Alert {
   size?: { length: number; width: number } | null;
   blocking?: string | null;
   passes?: { before: PassCounts; since: PassCounts } | null;
+  muted?: boolean;
   muted_until?: string | null;
   assignee?: string | null;
   comments?: number;
@@ -150,15 +151,18 @@ export interface AuditEntry { id: number; at: string; actor: string; action: str
 
 export interface Operation { id: string; status: string; ended_at: string | null; progress: number; reason: string | null; result: any }
 
+/** An alert in a report: less than an alert has. */
+export interface ReportAlert extends Point { id: string; route_id: string; kind: string; status: string; tier: string; raised_at: string; assignee: string | null; muted: boolean }
+
 export interface Report {
   since: string;
   until: string;
-  raised: Alert[];
-  decided: { alert: Alert; action: string; by: string; at: string; reason: string | null; note: string | null }[];
-  open: Alert[];
-  dismissals: { route_id: string; kind: string; reason: string; count: number }[];
+  raised: ReportAlert[];
+  decided: { alert: string; route_id: string; kind: string; action: string; by: string; at: string; reason: string | null; note: string | null }[];
+  open: ReportAlert[];
+  dismissals: { route_id: string; kind: string; reason: string | null; count: number }[];
   counts: Record<string, number>;
-  truncated?: boolean;
+  truncated: boolean;
 }
 
 /** One polyline of a trip. */
