@@ -37,6 +37,7 @@ mod quota;
 mod raw_answer;
 mod reading;
 mod removals;
+mod report;
 mod residuals;
 mod retries;
 mod routes;
@@ -154,6 +155,7 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
         .routes(routes!(alerts::preview_alert))
+        .routes(routes!(report::get_report))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
         .routes(routes!(alerts::get_observations))

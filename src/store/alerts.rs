@@ -12,6 +12,7 @@ use super::columns::{
 };
 use super::error::StoreError;
 use super::handling::handling_of;
+use super::report::ReportScope;
 use super::{Store, named};
 use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
@@ -281,6 +282,40 @@ pub(super) async fn route_alerts(
         .bind(route.as_str())
         .fetch_all(reader)
         .await?;
+    rows.iter().map(alert_of).collect()
+}
+
+/// The alerts raised in the time of a report, the newest first.
+pub(super) async fn raised_between(
+    reader: &mut SqliteConnection,
+    scope: &ReportScope,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let rows = sqlx::query(select_alerts!(
+        "WHERE raised_at_us >= ?1 AND raised_at_us < ?2 AND (?3 IS NULL OR routes.id = ?3) \
+         ORDER BY raised_at_us DESC, alerts.id DESC LIMIT ?4"
+    ))
+    .bind(micros(scope.since))
+    .bind(micros(scope.until))
+    .bind(scope.route_id.as_ref().map(RouteId::as_str))
+    .bind(scope.limit)
+    .fetch_all(reader)
+    .await?;
+    rows.iter().map(alert_of).collect()
+}
+
+/// The alerts that wait for a decision and are not muted, the newest first.
+pub(super) async fn open(
+    reader: &mut SqliteConnection,
+    scope: &ReportScope,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let rows = sqlx::query(select_alerts!(
+        "WHERE status IN ('open', 'acknowledged') AND muted_until_us IS NULL \
+         AND (?1 IS NULL OR routes.id = ?1) ORDER BY alerts.id DESC LIMIT ?2"
+    ))
+    .bind(scope.route_id.as_ref().map(RouteId::as_str))
+    .bind(scope.limit)
+    .fetch_all(reader)
+    .await?;
     rows.iter().map(alert_of).collect()
 }
 

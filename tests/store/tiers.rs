@@ -4,13 +4,13 @@ use mapshift::change::{
     AlertStatus, ChangeKind, Counterpart, Finding, JudgedPass, JudgedPasses, Tier,
 };
 use mapshift::geometry::Vector2;
-use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
+use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId, ZoneId};
 use mapshift::model::{
-    AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent,
+    AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent, ZonePurpose,
 };
 use mapshift::store::{
     AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
-    Store, StoreError, WebhookSecret, WebhookUpdate,
+    Store, StoreError, WebhookSecret, WebhookUpdate, ZoneEdit, ZoneMade,
 };
 use uuid::Uuid;
 
@@ -293,4 +293,54 @@ async fn what_was_raised_before_there_were_tiers_is_confirmed() {
         .await
         .unwrap();
     assert_eq!(sent(store, PLAIN).await, [(1, AlertEventKind::Updated)]);
+}
+
+/// What is withheld while a zone mutes an alert is made good when the zone is over, and nothing twice.
+#[tokio::test]
+async fn a_webhook_is_sent_what_it_missed_once_a_zone_is_over() {
+    use AlertEventKind::{Raised, Updated};
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, PLAIN, false).await;
+    register(store, WITH_TENTATIVE, true).await;
+    let zone = ZoneId(Uuid::from_u128(7));
+    let edit = ZoneEdit {
+        polygon: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(Vector2::from)
+            .to_vec(),
+        purpose: ZonePurpose::Mute,
+        kinds: None,
+        until: Some(at(100)),
+        note: None,
+    };
+    let made = store.create_zone(&route(), zone, edit, by(), at(0)).await;
+    assert_eq!(made.unwrap(), ZoneMade::Created);
+    let raised = alert(1, Tier::Tentative);
+    write(&fixture, "b0", &raised).await.unwrap();
+    let confirmed = next(&raised, Tier::Confirmed);
+    write(&fixture, "b1", &confirmed).await.unwrap();
+    let open = async || {
+        let record = store.route(&route()).await.unwrap();
+        record.unwrap().counts.open_alerts
+    };
+    assert_eq!(
+        (sent(store, PLAIN).await, sent(store, WITH_TENTATIVE).await),
+        (vec![], vec![])
+    );
+    assert_eq!(
+        (open().await, store.end_zones(at(99)).await.unwrap()),
+        (0, 0)
+    );
+    assert_eq!(store.end_zones(at(100)).await.unwrap(), 1);
+    assert_eq!(store.end_zones(at(101)).await.unwrap(), 0);
+    assert_eq!(open().await, 1);
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        assert_eq!(sent(store, webhook).await, [(1, Raised)]);
+    }
+    write(&fixture, "b2", &next(&confirmed, Tier::Confirmed))
+        .await
+        .unwrap();
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        assert_eq!(sent(store, webhook).await, [(1, Raised), (1, Updated)]);
+    }
 }
