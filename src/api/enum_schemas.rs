@@ -11,7 +11,7 @@ use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
     MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
-    WebhookEvent,
+    VersionAction, VersionState, WebhookEvent,
 };
 
 /// The schema of one text of a list.
@@ -63,5 +63,7 @@ enum_schemas! {
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
+    VersionAction as "MapVersionAction": "What begins a version: a change was accepted, that was undone, or the version before was released.";
+    VersionState as "MapVersionState": "Where a version is in its life: the `draft` grows with every batch; a `released` one is for vehicles; a `retired` one is not any more, or ended without a release. Only the draft changes.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
 }

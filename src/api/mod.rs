@@ -20,6 +20,7 @@ mod graph;
 mod if_match;
 mod layers;
 mod limits;
+mod map_files;
 mod maps;
 mod nodes;
 mod note;
@@ -34,6 +35,7 @@ mod quarantines;
 mod quota;
 mod raw_answer;
 mod reading;
+mod releases;
 mod removals;
 mod residuals;
 mod retries;
@@ -90,6 +92,9 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(edges::list_edges))
         .routes(routes!(edges::get_edge))
         .routes(routes!(versions::list_versions))
+        .routes(routes!(versions::get_version))
+        .routes(routes!(releases::release_version))
+        .routes(routes!(releases::retire_version))
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))

@@ -100,6 +100,16 @@ problem_responses! {
     QuarantineProblems = [K::UnknownRoute, K::NotFound], with BODY;
     /// Of releasing a vehicle.
     ReleaseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::DiskFull];
+    /// Of releasing a version of a map.
+    VersionReleaseProblems = [K::UnknownRoute, K::NotFound, K::VersionState], with BODY;
+    /// Of retiring a version of a map.
+    VersionRetirementProblems = [
+        K::InvalidField,
+        K::UnknownRoute,
+        K::NotFound,
+        K::VersionState,
+        K::DiskFull,
+    ];
     /// Of taking uploads out.
     RemovalProblems = [K::UnknownRoute], with BODY;
     /// Of reading an operation.

@@ -7,7 +7,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::Limits;
-use super::maps::MapCache;
+use super::map_files::MapCache;
 use super::offload::Offload;
 use super::problem::Problem;
 use super::reading::Gate;

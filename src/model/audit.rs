@@ -83,6 +83,10 @@ text_enum! {
         VehicleQuarantined = "vehicle.quarantined",
         /// They are kept out no longer.
         VehicleReleased = "vehicle.released",
+        /// A version of a map was released for vehicles.
+        VersionReleased = "version.released",
+        /// A released version was withdrawn.
+        VersionRetired = "version.retired",
     }
 }
 

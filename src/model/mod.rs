@@ -20,7 +20,7 @@ pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
-pub use map::MapLayer;
+pub use map::{MapLayer, VersionAction, VersionState};
 pub use operation::OperationStatus;
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
@@ -141,6 +141,8 @@ mod tests {
         check_read(ResidualVerdict::name);
         check_read(Stage::name);
         check_read(Tier::name);
+        check_read(VersionAction::name);
+        check_read(VersionState::name);
         check(WebhookEvent::name);
     }
 

@@ -56,6 +56,7 @@ pub(super) fn accept(
     let statuses: Vec<_> = retired.iter().map(|e| (*e, EdgeStatus::Retired)).collect();
     workspace.map.restate_edges(&statuses);
     let references = workspace.map.hand_over_reference(&old, &new);
+    let max_displacement_m = max_displacement_m(&workspace.map, &before);
     let undo = Undo {
         status: alert.status,
         retired,
@@ -80,6 +81,7 @@ pub(super) fn accept(
         changed_nodes,
         changed_edges,
         superseded,
+        max_displacement_m,
     })
 }
 
@@ -104,6 +106,7 @@ pub(super) fn undo(
     undo: &Undo,
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
+    let before: Vec<Pose2> = poses_of(&workspace.map).collect();
     let map = &mut workspace.map;
     let untouched = fingerprint(map) == undo.after;
     for (node, reference) in &undo.references {
@@ -124,17 +127,28 @@ pub(super) fn undo(
     }
     workspace.accepted.retain(|change| change.alert_id != alert);
     workspace.map_version += 1;
+    let max_displacement_m = max_displacement_m(&workspace.map, &before);
     let (changed_nodes, changed_edges) = changes_of(workspace);
     Ok(MapDecision {
         accepted: AcceptanceChange::Removed,
         changed_nodes,
         changed_edges,
         superseded,
+        max_displacement_m,
     })
 }
 
+/// How far reference keyframes lie at most from where they were, metres.
+fn max_displacement_m(map: &RouteMap, before: &[Pose2]) -> f64 {
+    let keyframes = poses_of(map).zip(before).zip(map.keyframes());
+    let references = keyframes.filter(|(_, keyframe)| keyframe.reference);
+    let displaced =
+        references.map(|((pose, before), _)| (pose.x - before.x).hypot(pose.y - before.y));
+    displaced.fold(0.0, f64::max)
+}
+
 /// The map's picture as it stands.
-fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
+pub(super) fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let keyframes = poses.zip(workspace.map.keyframes());
     let active = keyframes.filter(|((_, saved), keyframe)| saved.active && !keyframe.is_lost());

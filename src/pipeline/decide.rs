@@ -14,7 +14,7 @@ use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
 /// A decision is computed anew so often while batches or other decisions come in between.
-const TRIES_MAX: usize = 20;
+pub(super) const TRIES_MAX: usize = 20;
 
 /// What somebody wants done with an alert.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +63,7 @@ pub enum DecisionError {
 /// Takes decisions; cheap to clone.
 #[derive(Clone)]
 pub struct Decisions {
-    engine: Engine,
+    pub(super) engine: Engine,
 }
 
 /// A decision with the map that it leaves behind.

@@ -20,6 +20,7 @@ mod findings;
 mod options;
 mod process;
 mod refusal;
+mod release;
 mod remove;
 mod replay;
 mod residual_findings;
@@ -38,6 +39,7 @@ mod workspace;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use options::PipelineOptions;
+pub use release::{ReleaseError, ReleaseOrder};
 pub use remove::Removals;
 pub use replay::{Replayed, replay};
 pub use residuals::{ResidualReading, Residuals};

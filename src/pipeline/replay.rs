@@ -9,12 +9,15 @@ use serde::Serialize;
 use super::decide::{DecisionError, Decisions, Order};
 use super::engine::Engine;
 use super::options::PipelineOptions;
+use super::release::{ReleaseError, ReleaseOrder};
 use super::remove::remove;
 use super::worker::compute;
 use crate::ids::{AlertId, BatchId, OperationId, RouteId};
 use crate::model::Actor;
 use crate::solver::Interrupt;
-use crate::store::{Applied, Input, InputRecord, JobInput, Meant, Quarantine, Store};
+use crate::store::{
+    Applied, Input, InputRecord, JobInput, Meant, Quarantine, Store, VersionRelease,
+};
 
 /// Inputs of one read.
 const PAGE: u32 = 256;
@@ -30,6 +33,8 @@ pub struct Replayed {
     pub without_body: u64,
     /// Decisions that were left out, because the alert is not there or does not allow them.
     pub decisions_left_out: Vec<AlertId>,
+    /// Versions that were not released or retired, because the map has come to others.
+    pub versions_left_out: Vec<i64>,
 }
 
 /// Makes a route's map anew. The store is a copy on which no pipeline runs; `on_progress` learns
@@ -122,6 +127,35 @@ impl Replay<'_> {
                 let put = store.put_quarantine(route, &vehicle, None, &Actor::System, at);
                 put.await?;
             }
+            Input::VersionReleased { version, by, note } => {
+                let order = ReleaseOrder {
+                    route_id: route.clone(),
+                    version,
+                    actor: Actor::System,
+                    release: VersionRelease { at, by, note },
+                };
+                self.release(order).await?;
+            }
+            Input::VersionRetired { version } => {
+                let retired = store.retire_version(route, version, &Actor::System, at);
+                if !retired.await? {
+                    self.replayed.versions_left_out.push(version);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn release(&mut self, order: ReleaseOrder) -> anyhow::Result<()> {
+        let version = order.version;
+        match self.decisions.release(order).await {
+            Ok(_) => {}
+            Err(
+                ReleaseError::UnknownVersion | ReleaseError::NotAllowed(_) | ReleaseError::Empty,
+            ) => {
+                self.replayed.versions_left_out.push(version);
+            }
+            Err(error) => return Err(error.into()),
         }
         Ok(())
     }

@@ -62,6 +62,20 @@ pub enum Input {
         /// The vehicle.
         vehicle: VehicleId,
     },
+    /// The present version of the map was released for vehicles.
+    VersionReleased {
+        /// The version.
+        version: i64,
+        /// Who released it.
+        by: String,
+        /// Why, for people.
+        note: Option<String>,
+    },
+    /// A released version of the map was withdrawn.
+    VersionRetired {
+        /// The version.
+        version: i64,
+    },
 }
 
 /// The batches of one job, and how they stood in their trip.

@@ -40,6 +40,7 @@ mod operations;
 mod quarantines;
 mod rebuild;
 mod records;
+mod releases;
 mod removal_records;
 mod removals;
 mod request;
