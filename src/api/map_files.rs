@@ -123,7 +123,7 @@ pub(super) async fn meant(
 }
 
 /// The ETag of what is made of a picture: the same as long as the picture is.
-pub(super) fn tag(route: &RouteRecord, shown: Shown) -> String {
+fn tag(route: &RouteRecord, shown: Shown) -> String {
     let created = route.created_at.as_millisecond();
     match shown {
         Shown::Draft(layer) => format!("\"{created:x}-{}-{}\"", route.revision, layer.name()),
@@ -227,7 +227,13 @@ impl Kept {
         (self.headers(), [(header::CONTENT_TYPE, media_type)], body).into_response()
     }
 
-    fn headers(&self) -> [(header::HeaderName, String); 2] {
+    /// The ETag.
+    pub(super) fn tag(&self) -> &str {
+        &self.tag
+    }
+
+    /// The ETag, and how long the answer holds.
+    pub(super) fn headers(&self) -> [(header::HeaderName, String); 2] {
         let caching = if self.for_ever { FOR_EVER } else { ASK_AGAIN };
         [
             (header::ETAG, self.tag.clone()),

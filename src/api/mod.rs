@@ -43,6 +43,7 @@ mod routes;
 mod shares;
 mod state;
 mod subgraphs;
+mod tiles;
 mod trajectories;
 mod types;
 mod upload;
@@ -125,6 +126,8 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(maps::get_map_png))
         .routes(routes!(maps::get_map_pgm))
         .routes(routes!(maps::get_map_yaml))
+        .routes(routes!(tiles::get_tiles))
+        .routes(routes!(tiles::get_tile))
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))

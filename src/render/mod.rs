@@ -10,8 +10,10 @@ mod map_image;
 mod map_picture;
 mod occupancy;
 mod plot_svg;
+mod tiles;
 
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};
 pub use plot_svg::{Crossing, Curve, Guide, Plot, to_svg};
+pub use tiles::{MapRaster, TILE_PIXELS, ZOOM_MAX};

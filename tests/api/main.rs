@@ -25,8 +25,10 @@ mod lifecycle;
 mod limits;
 #[path = "../common/receiver.rs"]
 mod receiver;
+mod releases;
 mod resources;
 mod service;
+mod tiles;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;
