@@ -44,9 +44,11 @@ mod shares;
 mod state;
 mod subgraphs;
 mod tiles;
+mod traffic;
 mod trajectories;
 mod types;
 mod upload;
+mod vda5050;
 mod vehicles;
 mod version_maps;
 mod versions;
@@ -94,6 +96,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(edges::get_edge))
         .routes(routes!(versions::list_versions))
         .routes(routes!(versions::get_version))
+        .routes(routes!(vda5050::get_vda5050))
         .routes(routes!(releases::release_version))
         .routes(routes!(releases::retire_version))
         .routes(routes!(alerts::list_alerts))
@@ -185,6 +188,7 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
         .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn(traffic::name_answers))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
         .layer(from_fn(layers::limit_uri))
@@ -193,5 +197,6 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
             layers::refuse_while_draining,
         ))
         .layer(from_fn(layers::observe))
+        .layer(from_fn(traffic::compress))
         .with_state(state))
 }

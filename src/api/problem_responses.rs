@@ -102,6 +102,8 @@ problem_responses! {
     ReleaseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::DiskFull];
     /// Of releasing a version of a map.
     VersionReleaseProblems = [K::UnknownRoute, K::NotFound, K::VersionState], with BODY;
+    /// Of reading what only a released version of a map has.
+    VersionUseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::VersionState];
     /// Of retiring a version of a map.
     VersionRetirementProblems = [
         K::InvalidField,

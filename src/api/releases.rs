@@ -24,7 +24,7 @@ use crate::store::VersionRelease;
 /// What goes with a release; an empty body is as good as `{}`.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = MapVersionReleaseRequest, example = json!({"note": "after the move of aisle 4"}))]
+#[schema(example = json!({"note": "after the move of aisle 4"}))]
 pub(super) struct ReleasePost {
     /// Why, for people.
     #[schema(max_length = 2000)]
