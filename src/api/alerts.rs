@@ -21,16 +21,14 @@ mod tangent_plane;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
 use super::ApiState;
 use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::if_match::is_known;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::parameters::AlertParam;
 use super::problem::{Problem, ProblemKind};
@@ -51,9 +49,6 @@ pub(super) use preview::*;
 use query::AlertQuery;
 pub(super) use stream::*;
 
-/// Of the digest of a part of the list so much is its ETag, bytes.
-const TAG_BYTES: usize = 16;
-
 /// A part of the list of alerts.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct AlertPage {
@@ -69,43 +64,19 @@ pub(super) struct AlertPage {
 /// Of all routes or of one, the newest first, in parts.
 #[utoipa::path(
     get, path = "/v1/alerts", tag = "alerts",
-    params(
-        AlertQuery, PageQuery,
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the part still has this ETag"),
-    ),
-    responses(
-        (status = 200, description = "A part of the list", body = AlertPage, headers(("ETag" = String, description = "Changes with the part"))),
-        (status = 304, description = "The part is as it was"),
-        AlertListProblems,
-    )
+    params(AlertQuery, PageQuery),
+    responses((status = 200, description = "A part of the list", body = AlertPage), AlertListProblems)
 )]
 pub(super) async fn list_alerts(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
-    request: HeaderMap,
-) -> Result<Response, Problem> {
+) -> Result<Json<AlertPage>, Problem> {
     let (alerts, next_cursor) = page(&state, &identity, &query).await?;
-    let body = serde_json::to_vec(&AlertPage {
+    Ok(Json(AlertPage {
         items: alerts.into_iter().map(AlertBody::from).collect(),
         next_cursor,
-    });
-    let body = body.map_err(Problem::internal)?;
-    let digest = Sha256::digest(&body);
-    let tag = digest
-        .iter()
-        .take(TAG_BYTES)
-        .map(|byte| format!("{byte:02x}"));
-    let tag = format!("\"{}\"", tag.collect::<String>());
-    let headers = [
-        (header::ETAG, tag.clone()),
-        (header::CACHE_CONTROL, "no-cache".to_owned()),
-    ];
-    if is_known(&request, &tag) {
-        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
-    }
-    let media_type = [(header::CONTENT_TYPE, "application/json")];
-    Ok((headers, media_type, body).into_response())
+    }))
 }
 
 /// Read an alert.

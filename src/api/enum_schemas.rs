@@ -12,7 +12,7 @@ use crate::model::{
     ChangeKind, Clearance, DecisionResult, DeliveryFailure, DeliveryStatus, Detector,
     DismissReason, EdgeKind, EdgeStatus, MapLayer, OperationKind, OperationStatus, PassOutcome,
     PassSide, ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage, TextEnum, Tier,
-    WebhookEvent, ZonePurpose,
+    VersionAction, VersionState, WebhookEvent, ZonePurpose,
 };
 
 /// The schema of one text of a list.
@@ -71,6 +71,8 @@ enum_schemas! {
     Role as "RoleName": "What somebody may do: `vehicle` uploads and reads what became of it; `viewer` reads; `maintainer` also decides about alerts and keeps routes and vehicles; `admin` also makes keys and webhooks and deletes routes.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
+    VersionAction as "MapVersionAction": "What begins a version: a change was accepted, that was undone, or the version before was released.";
+    VersionState as "MapVersionState": "Where a version is in its life: the `draft` grows with every batch; a `released` one is for vehicles; a `retired` one is not any more, or ended without a release. Only the draft changes.";
     ZonePurpose as "ZonePurposeName": "What a zone does with the alerts in it: `mute`, they are recorded and shown, but not sent, and do not count among the open ones.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
 }

@@ -21,6 +21,7 @@ mod if_match;
 mod keys;
 mod layers;
 mod limits;
+mod map_files;
 mod maps;
 mod nodes;
 mod note;
@@ -36,6 +37,7 @@ mod quarantines;
 mod quota;
 mod raw_answer;
 mod reading;
+mod releases;
 mod removals;
 mod report;
 mod residuals;
@@ -45,9 +47,12 @@ mod session;
 mod shares;
 mod state;
 mod subgraphs;
+mod tiles;
+mod traffic;
 mod trajectories;
 mod types;
 mod upload;
+mod vda5050;
 mod vehicles;
 mod version_maps;
 mod versions;
@@ -102,6 +107,10 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(edges::list_edges))
         .routes(routes!(edges::get_edge))
         .routes(routes!(versions::list_versions))
+        .routes(routes!(versions::get_version))
+        .routes(routes!(vda5050::get_vda5050))
+        .routes(routes!(releases::release_version))
+        .routes(routes!(releases::retire_version))
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))
@@ -151,6 +160,8 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(maps::get_map_png))
         .routes(routes!(maps::get_map_pgm))
         .routes(routes!(maps::get_map_yaml))
+        .routes(routes!(tiles::get_tiles))
+        .routes(routes!(tiles::get_tile))
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
@@ -216,6 +227,7 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
         .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn(traffic::name_answers))
         .layer(from_fn_with_state(state.clone(), access::check_origin))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
@@ -225,5 +237,6 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
             layers::refuse_while_draining,
         ))
         .layer(from_fn(layers::observe))
+        .layer(from_fn(traffic::compress))
         .with_state(state))
 }

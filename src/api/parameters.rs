@@ -63,7 +63,7 @@ pub(super) struct EdgeParam {
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
 pub(super) struct VersionParam {
-    /// A version that another one has followed
+    /// A version of the map: a number, as the list of versions has it
     version: i64,
 }
 

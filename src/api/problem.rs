@@ -61,6 +61,7 @@ problem_kinds! {
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
     RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
+    VersionState = CONFLICT, "version-state", "The version's state does not allow this";
     NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
     TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
     TooManyZones = CONFLICT, "too-many-zones", "The route has as many zones as it can have";

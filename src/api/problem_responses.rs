@@ -105,6 +105,18 @@ problem_responses! {
     QuarantineProblems = [K::UnknownRoute, K::NotFound], with BODY;
     /// Of releasing a vehicle.
     ReleaseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::DiskFull];
+    /// Of releasing a version of a map.
+    VersionReleaseProblems = [K::UnknownRoute, K::NotFound, K::VersionState], with BODY;
+    /// Of reading what only a released version of a map has.
+    VersionUseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::VersionState];
+    /// Of retiring a version of a map.
+    VersionRetirementProblems = [
+        K::InvalidField,
+        K::UnknownRoute,
+        K::NotFound,
+        K::VersionState,
+        K::DiskFull,
+    ];
     /// Of taking uploads out.
     RemovalProblems = [K::UnknownRoute], with BODY;
     /// Of reading an operation.

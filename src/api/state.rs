@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::Limits;
 use super::access::{AccessOptions, Hosts, SignIns, TrustedProxies};
-use super::maps::MapCache;
+use super::map_files::MapCache;
 use super::offload::Offload;
 use super::problem::Problem;
 use super::reading::Gate;

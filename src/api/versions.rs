@@ -4,69 +4,88 @@ use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::Serialize;
-use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::Schema;
-use utoipa::{PartialSchema, ToSchema};
+use utoipa::ToSchema;
 
 use super::ApiState;
-use super::enum_schemas::one_of;
-use super::extract::{ApiPath, ApiQuery, PageQuery};
+use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
-use super::parameters::RouteParam;
+use super::parameters::{RouteParam, VersionParam};
 use super::problem::Problem;
-use super::problem_responses::RouteProblems;
+use super::problem_responses::{RoutePartProblems, RouteProblems};
 use crate::ids::{AlertId, RouteId};
-use crate::model::AlertAction;
-use crate::store::MapVersionRecord;
+use crate::model::{VersionAction, VersionState};
+use crate::store::{MapVersionRecord, VersionRelease};
 
 /// A version of a route's map.
+///
+/// It begins as the draft, which grows with every batch. It ends when a change is accepted, when that
+/// is undone, or when it is released; the map goes on as the next version. The picture of a version
+/// that has ended never changes.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersion)]
-struct VersionBody {
-    /// 1 for the first map; raised by every accepted change and by every undo.
+pub(super) struct VersionBody {
+    /// 1 for the first map; raised by every accepted change, every undo and every release.
     version: i64,
-    /// The epoch that it belongs to.
+    /// The epoch that it belongs to: raised by every accepted change and every undo.
     epoch: i64,
-    /// Whether new laps are compared with it.
+    /// Where it is in its life. A version that ended without a release is `retired`.
+    state: VersionState,
+    /// Whether new passes are compared with it: of the draft alone.
     current: bool,
     /// When the version began.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// When another version followed; null for the present one.
+    /// When another version followed; null for the draft.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     superseded_at: Option<Timestamp>,
-    /// The decision that began it; null for the first version.
+    /// What began it; null for the first version.
     #[schema(required)]
     cause: Option<VersionCauseBody>,
-    /// SHA-256 of its `map.pgm`, hexadecimal, which never changes; null for the present version,
-    /// whose map grows with every batch.
+    /// How far what began it moved reference nodes at most against the version before, metres: 0 after
+    /// a release. The map's first node never moves. null where it was not measured.
+    #[schema(required)]
+    max_displacement_m: Option<f64>,
+    /// Its release for vehicles; null if it never was released.
+    #[schema(required)]
+    released: Option<VersionReleaseBody>,
+    /// When it was withdrawn after its release.
+    #[schema(required, value_type = Option<String>, format = DateTime)]
+    retired_at: Option<Timestamp>,
+    /// SHA-256 of its `map.pgm`, hexadecimal, which never changes; null for the draft.
     #[schema(required, min_length = 64, max_length = 64)]
     sha256: Option<String>,
 }
 
-/// The decision that began a version.
+/// What began a version.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersionCause)]
 struct VersionCauseBody {
-    /// About which alert.
-    #[schema(value_type = String, format = "uuid")]
-    alert_id: AlertId,
-    /// What was decided.
-    #[schema(value_type = MapVersionAction)]
-    action: AlertAction,
+    /// The alert that was decided about; null for a release.
+    #[schema(required, value_type = Option<String>, format = "uuid")]
+    alert_id: Option<AlertId>,
+    /// What was done.
+    action: VersionAction,
+    /// Who did it; null where nobody wrote it down.
+    #[schema(required)]
+    by: Option<String>,
+    /// Why, for people.
+    #[schema(required)]
+    note: Option<String>,
 }
 
-/// What begins a version: some of the actions.
-enum MapVersionAction {}
-
-impl PartialSchema for MapVersionAction {
-    fn schema() -> RefOr<Schema> {
-        let actions = [AlertAction::Accept, AlertAction::Undo];
-        one_of(actions.map(AlertAction::name), "What begins a version.")
-    }
+/// A version's release for vehicles.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = MapVersionRelease)]
+struct VersionReleaseBody {
+    /// When.
+    #[schema(value_type = String, format = DateTime)]
+    at: Timestamp,
+    /// Who released it.
+    by: String,
+    /// Why, for people.
+    #[schema(required)]
+    note: Option<String>,
 }
-
-impl ToSchema for MapVersionAction {}
 
 /// A part of the list of versions.
 #[derive(Debug, Serialize, ToSchema)]
@@ -81,7 +100,8 @@ pub(super) struct VersionPage {
 
 /// List the versions of a route's map.
 ///
-/// A version begins when a change of the world is accepted, or when that is undone.
+/// A version begins when a change of the world is accepted, when that is undone, or when the one before
+/// is released. The last one is the draft.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions", tag = "map",
     params(RouteParam, PageQuery),
@@ -101,22 +121,72 @@ pub(super) async fn list_versions(
         .map_versions(&route_id, after, limit.saturating_add(1))
         .await?;
     let next_cursor = cut_page(&mut records, limit, |record| record.version.to_string());
-    let items = records.iter().map(body).collect();
+    let items = records.into_iter().map(VersionBody::from).collect();
     Ok(Json(VersionPage { items, next_cursor }))
 }
 
-fn body(record: &MapVersionRecord) -> VersionBody {
-    VersionBody {
-        version: record.version,
-        epoch: record.epoch,
-        current: record.superseded_at.is_none(),
-        created_at: record.created_at,
-        superseded_at: record.superseded_at,
-        cause: record.cause.as_ref().map(|cause| VersionCauseBody {
-            alert_id: cause.alert_id,
-            action: cause.action,
-        }),
-        sha256: (record.sha256)
-            .map(|bytes| bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+/// Read a version of a route's map.
+///
+/// Its state, what began it, and the hash of its picture.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/versions/{version}", tag = "map",
+    params(RouteParam, VersionParam),
+    responses((status = 200, description = "The version", body = VersionBody), RoutePartProblems)
+)]
+pub(super) async fn get_version(
+    State(state): State<ApiState>,
+    ApiPath((route_id, version)): ApiPath<(RouteId, i64)>,
+    _: NoQuery,
+) -> Result<Json<VersionBody>, Problem> {
+    let record = known_version(&state, &route_id, version).await?;
+    Ok(Json(record.into()))
+}
+
+/// A version of a route's map, or the problem that there is none.
+pub(super) async fn known_version(
+    state: &ApiState,
+    route_id: &RouteId,
+    version: i64,
+) -> Result<MapVersionRecord, Problem> {
+    state.known_route(route_id).await?;
+    let record = state.store.map_version(route_id, version).await?;
+    record.ok_or_else(|| Problem::not_found("version of the map"))
+}
+
+/// The hexadecimal text of a hash.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+impl From<MapVersionRecord> for VersionBody {
+    fn from(record: MapVersionRecord) -> Self {
+        Self {
+            version: record.version,
+            epoch: record.epoch,
+            state: record.state(),
+            current: record.superseded_at.is_none(),
+            created_at: record.created_at,
+            superseded_at: record.superseded_at,
+            cause: record.cause.map(|cause| VersionCauseBody {
+                alert_id: cause.alert_id,
+                action: cause.action,
+                by: cause.by,
+                note: cause.note,
+            }),
+            max_displacement_m: record.max_displacement_m,
+            released: record.released.map(VersionReleaseBody::from),
+            retired_at: record.retired_at,
+            sha256: record.sha256.map(|bytes| hex(&bytes)),
+        }
+    }
+}
+
+impl From<VersionRelease> for VersionReleaseBody {
+    fn from(release: VersionRelease) -> Self {
+        Self {
+            at: release.at,
+            by: release.by,
+            note: release.note,
+        }
     }
 }

@@ -145,6 +145,10 @@ text_enum! {
         ZoneDeleted = "zone.deleted",
         /// The time of a zone was over.
         ZoneEnded = "zone.ended",
+        /// A version of a map was released for vehicles.
+        VersionReleased = "version.released",
+        /// A released version was withdrawn.
+        VersionRetired = "version.retired",
     }
 }
 

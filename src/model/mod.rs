@@ -26,7 +26,7 @@ pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
-pub use map::MapLayer;
+pub use map::{MapLayer, VersionAction, VersionState};
 pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
@@ -156,6 +156,8 @@ mod tests {
         check_read(Role::name);
         check_read(Stage::name);
         check_read(Tier::name);
+        check_read(VersionAction::name);
+        check_read(VersionState::name);
         check_read(ZonePurpose::name);
         check(WebhookEvent::name);
     }

@@ -46,6 +46,7 @@ pub(super) fn accept(
     alerts: &[AlertRecord],
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
+    let before: Vec<Pose2> = poses_of(&workspace.map).collect();
     let mut acceptances = Vec::with_capacity(alerts.len());
     for alert in alerts {
         let (change, undo) = take_in(workspace, alert);
@@ -53,12 +54,14 @@ pub(super) fn accept(
         acceptances.push(Acceptance { change, undo });
     }
     workspace.map_version += 1;
+    let max_displacement_m = max_displacement_m(&workspace.map, &before);
     let (changed_nodes, changed_edges) = changes_of(workspace);
     Ok(MapDecision {
         accepted: AcceptanceChange::Added(acceptances),
         changed_nodes,
         changed_edges,
         superseded,
+        max_displacement_m,
     })
 }
 
@@ -111,14 +114,17 @@ pub(super) fn undo(
     undo: &Undo,
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
+    let before: Vec<Pose2> = poses_of(&workspace.map).collect();
     take_back(workspace, alert, undo);
     workspace.map_version += 1;
+    let max_displacement_m = max_displacement_m(&workspace.map, &before);
     let (changed_nodes, changed_edges) = changes_of(workspace);
     Ok(MapDecision {
         accepted: AcceptanceChange::Removed,
         changed_nodes,
         changed_edges,
         superseded,
+        max_displacement_m,
     })
 }
 
@@ -148,8 +154,17 @@ pub(super) fn take_back(workspace: &mut Workspace, alert: AlertId, undo: &Undo) 
     workspace.accepted.retain(|change| change.alert_id != alert);
 }
 
+/// How far reference keyframes lie at most from where they were, metres.
+fn max_displacement_m(map: &RouteMap, before: &[Pose2]) -> f64 {
+    let keyframes = poses_of(map).zip(before).zip(map.keyframes());
+    let references = keyframes.filter(|(_, keyframe)| keyframe.reference);
+    let displaced =
+        references.map(|((pose, before), _)| (pose.x - before.x).hypot(pose.y - before.y));
+    displaced.fold(0.0, f64::max)
+}
+
 /// The map's picture as it stands.
-fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
+pub(super) fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     MapPicture::of_grid(&grid_of(workspace)).context("the map's picture cannot be drawn")
 }
 

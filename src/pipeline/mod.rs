@@ -23,6 +23,7 @@ mod options;
 mod preview;
 mod process;
 mod refusal;
+mod release;
 mod remove;
 mod replay;
 mod residual_findings;
@@ -45,6 +46,7 @@ pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use operations::Operations;
 pub use options::PipelineOptions;
 pub use preview::Preview;
+pub use release::{ReleaseError, ReleaseOrder};
 pub use replay::{Replayed, replay};
 pub use residuals::{ResidualReading, Residuals};
 

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::decide::{DecisionError, Decisions, Order};
 use super::engine::Engine;
 use super::options::PipelineOptions;
+use super::release::{ReleaseError, ReleaseOrder};
 use super::remove::remove;
 use super::worker::compute;
 use crate::ids::{AlertId, BatchId, OperationId, RouteId};
@@ -16,7 +17,7 @@ use crate::model::{Actor, AlertAction};
 use crate::solver::Interrupt;
 use crate::store::{
     AcceptedInput, Applied, Input, InputRecord, JobInput, Meant, OperationRequest, Quarantine,
-    Store,
+    Store, VersionRelease,
 };
 
 /// Inputs of one read.
@@ -33,6 +34,8 @@ pub struct Replayed {
     pub without_body: u64,
     /// Decisions that were left out, because the alert is not there or does not allow them.
     pub decisions_left_out: Vec<AlertId>,
+    /// Versions that were not released or retired, because the map has come to others.
+    pub versions_left_out: Vec<i64>,
 }
 
 /// Makes a route's map anew. The store is a copy on which no pipeline runs; `on_progress` learns
@@ -126,6 +129,35 @@ impl Replay<'_> {
                 let put = store.put_quarantine(route, &vehicle, None, &Actor::System, at);
                 put.await?;
             }
+            Input::VersionReleased { version, by, note } => {
+                let order = ReleaseOrder {
+                    route_id: route.clone(),
+                    version,
+                    actor: Actor::System,
+                    release: VersionRelease { at, by, note },
+                };
+                self.release(order).await?;
+            }
+            Input::VersionRetired { version } => {
+                let retired = store.retire_version(route, version, &Actor::System, at);
+                if !retired.await? {
+                    self.replayed.versions_left_out.push(version);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn release(&mut self, order: ReleaseOrder) -> anyhow::Result<()> {
+        let version = order.version;
+        match self.decisions.release(order).await {
+            Ok(_) => {}
+            Err(
+                ReleaseError::UnknownVersion | ReleaseError::NotAllowed(_) | ReleaseError::Empty,
+            ) => {
+                self.replayed.versions_left_out.push(version);
+            }
+            Err(error) => return Err(error.into()),
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ pub const MAP_RESOLUTION_M: f64 = 0.05;
 const PGM_NAME: &str = "map.pgm";
 
 /// A map's picture in the three formats.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct MapPicture {
     /// For people.
     pub png: Vec<u8>,

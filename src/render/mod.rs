@@ -14,6 +14,7 @@ mod occupancy;
 mod place_grid;
 mod plot_svg;
 mod svg_text;
+mod tiles;
 
 pub use cell_changes::{CellChanges, cell_changes};
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
@@ -21,3 +22,4 @@ pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};
 pub use place_grid::{PlaceGrid, SideCells};
 pub use plot_svg::{Crossing, Curve, Guide, Plot, to_svg};
+pub use tiles::{MapRaster, TILE_PIXELS, ZOOM_MAX};

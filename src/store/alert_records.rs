@@ -8,7 +8,7 @@ pub use crate::change::{
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
 pub use crate::model::SYSTEM;
-use crate::model::{Actor, Clearance, DismissReason};
+use crate::model::{Actor, Clearance, DismissReason, VersionAction, VersionState};
 pub use crate::render::MapPicture;
 
 use super::handling::Handling;
@@ -165,6 +165,8 @@ pub struct MapDecision {
     pub changed_edges: Vec<EdgeChange>,
     /// The map as it was before.
     pub superseded: MapPicture,
+    /// How far reference nodes moved at most, metres.
+    pub max_displacement_m: f64,
 }
 
 /// How the set of accepted changes changes.
@@ -207,15 +209,64 @@ pub struct MapVersionRecord {
     pub superseded_at: Option<Timestamp>,
     /// What began it; `None` for the first.
     pub cause: Option<VersionCause>,
+    /// How far what began it moved reference nodes at most, metres; `None` where nobody measured it.
+    pub max_displacement_m: Option<f64>,
+    /// When it was released, by whom and why; `None` if it never was.
+    pub released: Option<VersionRelease>,
+    /// When it was withdrawn after its release.
+    pub retired_at: Option<Timestamp>,
     /// SHA-256 of its PGM; `None` for the present one, which still grows.
     pub sha256: Option<[u8; 32]>,
 }
 
-/// The decision that began a version.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+impl MapVersionRecord {
+    /// Where it is in its life: one that ended without a release is as good as retired.
+    pub fn state(&self) -> VersionState {
+        match (self.superseded_at, &self.released, self.retired_at) {
+            (None, ..) => VersionState::Draft,
+            (Some(_), Some(_), None) => VersionState::Released,
+            _ => VersionState::Retired,
+        }
+    }
+}
+
+/// What began a version.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VersionCause {
-    /// About this alert.
-    pub alert_id: AlertId,
-    /// Accept or undo.
-    pub action: AlertAction,
+    /// The alert that was decided about; `None` for a release.
+    pub alert_id: Option<AlertId>,
+    /// What was done.
+    pub action: VersionAction,
+    /// Who did it; `None` where nobody wrote it down.
+    pub by: Option<String>,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+/// A version's release for vehicles.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VersionRelease {
+    /// When.
+    pub at: Timestamp,
+    /// Who released it.
+    pub by: String,
+    /// Why, for people.
+    pub note: Option<String>,
+}
+
+/// Everything that the release of a route's present version changes, applied in one transaction.
+#[derive(Debug, Clone)]
+pub struct Release {
+    /// The route.
+    pub route_id: RouteId,
+    /// Its present version.
+    pub version: i64,
+    /// The route's revision that the picture was drawn from.
+    pub base_revision: i64,
+    /// By whom.
+    pub actor: Actor,
+    /// When, by whom and why.
+    pub release: VersionRelease,
+    /// The map as it is.
+    pub picture: MapPicture,
 }

@@ -25,11 +25,15 @@ const TABLES: [(&str, &[&str]); 13] = [
     ("archive_sums", &[]),
     ("lidar_calibrations", &[]),
     ("vehicle_quarantines", &[]),
-    ("map_versions", &[]),
+    // Earlier programs did not measure it.
+    ("map_versions", &["max_displacement_m"]),
     ("trips", &["next_sequence"]),
     ("batches", &["held_since_us"]),
     ("alerts", &["alert_key"]),
-    ("routes", &["revision", "updated_at_us"]),
+    (
+        "routes",
+        &["revision", "updated_at_us", "version_max_displacement_m"],
+    ),
 ];
 
 /// Tables of rows that belong to an alert.

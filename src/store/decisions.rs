@@ -15,11 +15,11 @@ use super::columns::{json_text, micros};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
 use super::inputs::{self, AcceptedInput, Input};
-use super::map_versions::{Beginning, SealedPicture, begin_next};
+use super::map_versions::{self, Beginning, SealedPicture};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
 use super::results::count_blocks;
-use crate::model::{Actor, AlertStatus, DismissReason};
+use crate::model::{Actor, AlertStatus, DismissReason, VersionAction};
 
 impl Store {
     /// Writes a decision, all or nothing.
@@ -48,6 +48,7 @@ struct SealedMapDecision {
     changed_nodes: Vec<NodeChange>,
     changed_edges: Vec<EdgeChange>,
     superseded: SealedPicture,
+    max_displacement_m: f64,
 }
 
 impl ApplyDecision {
@@ -70,11 +71,8 @@ impl ApplyDecision {
                 accepted,
                 changed_nodes: map.changed_nodes,
                 changed_edges: map.changed_edges,
-                superseded: SealedPicture {
-                    png: map.superseded.png,
-                    pgm: SealedBody::seal(&map.superseded.pgm)?,
-                    yaml: map.superseded.yaml,
-                },
+                superseded: SealedPicture::seal(map.superseded)?,
+                max_displacement_m: map.max_displacement_m,
             })
         });
         Ok(Self {
@@ -199,22 +197,26 @@ impl ApplyDecision {
                 for (change, undo) in accepted {
                     acceptances::insert(transaction, route_key, change, undo).await?;
                 }
-                AlertAction::Accept
+                VersionAction::Accept
             }
             None => {
                 if !acceptances::remove(transaction, first.id).await? {
                     let what = format!("alert {} has not been accepted", first.id);
                     return Err(StoreError::InvalidResult(what));
                 }
-                AlertAction::Undo
+                VersionAction::Undo
             }
         };
+        let entry = first.history.last();
         let next = Beginning {
             at_us: micros(first.updated_at),
-            alert_id: first.id,
-            action,
+            decided: Some((first.id, action)),
+            by: entry.map(|entry| entry.by.as_str()),
+            note: entry.and_then(|entry| entry.note.as_deref()),
+            max_displacement_m: map.max_displacement_m,
         };
-        begin_next(transaction, route_key, &map.superseded, &next).await
+        map_versions::file(transaction, route_key, &map.superseded, next.at_us).await?;
+        map_versions::begin(transaction, route_key, &next).await
     }
 }
 
@@ -236,7 +238,8 @@ fn entry_text(entry: &HistoryEntry) -> Result<String, StoreError> {
     })
 }
 
-async fn raise_revision(
+/// Counts a change of a route's map, and its blocks.
+pub(super) async fn raise_revision(
     transaction: &mut SqliteConnection,
     route_key: i64,
     at_us: i64,

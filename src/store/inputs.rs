@@ -67,6 +67,20 @@ pub enum Input {
         /// The vehicle.
         vehicle: VehicleId,
     },
+    /// The present version of the map was released for vehicles.
+    VersionReleased {
+        /// The version.
+        version: i64,
+        /// Who released it.
+        by: String,
+        /// Why, for people.
+        note: Option<String>,
+    },
+    /// A released version of the map was withdrawn.
+    VersionRetired {
+        /// The version.
+        version: i64,
+    },
 }
 
 /// One of several alerts that were accepted together.

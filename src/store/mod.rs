@@ -45,6 +45,7 @@ mod place_scans;
 mod quarantines;
 mod rebuild;
 mod records;
+mod releases;
 mod removal_records;
 mod removals;
 mod report;

@@ -265,7 +265,9 @@ impl Request for Begin {
             "UPDATE routes SET stage = $1, map_version = 1, epoch = 1, revision = 0, \
                  next_node_id = 1, next_edge_id = 1, nodes = 0, edges = 0, loop_closures = 0, \
                  subgraphs = 0, open_alerts = 0, version_created_at_us = NULL, \
-                 version_alert_id = NULL, version_action = NULL, updated_at_us = created_at_us \
+                 version_alert_id = NULL, version_action = NULL, version_by = NULL, \
+                 version_note = NULL, version_max_displacement_m = NULL, \
+                 updated_at_us = created_at_us \
              WHERE route_key = $2",
         )
         .bind(Stage::Mapping.name())

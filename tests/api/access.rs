@@ -60,6 +60,8 @@ const EXPECTED: [(&str, &[&str]); 13] = [
         &[
             "put_route",
             "retry_batch",
+            "release_version",
+            "retire_version",
             "post_removal",
             "quarantine_vehicle",
             "release_vehicle",
@@ -118,6 +120,11 @@ const EXPECTED: [(&str, &[&str]); 13] = [
             "get_map_pgm",
             "get_map_yaml",
             "list_versions",
+            "get_version",
+            "get_vda5050",
+            "get_tiles",
+            "get_tile",
+            "list_trips",
             "get_version_png",
             "get_version_pgm",
             "get_version_yaml",
@@ -191,6 +198,10 @@ impl Things {
             ("{webhook}", &self.webhook),
             ("{operation}", &self.operation),
             ("{key}", &self.key),
+            ("{zone}", "0199a000-0000-7000-8000-000000000001"),
+            ("{z}", "8"),
+            ("{x}", "0"),
+            ("{y}", "0"),
         ] {
             path = path.replace(parameter, name);
         }

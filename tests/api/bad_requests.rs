@@ -92,7 +92,7 @@ fn paths_and_parameters() -> Vec<Case> {
             "",
         ),
         case(
-            "picture of the present version as if it were fixed",
+            "picture of the draft of a route without a map",
             get("/v1/routes/line-4/versions/1/map.pgm"),
             404,
             "not-found",

@@ -29,10 +29,12 @@ mod limits;
 mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;
+mod releases;
 mod resources;
 mod secrets;
 mod service;
 mod sessions;
+mod tiles;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;

@@ -31,7 +31,15 @@ async fn live_through_everything(client: &Client) {
     drive(client, &shop, 3).await;
     let told = alerts(client).await;
     let told = told.iter().find(|alert| alert["id"] == undone["id"]);
+    let versions = format!("/v1/routes/{ROUTE}/versions");
+    let release = json!({"note": "first one"});
+    client.post(format!("{versions}/3/release"), release).await;
     client.decide(told.unwrap(), "accept").await;
+    let release = json!({});
+    client.post(format!("{versions}/5/release"), release).await;
+    client
+        .post(format!("{versions}/3/retire"), Value::Null)
+        .await;
 
     let vehicle = format!("/v1/routes/{ROUTE}/vehicles/agv-00");
     client
@@ -99,6 +107,7 @@ async fn a_map_made_anew_is_the_same_to_the_bit() {
     let (ended_well, told) = replay(&data, &["--compare", "--into", copy.to_str().unwrap()]);
     assert!(ended_well && told["comparison"]["same"] == true, "{told}");
     assert_eq!(told["decisions_left_out"], json!([]));
+    assert_eq!(told["versions_left_out"], json!([]));
     assert_eq!(told["without_body"], 0);
     let (state, told) = (State::of(client, ROUTE).await, alerts(client).await);
     let batches = client

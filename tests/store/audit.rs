@@ -2,13 +2,15 @@
 
 use mapshift::change::{AlertAction, AlertStatus, Tier};
 use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
-use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector, DismissReason};
+use mapshift::model::{
+    Actor, AlertEventKind, AuditAction, BatchStatus, Detector, DismissReason, VersionState,
+};
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
-    Deleted, Edited, HistoryEntry, Meant, NewWebhook, NextDelivery, OperationRecord,
-    OperationRequest, OperationResult, Put, Quarantine, Registered, Removal, RemovalRequest,
-    RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate, SettingsUpdate, StoreError,
-    WebhookRecord, WebhookSecret, WebhookUpdate,
+    Deleted, Edited, HistoryEntry, MapPicture, MapVersionRecord, Meant, NewWebhook, NextDelivery,
+    OperationRecord, OperationRequest, OperationResult, Put, Quarantine, Registered, Release,
+    Removal, RemovalRequest, RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate,
+    SettingsUpdate, StoreError, VersionRelease, WebhookRecord, WebhookSecret, WebhookUpdate,
 };
 use serde_json::{Value, json};
 use uuid::Uuid;
@@ -523,6 +525,76 @@ async fn a_vehicle_that_is_kept_out_and_released_leaves_a_row_each() {
     );
 }
 
+/// A release of the route's first version as it is now.
+async fn first_release(fixture: &Fixture) -> Release {
+    Release {
+        route_id: route(),
+        version: 1,
+        base_revision: fixture.revision(&route()).await,
+        actor: by().clone(),
+        release: VersionRelease {
+            at: at(20),
+            by: "kim".to_owned(),
+            note: Some("new racks".to_owned()),
+        },
+        picture: MapPicture {
+            pgm: b"P5".to_vec(),
+            ..MapPicture::default()
+        },
+    }
+}
+
+#[tokio::test]
+async fn a_version_that_is_released_and_retired_leaves_a_row_each() {
+    let fixture = full().await;
+    let (count, route, store) = (rows(&fixture).await.len(), route(), &fixture.store);
+    let release = first_release(&fixture).await;
+    let retire = || store.retire_version(&route, 1, by(), at(21));
+    assert!(!retire().await.unwrap(), "a draft is not retired");
+    let stale = Release {
+        base_revision: release.base_revision - 1,
+        ..release.clone()
+    };
+    for (release, became) in [
+        (stale, Decided::Stale),
+        (release.clone(), Decided::Committed),
+        (release, Decided::Stale), // the same once more
+    ] {
+        assert_eq!(store.apply_release(release).await.unwrap(), became);
+    }
+    assert_eq!(store.newest_release(&route).await.unwrap(), Some(1));
+    assert!(retire().await.unwrap());
+    assert!(!retire().await.unwrap(), "the same once more");
+    assert_eq!(store.newest_release(&route).await.unwrap(), None);
+    let picture = store.map_version_picture(&route, 1).await.unwrap();
+    assert_eq!(picture.unwrap().pgm, b"P5");
+    let versions = store.map_versions(&route, 0, 10).await.unwrap();
+    let states: Vec<_> = versions.iter().map(MapVersionRecord::state).collect();
+    assert_eq!(states, [VersionState::Retired, VersionState::Draft]);
+    let sha256: String = versions[0]
+        .sha256
+        .unwrap()
+        .map(|b| format!("{b:02x}"))
+        .concat();
+    assert_eq!(
+        told_since(&fixture, count, by()).await,
+        [
+            told(
+                AuditAction::VersionReleased,
+                1,
+                json!({"state": "draft"}),
+                json!({"state": "released", "sha256": sha256, "note": "new racks"})
+            ),
+            told(
+                AuditAction::VersionRetired,
+                1,
+                json!({"state": "released"}),
+                json!({"state": "retired"})
+            ),
+        ]
+    );
+}
+
 fn vehicle(name: &str) -> VehicleId {
     VehicleId::new(name).unwrap()
 }
@@ -537,6 +609,7 @@ struct State {
     operations: Vec<OperationRecord>,
     batches: Vec<BatchStatus>,
     quarantine: Option<Quarantine>,
+    versions: Vec<MapVersionRecord>,
 }
 
 impl State {
@@ -554,6 +627,7 @@ impl State {
             operations,
             batches: vec![fixture.status("gone").await, fixture.status("q").await],
             quarantine: store.quarantine(&route(), &vehicle("v")).await.unwrap(),
+            versions: store.map_versions(&route(), 0, 10).await.unwrap(),
         }
     }
 }
@@ -569,6 +643,12 @@ async fn no_change_is_made_without_its_row() {
         .unwrap();
     let next = store.next_deliveries().await.unwrap().remove(0);
     let gone = gone(&next);
+    let released = store.apply_release(first_release(&fixture).await).await;
+    assert_eq!(released.unwrap(), Decided::Committed);
+    let second_release = Release {
+        version: 2,
+        ..first_release(&fixture).await
+    };
     let before = State::of(&fixture).await;
     let jam = "CREATE TRIGGER jam BEFORE INSERT ON audit BEGIN SELECT RAISE(ABORT, 'jammed'); END";
     sqlx::query(jam)
@@ -630,8 +710,13 @@ async fn no_change_is_made_without_its_row() {
             .put_quarantine(&route(), &vehicle("v"), Some(kept_out), by(), at(20))
             .await
             .is_err(),
+        store.apply_release(second_release).await.is_err(),
+        store
+            .retire_version(&route(), 1, by(), at(21))
+            .await
+            .is_err(),
     ];
-    assert_eq!(refused, [true; 13]);
+    assert_eq!(refused, [true; 15]);
     assert_eq!(State::of(&fixture).await, before);
 }
 

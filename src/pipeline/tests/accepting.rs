@@ -1,6 +1,7 @@
 use super::bench::{BOX_AT, Bench, MapState, box_finding, route, sha256};
 use crate::change::{AlertAction, AlertStatus};
 use crate::graph::EdgeStatus;
+use crate::model::VersionAction;
 use crate::render::Occupancy;
 use crate::store::{AlertRecord, MapPicture};
 
@@ -90,11 +91,12 @@ async fn accepting_retires_hands_over_solves_and_begins_a_version() {
     let versions = versions(&bench).await;
     assert_eq!(versions.len(), 2);
     assert_eq!(versions[0].sha256, Some(sha256(&before.pgm)));
-    assert_eq!((versions[0].cause, versions[1].sha256), (None, None));
-    let cause = versions[1].cause.unwrap();
+    assert_eq!((&versions[0].cause, versions[1].sha256), (&None, None));
+    let cause = versions[1].cause.as_ref().unwrap();
+    assert!(versions[1].max_displacement_m.unwrap() >= 0.0);
     assert_eq!(
         (cause.alert_id, cause.action),
-        (alert.id, AlertAction::Accept)
+        (Some(alert.id), VersionAction::Accept)
     );
     let filed = bench
         .engine
@@ -142,7 +144,10 @@ async fn undone_is_as_before(restart: bool, acknowledged: bool) {
     assert_eq!(numbers, [1, 2, 3]);
     assert_eq!(versions[0].sha256, Some(sha256(&bench.picture().await.pgm)));
     assert_ne!(versions[1].sha256, versions[0].sha256);
-    assert_eq!(versions[2].cause.unwrap().action, AlertAction::Undo);
+    assert_eq!(
+        versions[2].cause.as_ref().unwrap().action,
+        VersionAction::Undo
+    );
     let store = &bench.engine.store;
     assert!(store.accepted_changes(&route()).await.unwrap().is_empty());
     assert!(store.acceptance(alert.id).await.unwrap().is_none());

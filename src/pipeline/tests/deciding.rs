@@ -156,6 +156,7 @@ async fn half_a_decision_is_none() {
             pgm: vec![2],
             yaml: String::new(),
         },
+        max_displacement_m: 0.0,
     };
     let mut decision = Decision {
         base_revision: record.revision,

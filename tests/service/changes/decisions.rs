@@ -157,7 +157,10 @@ async fn versions_tell(client: &Client, alert_id: &Value) {
         .iter()
         .map(|v| json!([v["version"], v["current"], v["cause"]]))
         .collect();
-    let cause = |action: &str| json!({"alert_id": alert_id, "action": action});
+    let by = &versions[1]["cause"]["by"];
+    assert!(by.is_string(), "{versions:?}");
+    let cause =
+        |action: &str| json!({"alert_id": alert_id, "action": action, "by": by, "note": null});
     assert_eq!(
         told,
         [
@@ -167,6 +170,9 @@ async fn versions_tell(client: &Client, alert_id: &Value) {
         ]
     );
     assert!(versions[0]["sha256"].is_string() && versions[2]["sha256"].is_null());
+    // The undo takes back the way that the accepted change has moved nodes.
+    let moved_m = |k: usize| versions[k]["max_displacement_m"].as_f64();
+    assert_eq!((moved_m(0), moved_m(1)), (None, moved_m(2)));
     assert_ne!(versions[0]["sha256"], versions[1]["sha256"]);
 }
 

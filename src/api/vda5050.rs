@@ -1,0 +1,131 @@
+//! A released version of a map in the words of VDA 5050.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::ApiState;
+use super::extract::{ApiPath, ApiQuery};
+use super::parameters::{RouteParam, VersionParam};
+use super::problem::{Problem, ProblemKind};
+use super::problem_responses::VersionUseProblems;
+use super::versions::{hex, known_version};
+use crate::ids::RouteId;
+use crate::model::VersionState;
+
+/// Which edition of VDA 5050.
+#[derive(Debug, Clone, Copy, Default, Deserialize, ToSchema)]
+#[schema(as = Vda5050Edition)]
+enum Edition {
+    #[default]
+    #[serde(rename = "2.1")]
+    V2_1,
+    #[serde(rename = "3.0")]
+    V3_0,
+}
+
+/// Which edition to speak.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct EditionQuery {
+    /// Edition of VDA 5050; `2.1` if left out.
+    #[param(nullable = false, inline)]
+    vda5050: Option<Edition>,
+}
+
+/// What of an `instantActions` message does not depend on the vehicle: `headerId`, `timestamp`,
+/// `manufacturer` and `serialNumber` are the sender's.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Vda5050InstantActions)]
+pub(super) struct InstantActionsBody {
+    /// Edition of VDA 5050 of the message.
+    version: &'static str,
+    /// `downloadMap`, then `enableMap`: for when the vehicle has reported that the download is `FINISHED`.
+    actions: Vec<ActionBody>,
+}
+
+/// An action of VDA 5050.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Vda5050Action)]
+#[serde(rename_all = "camelCase")]
+struct ActionBody {
+    /// `downloadMap` or `enableMap`.
+    action_type: &'static str,
+    /// The same for the same version of a route's map.
+    action_id: String,
+    /// `NONE`: neither stops the vehicle.
+    blocking_type: &'static str,
+    /// `mapId`, `mapVersion`; of a download `mapDownloadLink` and `mapHash`, the SHA-256 of the PGM, too.
+    action_parameters: Vec<ParameterBody>,
+}
+
+/// A parameter of an action.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Vda5050ActionParameter)]
+struct ParameterBody {
+    /// Its name.
+    key: &'static str,
+    /// Its value.
+    value: String,
+}
+
+/// Read how vehicles download and enable a version, by VDA 5050.
+///
+/// Of a released version alone: only that has a hash for vehicles. `mapId` is the name of the route,
+/// `mapVersion` the number of the version. The link has the host that this request was sent to.
+#[utoipa::path(
+    get, path = "/v1/routes/{route}/versions/{version}/vda5050", tag = "map",
+    params(RouteParam, VersionParam, EditionQuery),
+    responses((status = 200, description = "The actions", body = InstantActionsBody), VersionUseProblems)
+)]
+pub(super) async fn get_vda5050(
+    State(state): State<ApiState>,
+    ApiPath((route_id, version)): ApiPath<(RouteId, i64)>,
+    ApiQuery(query): ApiQuery<EditionQuery>,
+    headers: HeaderMap,
+) -> Result<Json<InstantActionsBody>, Problem> {
+    let record = known_version(&state, &route_id, version).await?;
+    let sha256 = record
+        .sha256
+        .filter(|_| record.state() == VersionState::Released);
+    let sha256 = sha256.ok_or_else(|| {
+        let name = record.state().name();
+        let detail = format!("version {version} is {name}: vehicles get released versions only");
+        Problem::new(ProblemKind::VersionState, detail)
+    })?;
+    let host = headers
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let host = host.ok_or_else(|| {
+        let detail = "say in Host where vehicles reach this service: the link is made of it";
+        Problem::new(ProblemKind::BadRequest, detail)
+    })?;
+    let link = format!("http://{host}/v1/routes/{route_id}/versions/{version}/map.pgm");
+    let map = || {
+        let (id, version) = (route_id.to_string(), version.to_string());
+        vec![parameter("mapId", id), parameter("mapVersion", version)]
+    };
+    let mut download = map();
+    download.push(parameter("mapDownloadLink", link));
+    download.push(parameter("mapHash", hex(&sha256)));
+    let action = |action_type, action_parameters| ActionBody {
+        action_type,
+        action_id: format!("{action_type}-{route_id}-{version}"),
+        blocking_type: "NONE",
+        action_parameters,
+    };
+    Ok(Json(InstantActionsBody {
+        version: match query.vda5050.unwrap_or_default() {
+            Edition::V2_1 => "2.1.0",
+            Edition::V3_0 => "3.0.0",
+        },
+        actions: vec![action("downloadMap", download), action("enableMap", map())],
+    }))
+}
+
+fn parameter(key: &'static str, value: String) -> ParameterBody {
+    ParameterBody { key, value }
+}
