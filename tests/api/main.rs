@@ -29,6 +29,7 @@ mod releases;
 mod resources;
 mod service;
 mod tiles;
+mod traffic;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;
