@@ -50,6 +50,7 @@ mod subgraphs;
 mod tiles;
 mod traffic;
 mod trajectories;
+mod trips;
 mod types;
 mod upload;
 mod vda5050;
@@ -155,6 +156,7 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(subgraphs::list_subgraphs))
         .routes(routes!(vehicles::list_vehicles))
+        .routes(routes!(trips::list_trips))
         .routes(routes!(vehicles::get_vehicle))
         .routes(routes!(residuals::get_residuals))
         .routes(routes!(maps::get_map_png))

@@ -61,6 +61,7 @@ mod series_closures;
 mod sessions;
 mod settled;
 mod space;
+mod trip_records;
 mod trips;
 mod upload_lags;
 mod vehicles;
@@ -92,6 +93,7 @@ pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts, ReportScop
 pub use retries::Retried;
 pub use secrets::{KeyText, NoKey, Secret};
 pub use series_closures::{SeriesClosure, SeriesClosures};
+pub use trip_records::TripRecord;
 pub use upload_lags::UploadLag;
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;

@@ -35,6 +35,7 @@ mod secrets;
 mod service;
 mod sessions;
 mod tiles;
+mod traffic;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;

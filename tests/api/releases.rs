@@ -176,3 +176,44 @@ async fn copies_of_what_has_ended_are_kept_and_of_what_grows_are_asked_for() {
     assert_eq!(again.status, 304);
     service.stop().await;
 }
+
+#[tokio::test]
+async fn vehicles_are_told_of_released_versions_only() {
+    let service = changed_hall::start().await;
+    let path = format!("{HALL}/versions/1/vda5050");
+    let draft = service.get(&path).await;
+    let told = (draft.status, draft.problem());
+    assert_eq!(told, (409, "version-state".to_owned()));
+    let released = post(&service, "1/release", json!({})).await.json();
+    let map = |action: &str, more: Vec<Value>| {
+        let id = json!({"key": "mapId", "value": "hall"});
+        let version = json!({"key": "mapVersion", "value": "1"});
+        let parameters = [vec![id, version], more].concat();
+        json!({
+            "actionType": action, "actionId": format!("{action}-hall-1"), "blockingType": "NONE",
+            "actionParameters": parameters,
+        })
+    };
+    let link = format!("http://test{HALL}/versions/1/map.pgm");
+    let download = vec![
+        json!({"key": "mapDownloadLink", "value": link}),
+        json!({"key": "mapHash", "value": released["sha256"]}),
+    ];
+    let actions = json!([map("downloadMap", download), map("enableMap", Vec::new())]);
+    for (query, version) in [
+        ("", "2.1.0"),
+        ("?vda5050=2.1", "2.1.0"),
+        ("?vda5050=3.0", "3.0.0"),
+    ] {
+        let body = service.get(&format!("{path}{query}")).await.json();
+        assert_eq!(body, json!({"version": version, "actions": actions}));
+    }
+    let unknown = service.get(&format!("{path}?vda5050=1.0")).await;
+    assert_eq!(
+        (unknown.status, unknown.problem()),
+        (400, "invalid-parameter".to_owned())
+    );
+    post(&service, "1/retire", json!({})).await;
+    assert_eq!(service.get(&path).await.status, 409);
+    service.stop().await;
+}

@@ -62,6 +62,7 @@ async fn a_route_and_its_map_have_their_documented_form() {
             "/v1/routes/hall/trajectories/trip-1?poses=all",
         ),
         ("versions", "/v1/routes/hall/versions"),
+        ("trips", "/v1/routes/hall/trips"),
         ("problem", "/v1/routes/nowhere"),
     ] {
         let answer = service.get(path).await;

@@ -1,0 +1,72 @@
+//! What keeps answers short: ETags of lists, and gzip.
+
+use std::io::Read;
+
+use crate::changed_hall::{self, APPEARED};
+use crate::client::{Answer, Request};
+use crate::service::Service;
+
+async fn get(service: &Service, path: &str, header: (&str, &str)) -> Answer {
+    let request = Request::new("GET", path).header(header.0, header.1);
+    service.send(request).await
+}
+
+#[tokio::test]
+async fn a_list_is_not_sent_again_to_a_client_that_has_it() {
+    let service = changed_hall::start().await;
+    for path in [
+        "/v1/routes",
+        "/v1/alerts?status=open",
+        "/v1/routes/hall/versions",
+        "/v1/routes/hall/vehicles",
+        "/v1/routes/hall/batches",
+    ] {
+        let list = service.get(path).await;
+        let tag = list.header("etag").unwrap();
+        assert!(tag.starts_with("W/\""), "{path}: {tag}");
+        assert_eq!(list.header("cache-control"), Some("no-cache"), "{path}");
+        let again = get(&service, path, ("if-none-match", tag)).await;
+        assert_eq!((again.status, again.body.len()), (304, 0), "{path}");
+        assert_eq!(again.header("etag"), Some(tag));
+    }
+    let open = service.get("/v1/alerts?status=open").await;
+    let dismiss = Request::new("POST", format!("/v1/alerts/{APPEARED}/dismiss"));
+    assert_eq!(
+        service.send(dismiss.header("if-match", "*")).await.status,
+        200
+    );
+    let tag = open.header("etag").unwrap();
+    let changed = get(&service, "/v1/alerts?status=open", ("if-none-match", tag)).await;
+    assert_eq!(changed.status, 200);
+    // The rest of an alert changes under the tag of its decision.
+    let alert = service.get(&format!("/v1/alerts/{APPEARED}")).await;
+    let tag = alert.header("etag").unwrap();
+    let path = format!("/v1/alerts/{APPEARED}");
+    assert_eq!(
+        get(&service, &path, ("if-none-match", tag)).await.status,
+        200
+    );
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn text_is_compressed_for_those_who_take_it() {
+    let service = changed_hall::start().await;
+    for path in ["/v1/alerts", "/v1/routes/hall/graph"] {
+        let plain = service.get(path).await;
+        assert_eq!(plain.header("content-encoding"), None, "{path}");
+        assert_eq!(plain.header("vary"), Some("accept-encoding"), "{path}");
+        let short = get(&service, path, ("accept-encoding", "br, gzip")).await;
+        assert_eq!(short.header("content-encoding"), Some("gzip"), "{path}");
+        let mut read = Vec::new();
+        let mut decoder = flate2::read::GzDecoder::new(&*short.body);
+        decoder.read_to_end(&mut read).unwrap();
+        assert!(read == plain.body, "{path}");
+        assert!(short.body.len() < plain.body.len(), "{path}");
+    }
+    for path in ["/v1/routes/hall/map.png", "/livez", "/v1/routes/nowhere"] {
+        let answer = get(&service, path, ("accept-encoding", "gzip")).await;
+        assert_eq!(answer.header("content-encoding"), None, "{path}");
+    }
+    service.stop().await;
+}
