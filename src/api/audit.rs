@@ -129,7 +129,7 @@ impl From<AuditRecord> for AuditBody {
 
 /// List who changed what.
 ///
-/// Changes of routes, alerts, webhooks and keys, removals and retries of batches, quarantines of vehicles, the
+/// Changes of routes, alerts, zones, versions, webhooks and keys, removals and retries of batches, quarantines of vehicles, the
 /// newest first, in parts: when, from which address, what was there before and after. Uploads are listed with their route. An
 /// entry is written together with its change and kept for good, also when the route is deleted. What
 /// changes nothing has none: a dry run, or the same settings put again. A key that is limited to routes sees

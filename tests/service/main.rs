@@ -16,6 +16,7 @@ mod lidars;
 mod odd_trips;
 mod order;
 mod parallel;
+mod people;
 #[path = "../common/process.rs"]
 #[allow(dead_code, reason = "the tests of reliability use more of it")]
 mod process;

@@ -22,7 +22,9 @@ use crate::api::upload::small_json;
 use crate::change::AlertAction;
 use crate::ids::{AlertId, RouteId};
 use crate::model::{Actor, DecisionResult, DismissReason};
-use crate::store::{DecisionOutcome, DecisionRequest, DecisionsRequest, OperationRequest};
+use crate::store::{
+    AlertRecord, DecisionOutcome, DecisionRequest, DecisionsRequest, OperationRequest,
+};
 
 const DECISIONS_MAX: usize = 200;
 /// Each begins a version of a map and takes up to seconds.
@@ -97,11 +99,42 @@ pub(in crate::api) struct DecisionsAnswer {
 /// What became of a decision, and the alert.
 #[derive(Debug, Serialize, ToSchema)]
 struct DecisionAnswer {
-    #[serde(flatten)]
-    outcome: DecisionOutcomeBody,
+    /// The alert.
+    #[schema(format = "uuid")]
+    id: String,
+    /// What was to be done.
+    action: AlertAction,
+    /// Whether it was.
+    result: DecisionResult,
+    /// The version of the map that began with an `accept`; null if none did.
+    #[schema(required)]
+    map_version: Option<i64>,
     /// The alert as it is now; null if there is none.
     #[schema(required)]
     alert: Option<AlertBody>,
+    /// Why it was not carried out; null if it was, or had been before.
+    #[schema(required)]
+    problem: Option<ProblemBody>,
+}
+
+impl DecisionAnswer {
+    fn new(outcome: DecisionOutcome, alert: Option<AlertRecord>) -> Self {
+        let DecisionOutcomeBody {
+            id,
+            action,
+            result,
+            map_version,
+            problem,
+        } = outcome.into();
+        Self {
+            id,
+            action,
+            result,
+            map_version,
+            alert: alert.map(AlertBody::from),
+            problem,
+        }
+    }
 }
 
 /// What became of a decision.
@@ -220,10 +253,7 @@ pub(in crate::api) async fn decide_alerts(
     for outcome in state.decisions.decide_all(request).await? {
         let alert = state.store.alert(outcome.alert_id).await?;
         let alert = alert.filter(|alert| identity.sees(&alert.route_id));
-        items.push(DecisionAnswer {
-            outcome: outcome.into(),
-            alert: alert.map(AlertBody::from),
-        });
+        items.push(DecisionAnswer::new(outcome, alert));
     }
     Ok(Json(DecisionsAnswer { items }).into_response())
 }
