@@ -72,6 +72,18 @@ impl SideCells {
 }
 
 impl PlaceGrid {
+    /// Whether a side hit a cell or one beside it: a surface on the border of two cells is hit now in one,
+    /// now in the other.
+    pub fn is_hit_near(&self, side: &SideCells, cell: usize) -> bool {
+        let (column, row) = (cell % self.width, cell / self.width);
+        let columns = column.saturating_sub(1)..(column + 2).min(self.width);
+        let mut rows = row.saturating_sub(1)..(row + 2).min(self.height);
+        rows.any(|row| {
+            let mut cells = columns.clone().map(|column| row * self.width + column);
+            cells.any(|cell| side.said_of(cell) == Said::Occupied)
+        })
+    }
+
     /// An empty grid round a region; round the origin without one.
     pub fn around(region: &[Vector2<f64>]) -> Self {
         let first = region.first().copied().unwrap_or_default();

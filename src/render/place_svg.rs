@@ -93,9 +93,12 @@ fn fill_of(grid: &PlaceGrid, shown: ShownSide, cell: usize) -> Option<&'static s
         ShownSide::Both => (before, since),
     };
     let is_alone = shown != ShownSide::Both;
+    let agrees = |side: &SideCells| !is_alone && grid.is_hit_near(side, cell);
     match (before, since) {
         (Said::Nothing, Said::Nothing) => None,
         (Said::Occupied, Said::Occupied) => Some(BOTH),
+        (Said::Occupied, _) if agrees(&grid.since) => Some(BOTH),
+        (_, Said::Occupied) if agrees(&grid.before) => Some(BOTH),
         (Said::Occupied, Said::Free) => Some(BEFORE),
         (Said::Free, Said::Occupied) => Some(SINCE),
         (Said::Occupied, Said::Nothing) if is_alone => Some(BEFORE),
@@ -328,7 +331,7 @@ fn dot(svg: &mut String, (x_px, y_px): (f64, f64), colour: &str, words: &str) {
 mod tests {
     use super::*;
 
-    /// Four cells of interest in one row: hit before, since, both; free.
+    /// Every third cell of a row: hit before, since, both; free; and one beside it hit on another side.
     fn grid() -> PlaceGrid {
         let mut grid = PlaceGrid::around(&[Vector2::zeros()]);
         for (cell, [before, since]) in [
@@ -340,9 +343,11 @@ mod tests {
         .into_iter()
         .enumerate()
         {
+            let cell = 3 * cell;
             [grid.before.hits[cell], grid.before.misses[cell]] = before;
             [grid.since.hits[cell], grid.since.misses[cell]] = since;
         }
+        [grid.before.hits[12], grid.since.hits[13]] = [2, 2];
         grid.before.eyes = vec![Vector2::new(0.3, 0.4), Vector2::new(0.31, 0.41)];
         grid.since.eyes = vec![Vector2::new(9.0, 0.4)];
         grid
@@ -365,16 +370,18 @@ mod tests {
             format!("<path fill=\"{colour}\" d=\"M{column} 0h1v1h-1z\"/>")
         };
         let both = drawn(&grid, ShownSide::Both);
-        for (colour, column) in [(BEFORE, 0), (SINCE, 1), (BOTH, 2), (FREE_BOTH, 3)] {
+        for (colour, column) in [(BEFORE, 0), (SINCE, 3), (FREE_BOTH, 9)] {
             assert!(both.contains(&path(colour, column)), "{colour}");
         }
+        let both_sides = format!("<path fill=\"{BOTH}\" d=\"M6 0h1v1h-1zM12 0h2v1h-2z\"/>");
+        assert!(both.contains(&both_sides), "{both}");
         let before = drawn(&grid, ShownSide::Before);
-        assert!(before.contains(&format!(
-            "<path fill=\"{BEFORE}\" d=\"M0 0h1v1h-1zM2 0h1v1h-1z\"/>"
-        )));
+        let runs = "M0 0h1v1h-1zM6 0h1v1h-1zM12 0h1v1h-1z";
+        assert!(before.contains(&format!("<path fill=\"{BEFORE}\" d=\"{runs}\"/>")));
         assert!(!before.contains(SINCE));
         let since = drawn(&grid, ShownSide::Since);
-        assert!(since.contains(&format!("<path fill=\"{SINCE}\" d=\"M1 0h2v1h-2z\"/>")));
+        let runs = "M3 0h1v1h-1zM6 0h1v1h-1zM13 0h1v1h-1z";
+        assert!(since.contains(&format!("<path fill=\"{SINCE}\" d=\"{runs}\"/>")));
         assert!(!since.contains(BEFORE));
     }
 
