@@ -16,7 +16,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
 
-use crate::api::{self, ApiState};
+use crate::api::{self, ApiSettings, ApiState};
 use crate::config::AppConfig;
 use crate::pipeline;
 use crate::store::{Store, StoreOptions};
@@ -53,6 +53,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     };
     let store = opened
         .with_context(|| format!("cannot open the store in {}", config.data_dir.display()))?;
+    config.check_reach(store.has_keys())?;
     let listener = connections::listen(config.listen)
         .with_context(|| format!("cannot listen on {}", config.listen))?;
     let local_addr = listener.local_addr()?;
@@ -75,14 +76,19 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
     background.push(tokio::spawn(upkeep));
 
+    let settings = ApiSettings {
+        limits: config.limits.clone(),
+        receivers,
+        listen: local_addr.ip(),
+        access: config.access,
+    };
     let state = ApiState::new(
         store.clone(),
-        config.limits.clone(),
+        settings,
         draining.clone(),
         metrics,
         pipeline.decisions,
-        pipeline.removals,
-        receivers,
+        pipeline.operations,
     );
     let router = api::router(state).context("the OpenAPI document does not serialise")?;
     let connections = Connections::new(router, config.limits, draining.clone());

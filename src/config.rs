@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
-use crate::api::Limits;
+use crate::api::{AccessOptions, GroupRole, Limits, Network, PublicUrl, TrustedProxies};
 use crate::pipeline::PipelineOptions;
 use crate::webhooks::{DeliveryOptions, ReceiverPolicy};
 
@@ -41,9 +41,31 @@ pub struct ServiceArgs {
     /// What is logged, e.g. `info` or `mapshift=debug`.
     #[arg(long, env = "MAPSHIFT_LOG", default_value = "info")]
     pub log: String,
-    /// Listen on an address that others can reach, although the service asks nobody for a key.
+    /// Listen on an address that others can reach, although there is no key and nobody is asked for one.
     #[arg(long, env = "MAPSHIFT_INSECURE_OPEN_TO_NETWORK")]
     pub insecure_open_to_network: bool,
+    /// Where people reach the service, like https://maps.example.com, if that is not the address that it
+    /// listens on. Requests for other names are refused.
+    #[arg(long, env = "MAPSHIFT_PUBLIC_URL", value_name = "URL")]
+    pub public_url: Option<PublicUrl>,
+    /// Addresses of proxies whose X-Forwarded-User or X-Auth-Request-User, with the groups beside it, say
+    /// who sends a request, like 127.0.0.1 or 10.1.0.0/16; may be given several times.
+    #[arg(
+        long = "trusted-proxy",
+        env = "MAPSHIFT_TRUSTED_PROXY",
+        value_name = "CIDR",
+        value_delimiter = ','
+    )]
+    pub trusted_proxies: Vec<Network>,
+    /// What the members of a group may do whom a trusted proxy has signed in, like
+    /// map-keepers=maintainer; may be given several times.
+    #[arg(
+        long = "proxy-role",
+        env = "MAPSHIFT_PROXY_ROLE",
+        value_name = "GROUP=ROLE",
+        value_delimiter = ','
+    )]
+    pub proxy_roles: Vec<GroupRole>,
     /// Send webhooks to private networks too, and by http: for closed plants whose receivers live in
     /// the plant's own network. Whoever may register webhooks can then make the service call
     /// whatever it reaches there.
@@ -75,6 +97,25 @@ pub struct AppConfig {
     pub pipeline: PipelineOptions,
     /// How webhooks are called.
     pub delivery: DeliveryOptions,
+    /// Under which names the service is reached, and who is believed.
+    pub access: AccessOptions,
+    /// Whether it listens on any address even without a key.
+    pub insecure_open_to_network: bool,
+}
+
+impl AppConfig {
+    /// Whether the address may be listened on: one that others can reach only if they are asked who they
+    /// are.
+    ///
+    /// # Errors
+    /// [`ConfigError::OpenToNetwork`].
+    pub fn check_reach(&self, has_keys: bool) -> Result<(), ConfigError> {
+        let asks = has_keys || !self.access.proxies.networks.is_empty();
+        match self.listen.ip().is_loopback() || asks || self.insecure_open_to_network {
+            true => Ok(()),
+            false => Err(ConfigError::OpenToNetwork(self.listen)),
+        }
+    }
 }
 
 /// Why settings are refused.
@@ -82,21 +123,15 @@ pub struct AppConfig {
 pub enum ConfigError {
     /// Anyone in the network could upload, read and delete.
     #[error(
-        "{0} can be reached from the network, and this version asks nobody for a key: anyone there could upload, read and delete. Listen on 127.0.0.1 behind a proxy that checks who calls, or say --insecure-open-to-network"
+        "{0} can be reached from the network, and there is no key: anyone there could upload, read and delete. Make a key first (mapshift keys create --name … --role admin), or say --insecure-open-to-network"
     )]
     OpenToNetwork(SocketAddr),
 }
 
 impl ServiceArgs {
-    /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`ConfigError`].
-    pub fn app_config(&self) -> Result<AppConfig, ConfigError> {
-        if !self.listen.ip().is_loopback() && !self.insecure_open_to_network {
-            return Err(ConfigError::OpenToNetwork(self.listen));
-        }
-        Ok(AppConfig {
+    /// What the service needs to start.
+    pub fn app_config(&self) -> AppConfig {
+        AppConfig {
             listen: self.listen,
             data_dir: self.data.clone(),
             accept_lost_log: self.accept_lost_log,
@@ -106,7 +141,9 @@ impl ServiceArgs {
             },
             pipeline: self.pipeline_options(),
             delivery: self.delivery_options(),
-        })
+            access: self.access_options(),
+            insecure_open_to_network: self.insecure_open_to_network,
+        }
     }
 }
 
@@ -117,6 +154,18 @@ impl ServiceArgs {
             map_memory_bytes: self.map_memory_mb.saturating_mul(1 << 20),
             keep_bodies: self.keep_bodies_days.map(days),
             ..PipelineOptions::default()
+        }
+    }
+}
+
+impl ServiceArgs {
+    fn access_options(&self) -> AccessOptions {
+        AccessOptions {
+            public_url: self.public_url.clone(),
+            proxies: TrustedProxies {
+                networks: self.trusted_proxies.clone(),
+                roles: self.proxy_roles.clone(),
+            },
         }
     }
 }
@@ -153,6 +202,9 @@ mod tests {
             log_format: LogFormat::Text,
             log: "info".into(),
             insecure_open_to_network,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            proxy_roles: Vec::new(),
             webhooks_to_private_networks: false,
         }
     }
@@ -160,7 +212,7 @@ mod tests {
     #[test]
     fn private_networks_are_a_choice() {
         let mut args = args("127.0.0.1:0", false);
-        let policy = |args: &ServiceArgs| args.app_config().unwrap().delivery.policy;
+        let policy = |args: &ServiceArgs| args.app_config().delivery.policy;
         assert_eq!(policy(&args), ReceiverPolicy::Public);
         args.webhooks_to_private_networks = true;
         assert_eq!(policy(&args), ReceiverPolicy::PrivateToo);
@@ -168,14 +220,15 @@ mod tests {
 
     #[test]
     fn the_share_of_an_address_is_a_setting() {
-        let limits = args("127.0.0.1:0", false).app_config().unwrap().limits;
+        let limits = args("127.0.0.1:0", false).app_config().limits;
         assert_eq!(limits.share(limits.connections), 256);
     }
 
     #[test]
     fn only_loopback_is_open_without_saying_so() {
         for listen in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:8080"] {
-            assert!(args(listen, false).app_config().is_ok(), "{listen}");
+            let config = args(listen, false).app_config();
+            assert!(config.check_reach(false).is_ok(), "{listen}");
         }
         for listen in [
             "0.0.0.0:8080",
@@ -183,15 +236,21 @@ mod tests {
             "192.168.1.4:80",
             "[::ffff:127.0.0.1]:80",
         ] {
-            let error = args(listen, false).app_config().unwrap_err();
+            let mut args = args(listen, false);
+            let error = args.app_config().check_reach(false).unwrap_err();
             assert!(error.to_string().contains("--insecure-open-to-network"));
-            assert!(args(listen, true).app_config().is_ok());
+            assert!(args.app_config().check_reach(true).is_ok());
+            args.trusted_proxies = vec!["10.0.0.0/8".parse().unwrap()];
+            assert!(args.app_config().check_reach(false).is_ok());
+            args.trusted_proxies.clear();
+            args.insecure_open_to_network = true;
+            assert!(args.app_config().check_reach(false).is_ok());
         }
     }
 
     #[test]
     fn memory_is_told_in_mebibytes_and_time_in_days() {
-        let kept = args("127.0.0.1:0", false).app_config().unwrap().pipeline;
+        let kept = args("127.0.0.1:0", false).app_config().pipeline;
         assert_eq!(kept.map_memory_bytes, 64 * 1024 * 1024);
         assert_eq!(kept.keep_bodies, Some(Duration::from_secs(172_800)));
         let defaults = PipelineOptions::default();

@@ -161,6 +161,16 @@ uuid_type!(
     /// A webhook: a UUID of version 7, so that webhooks sort by when they were registered.
     WebhookId
 );
+uuid_type!(
+    /// A zone: a UUID of version 7, so that zones sort by when they were made.
+    ZoneId
+);
+
+uuid_type!(
+    /// A key of somebody who may send requests: a UUID of version 7, so that keys sort by when they were
+    /// made.
+    KeyId
+);
 
 impl StampNs {
     /// Seconds since the Unix epoch.

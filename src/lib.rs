@@ -29,6 +29,9 @@
 //!   F = Σ eᵀΩe, without a factor ½ (paper, equation 2).
 //! - Names carry their unit last: `range_max_m`, `lease_ms`.
 
+// The example of an alert in the OpenAPI document has more tokens than `json!` takes otherwise.
+#![recursion_limit = "256"]
+
 pub mod api;
 pub mod app;
 pub mod calibration;

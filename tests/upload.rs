@@ -126,3 +126,84 @@ fn a_refusal_names_the_place_and_fails() {
         "{refused:?}"
     );
 }
+
+/// `mapshift keys`, with somebody's key.
+fn keys(more: &[&str], key: &str) -> Output {
+    let mut command = Command::new(MAPSHIFT);
+    command.arg("keys").args(more).env("MAPSHIFT_KEY", key);
+    command.output().unwrap()
+}
+
+/// The key that a command has made; the sentence about it is on standard error.
+fn made(output: &Output) -> String {
+    assert!(output.status.success(), "{output:?}");
+    let key = text(output).trim_end().to_owned();
+    assert!(
+        key.starts_with("ms_") && !key.contains([' ', '\n']),
+        "{key}"
+    );
+    key
+}
+
+#[test]
+fn keys_are_made_without_a_service_and_with_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let data = directory.path().join("data");
+    let data_arg = data.to_str().unwrap();
+    let create = [
+        "create", "--name", "Kim", "--role", "admin", "--data", data_arg,
+    ];
+    let admin = made(&keys(&create, ""));
+
+    let service = Service::start(&data);
+    let log = directory.path().join("monday.log.gz");
+    write_log(&log);
+    let refused = service.upload(&log, &[]);
+    assert!(!refused.status.success());
+    assert!(
+        String::from_utf8_lossy(&refused.stderr).contains("401"),
+        "{refused:?}"
+    );
+
+    let vehicle = [
+        "create",
+        "--name",
+        "agv-07",
+        "--role",
+        "vehicle",
+        "--vehicle",
+        "agv-07",
+    ];
+    let there = ["--url", &service.url];
+    let vehicle = made(&keys(&[&vehicle[..], &there].concat(), &admin));
+    // Makes the route, which the vehicle may not.
+    assert!(
+        service
+            .upload(&log, &["--trip", "first", "--key", &admin])
+            .status
+            .success()
+    );
+    let uploaded = service.upload(&log, &["--key", &vehicle, "--wait"]);
+    assert!(uploaded.status.success(), "{uploaded:?}");
+
+    let list = keys(&[&["list"][..], &there].concat(), &admin);
+    let list = text(&list);
+    assert_eq!(list.lines().count(), 2, "{list}");
+    assert!(
+        list.contains("admin  Kim") && list.contains("vehicle agv-07"),
+        "{list}"
+    );
+    let id = list.lines().nth(1).unwrap().split(' ').next().unwrap();
+    assert!(
+        !keys(&[&["revoke", id][..], &there].concat(), &vehicle)
+            .status
+            .success()
+    );
+    assert!(
+        keys(&[&["revoke", id][..], &there].concat(), &admin)
+            .status
+            .success()
+    );
+    let refused = service.upload(&log, &["--key", &vehicle]);
+    assert!(!refused.status.success());
+}

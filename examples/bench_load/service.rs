@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 
 use anyhow::Context;
-use mapshift::api::Limits;
+use mapshift::api::{AccessOptions, Limits};
 use mapshift::app;
 use mapshift::config::{AppConfig, temporary_data_dir};
 use mapshift::pipeline::PipelineOptions;
@@ -23,6 +23,8 @@ pub async fn serve() -> anyhow::Result<()> {
         limits: Limits::default(),
         pipeline: PipelineOptions::default(),
         delivery: DeliveryOptions::default(),
+        access: AccessOptions::default(),
+        insecure_open_to_network: false,
     };
     let service = app::start(config).await?;
     writeln!(std::io::stdout(), "http://{}", service.local_addr())?;

@@ -7,26 +7,36 @@ mod evidence;
 mod evidence_body;
 mod evidence_picture;
 mod geojson;
+mod handling;
+mod observations;
+mod observations_body;
+mod passes;
+mod preview;
 mod query;
+mod sentence;
+mod size;
 mod stream;
 mod suspect_body;
 mod tangent_plane;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use super::if_match::is_known;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::parameters::AlertParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AlertListProblems, AlertProblems};
 use crate::ids::AlertId;
-use crate::store::AlertRecord;
+use crate::store::{AlertFilter, AlertRecord};
 
 use body::{AlertBody, etag};
 pub(super) use bulk::*;
@@ -34,8 +44,15 @@ pub(super) use decisions::*;
 pub(super) use evidence_body::*;
 pub(super) use evidence_picture::*;
 pub(super) use geojson::*;
+pub(super) use handling::*;
+pub(super) use observations_body::*;
+pub(super) use passes::*;
+pub(super) use preview::*;
 use query::AlertQuery;
 pub(super) use stream::*;
+
+/// Of the digest of a part of the list so much is its ETag, bytes.
+const TAG_BYTES: usize = 16;
 
 /// A part of the list of alerts.
 #[derive(Debug, Serialize, ToSchema)]
@@ -51,18 +68,44 @@ pub(super) struct AlertPage {
 ///
 /// Of all routes or of one, the newest first, in parts.
 #[utoipa::path(
-    get, path = "/v1/alerts", tag = "alerts", params(AlertQuery, PageQuery),
-    responses((status = 200, description = "A part of the list", body = AlertPage), AlertListProblems)
+    get, path = "/v1/alerts", tag = "alerts",
+    params(
+        AlertQuery, PageQuery,
+        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the part still has this ETag"),
+    ),
+    responses(
+        (status = 200, description = "A part of the list", body = AlertPage, headers(("ETag" = String, description = "Changes with the part"))),
+        (status = 304, description = "The part is as it was"),
+        AlertListProblems,
+    )
 )]
 pub(super) async fn list_alerts(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
-) -> Result<Json<AlertPage>, Problem> {
-    let (alerts, next_cursor) = page(&state, &query).await?;
-    Ok(Json(AlertPage {
+    request: HeaderMap,
+) -> Result<Response, Problem> {
+    let (alerts, next_cursor) = page(&state, &identity, &query).await?;
+    let body = serde_json::to_vec(&AlertPage {
         items: alerts.into_iter().map(AlertBody::from).collect(),
         next_cursor,
-    }))
+    });
+    let body = body.map_err(Problem::internal)?;
+    let digest = Sha256::digest(&body);
+    let tag = digest
+        .iter()
+        .take(TAG_BYTES)
+        .map(|byte| format!("{byte:02x}"));
+    let tag = format!("\"{}\"", tag.collect::<String>());
+    let headers = [
+        (header::ETAG, tag.clone()),
+        (header::CACHE_CONTROL, "no-cache".to_owned()),
+    ];
+    if is_known(&request, &tag) {
+        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
+    }
+    let media_type = [(header::CONTENT_TYPE, "application/json")];
+    Ok((headers, media_type, body).into_response())
 }
 
 /// Read an alert.
@@ -92,12 +135,17 @@ pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
 /// A page of the list and where the next one begins.
 async fn page(
     state: &ApiState,
+    identity: &Identity,
     query: &AlertQuery,
 ) -> Result<(Vec<AlertRecord>, Option<String>), Problem> {
     let limit = checked_limit(query.limit)?;
     let before: Option<AlertId> = key_of_cursor(query.cursor.as_deref())?;
-    let filter = query.filter()?;
+    let filter = AlertFilter {
+        among: identity.routes.clone(),
+        ..query.filter()?
+    };
     if let Some(route) = &filter.route_id {
+        identity.check_route(route)?;
         state.known_route(route).await?;
     }
     let mut alerts = state.store.alert_page(&filter, before, limit + 1).await?;
@@ -105,11 +153,11 @@ async fn page(
     Ok((alerts, next_cursor))
 }
 
-async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
+pub(super) async fn known_alert(state: &ApiState, id: AlertId) -> Result<AlertRecord, Problem> {
     state.store.alert(id).await?.ok_or_else(unknown_alert)
 }
 
-fn unknown_alert() -> Problem {
+pub(super) fn unknown_alert() -> Problem {
     let detail = "there is no such alert: GET /v1/alerts lists them";
     Problem::new(ProblemKind::NotFound, detail)
 }

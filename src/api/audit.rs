@@ -1,5 +1,7 @@
 //! The audit: who changed what, when, and from where.
 
+mod export;
+
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
@@ -8,6 +10,7 @@ use serde_json::Value;
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::access::Identity;
 use super::extract::{ApiQuery, PageQuery};
 use super::filters::{checked_route, checked_time};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -16,10 +19,12 @@ use super::problem_responses::AnyProblems;
 use crate::model::AuditAction;
 use crate::store::{AuditFilter, AuditRecord};
 
+pub(super) use export::*;
+
 /// A change that was made.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AuditEntry, example = json!({
-    "id": 17, "at": "2026-11-20T06:00:00Z", "actor": "local", "address": "192.0.2.7",
+    "id": 17, "at": "2026-11-20T06:00:00Z", "actor": "kim", "key_id": null, "address": "192.0.2.7",
     "action": "alert.dismissed", "route_id": "line-4",
     "subject": "019aa000-0000-7000-8000-00000000a001",
     "before": {"status": "open", "by": "system", "note": null},
@@ -31,10 +36,14 @@ pub(super) struct AuditBody {
     /// When.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// Who: `local` for every request, because there are no keys yet to tell people apart; `system` for
+    /// Who: the name of who has signed in; `local` for requests to a service without keys, `system` for
     /// what the service did on its own.
     actor: String,
-    /// The client's address as the service sees it, of IPv6 its network of 64 bits; null for `system`.
+    /// The key that it was done with; null without one.
+    #[schema(format = "uuid", required)]
+    key_id: Option<String>,
+    /// The client's address as the service sees it, of IPv6 its network of 64 bits; `command line` for keys
+    /// that were made with the command; null for `system`.
     #[schema(required)]
     address: Option<String>,
     /// What was done.
@@ -90,9 +99,10 @@ pub(super) struct AuditQuery {
 }
 
 impl AuditQuery {
-    fn filter(&self) -> Result<AuditFilter, Problem> {
+    fn filter(&self, identity: &Identity) -> Result<AuditFilter, Problem> {
         Ok(AuditFilter {
             route_id: checked_route(self.route_id.as_deref())?,
+            among: identity.routes.clone(),
             action: self.action,
             since: checked_time("since", self.since.as_deref())?,
             until: checked_time("until", self.until.as_deref())?,
@@ -106,6 +116,7 @@ impl From<AuditRecord> for AuditBody {
             id: change.key,
             at: change.at,
             actor: change.actor.name().to_owned(),
+            key_id: change.actor.key().map(|key| key.to_string()),
             address: change.actor.address().map(str::to_owned),
             action: change.action,
             route_id: change.route_id.map(|route| route.to_string()),
@@ -118,21 +129,23 @@ impl From<AuditRecord> for AuditBody {
 
 /// List who changed what.
 ///
-/// Changes of routes, alerts and webhooks, removals and retries of batches, quarantines of vehicles, the
+/// Changes of routes, alerts, webhooks and keys, removals and retries of batches, quarantines of vehicles, the
 /// newest first, in parts: when, from which address, what was there before and after. Uploads are listed with their route. An
 /// entry is written together with its change and kept for good, also when the route is deleted. What
-/// changes nothing has none: a dry run, or the same settings put again.
+/// changes nothing has none: a dry run, or the same settings put again. A key that is limited to routes sees
+/// what was changed of these.
 #[utoipa::path(
     get, path = "/v1/audit", tag = "audit", params(AuditQuery, PageQuery),
     responses((status = 200, description = "A part of the audit", body = AuditPage), AnyProblems)
 )]
 pub(super) async fn list_audit(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<AuditQuery>,
 ) -> Result<Json<AuditPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    let filter = query.filter()?;
+    let filter = query.filter(&identity)?;
     let mut changes = state.store.audit_page(&filter, before, limit + 1).await?;
     let next_cursor = cut_page(&mut changes, limit, |change| change.key.to_string());
     Ok(Json(AuditPage {

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::access::Identity;
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -292,6 +293,7 @@ impl BatchBody {
 pub(super) async fn put_batch(
     State(state): State<ApiState>,
     client: ClientAddress,
+    identity: Identity,
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
     headers: HeaderMap,
@@ -300,6 +302,7 @@ pub(super) async fn put_batch(
     let (route, batch) = (route_id.clone(), id.clone());
     let decode = move |body: Vec<u8>, received_at| {
         let batch = batch_json::decode(&body, received_at)?;
+        identity.check_upload(&batch.vehicle_id)?;
         Ok(NewBatch {
             vehicle_id: batch.vehicle_id,
             trip_id: batch.trip_id,
@@ -400,10 +403,16 @@ async fn store_upload(
 )]
 pub(super) async fn get_batch(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
 ) -> Result<Json<BatchBody>, Problem> {
-    known_batch(&state, &route_id, &id).await
+    let batch = known_batch(&state, &route_id, &id).await?;
+    let is_foreign = |own: &VehicleId| own.as_str() != batch.vehicle_id;
+    match identity.own_vehicle().is_some_and(is_foreign) {
+        true => Err(Problem::not_found("batch")),
+        false => Ok(batch),
+    }
 }
 
 /// A batch as it is now.
@@ -424,7 +433,7 @@ pub(super) async fn known_batch(
 
 /// List a route's batches.
 ///
-/// In the order of arrival, in parts.
+/// In the order of arrival, in parts; of a key that uploads for one vehicle, those of this vehicle.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches", tag = "batches",
     params(RouteParam, BatchQuery, PageQuery),
@@ -432,18 +441,27 @@ pub(super) async fn known_batch(
 )]
 pub(super) async fn list_batches(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<BatchQuery>,
 ) -> Result<Json<BatchPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<BatchId> = key_of_cursor(query.cursor.as_deref())?;
     let vehicle_id = query.vehicle_id.map(VehicleId::new).transpose();
+    let vehicle_id =
+        vehicle_id.map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?;
+    state.known_route(&route_id).await?;
+    let own = identity.own_vehicle().cloned();
+    if own.is_some() && vehicle_id.is_some() && own != vehicle_id {
+        return Ok(Json(BatchPage {
+            items: Vec::new(),
+            next_cursor: None,
+        }));
+    }
     let filter = BatchFilter {
-        vehicle_id: vehicle_id
-            .map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?,
+        vehicle_id: own.or(vehicle_id),
         status: query.status,
     };
-    state.known_route(&route_id).await?;
     let batches = state
         .store
         .batches(&route_id, &filter, after.as_ref(), limit + 1);

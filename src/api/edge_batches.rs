@@ -8,6 +8,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 
 use super::ApiState;
+use super::access::Identity;
 use super::batches::{BatchBody, take_upload};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, NoQuery};
@@ -122,6 +123,7 @@ fn name(pattern: &str) -> Object {
 pub(super) async fn put_edge_batch(
     State(state): State<ApiState>,
     client: ClientAddress,
+    identity: Identity,
     ApiPath((route_id, id)): ApiPath<(RouteId, BatchId)>,
     _: NoQuery,
     headers: HeaderMap,
@@ -130,6 +132,7 @@ pub(super) async fn put_edge_batch(
     let (route, batch) = (route_id.clone(), id.clone());
     let decode = move |body: Vec<u8>, received_at| {
         let edges = edges_json::decode(&body, received_at)?;
+        identity.check_upload(&edges.vehicle_id)?;
         let own_trip = || TripId::new(id.as_str()).map_err(Problem::internal);
         Ok(NewBatch {
             vehicle_id: edges.vehicle_id,

@@ -9,9 +9,10 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind, EdgeStatus,
-    MapLayer, OperationStatus, ResidualMeasurement, ResidualVerdict, Stage, TextEnum, Tier,
-    WebhookEvent,
+    ChangeKind, Clearance, DecisionResult, DeliveryFailure, DeliveryStatus, Detector,
+    DismissReason, EdgeKind, EdgeStatus, MapLayer, OperationKind, OperationStatus, PassOutcome,
+    PassSide, ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage, TextEnum, Tier,
+    WebhookEvent, ZonePurpose,
 };
 
 /// The schema of one text of a list.
@@ -52,16 +53,24 @@ enum_schemas! {
     BatchStatus as "BatchStatusName": "Where a batch is on its way.";
     BeamVerdict as "BeamVerdictName": "What one scan says of a point of another.";
     ChangeKind as "AlertKindName": "What changed.";
+    Clearance as "AlertBlockingName": "How near a change is to the way that vehicles took before it: `blocking`, nearer than 0.4 m, half the width of a vehicle; `near`, within 1 m; `clear`, farther off.";
     DeliveryFailure as "DeliveryFailureName": "Why an attempt had no answer.";
     DeliveryStatus as "DeliveryStatusName": "How far a delivery has come.";
     Detector as "DetectorName": "Which rule decides that something changed.";
     EdgeKind as "EdgeKindName": "What made an edge.";
     EdgeStatus as "EdgeStatusName": "Whether an edge is optimised.";
+    DecisionResult as "DecisionResult": "What became of a decision: `done`; `already_done`, the alert had that status; `changed`, it is not as `if_match` says; `not_allowed` for its status or kind; `unknown`, there is no such alert; `failed`, the same may succeed later.";
+    OperationKind as "OperationKindName": "What an operation does: a `removal` takes uploads out of a route, `decisions` are about several alerts.";
     OperationStatus as "OperationStatusName": "How far an operation has come.";
     MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
+    PassOutcome as "PassOutcomeName": "What a pass saw at the place of a change: the `old_state`, the `new_state`, or neither (`could_not_see`: it was within reach, but the place was hidden, or its scans disagree).";
+    PassSide as "PassSideName": "Whether a pass was `before` the first observation of the new state, or `since`.";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
+    ShownSide as "ShownSideName": "Whose observations to show: those from `before` the change, those `since`, or `both`.";
+    Role as "RoleName": "What somebody may do: `vehicle` uploads and reads what became of it; `viewer` reads; `maintainer` also decides about alerts and keeps routes and vehicles; `admin` also makes keys and webhooks and deletes routes.";
     Stage as "RouteStage": "How far a route's reference map has come.";
     Tier as "AlertTierName": "How far an alert is to be believed.";
+    ZonePurpose as "ZonePurposeName": "What a zone does with the alerts in it: `mute`, they are recorded and shown, but not sent, and do not count among the open ones.";
     WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
 }

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use super::problem::Problem;
-use crate::ids::RouteId;
+use crate::ids::{RouteId, VehicleId};
 
 /// The `route_id` parameter.
 ///
@@ -12,6 +12,15 @@ use crate::ids::RouteId;
 pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Problem> {
     let route = name.map(RouteId::new).transpose();
     route.map_err(|error| Problem::parameter("route_id", error.to_string()))
+}
+
+/// The `vehicle_id` parameter.
+///
+/// # Errors
+/// 400 for what is no name.
+pub(super) fn checked_vehicle(name: Option<&str>) -> Result<Option<VehicleId>, Problem> {
+    let vehicle = name.map(VehicleId::new).transpose();
+    vehicle.map_err(|error| Problem::parameter("vehicle_id", error.to_string()))
 }
 
 /// A parameter that is a time.

@@ -1,4 +1,4 @@
-//! What `If-Match` says (RFC 9110, section 13.1.1).
+//! What `If-Match` and `If-None-Match` say (RFC 9110, section 13.1).
 
 use axum::http::{HeaderMap, header};
 
@@ -6,6 +6,12 @@ use axum::http::{HeaderMap, header};
 pub(super) fn if_match(headers: &HeaderMap, tag: &str) -> Option<bool> {
     let wanted = headers.get(header::IF_MATCH)?;
     Some(is_among(wanted.to_str().unwrap_or_default(), tag))
+}
+
+/// Whether `If-None-Match` says that what has this ETag is known already.
+pub(super) fn is_known(headers: &HeaderMap, tag: &str) -> bool {
+    let known = headers.get(header::IF_NONE_MATCH);
+    known.is_some_and(|known| is_among(known.to_str().unwrap_or_default(), tag))
 }
 
 /// Whether a list of ETags has this one, or is `*`.

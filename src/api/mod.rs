@@ -4,7 +4,7 @@
 //! lead ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving
 //! and workers.
 
-mod actor;
+mod access;
 mod alerts;
 mod audit;
 mod batches;
@@ -18,6 +18,7 @@ mod extract;
 mod filters;
 mod graph;
 mod if_match;
+mod keys;
 mod layers;
 mod limits;
 mod maps;
@@ -25,6 +26,7 @@ mod nodes;
 mod note;
 mod offload;
 mod openapi;
+mod operation;
 mod operations;
 mod paging;
 mod parameters;
@@ -35,9 +37,11 @@ mod quota;
 mod raw_answer;
 mod reading;
 mod removals;
+mod report;
 mod residuals;
 mod retries;
 mod routes;
+mod session;
 mod shares;
 mod state;
 mod subgraphs;
@@ -49,6 +53,9 @@ mod version_maps;
 mod versions;
 mod webhooks;
 mod words;
+mod zones;
+
+use std::sync::Arc;
 
 use axum::Router;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -57,14 +64,19 @@ use utoipa::OpenApi as _;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+pub use access::{
+    AccessOptions, GroupRole, InvalidGroupRole, InvalidNetwork, InvalidUrl, Network, PublicUrl,
+    TrustedProxies,
+};
 pub use alerts::alert_text;
-pub use client_address::ClientAddress;
+pub use client_address::{ClientAddress, PeerAddress};
 pub use limits::{Limits, Pace, Reads};
 pub use quota::Quota;
 pub use raw_answer::raw_answer;
 pub use reading::Held;
-pub use state::ApiState;
+pub use state::{ApiSettings, ApiState};
 
+use access::Rules;
 use reading::Weight;
 
 /// Operations that read a few rows, or write.
@@ -83,7 +95,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(removals::post_removal))
         .routes(routes!(quarantines::quarantine_vehicle))
         .routes(routes!(quarantines::release_vehicle))
-        .routes(routes!(removals::get_operation))
+        .routes(routes!(operation::get_operation))
         .routes(routes!(nodes::list_nodes))
         .routes(routes!(nodes::get_node))
         .routes(routes!(nodes::get_node_scan))
@@ -93,12 +105,24 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))
+        .routes(routes!(alerts::list_alert_passes))
         .routes(routes!(alerts::acknowledge_alert))
         .routes(routes!(alerts::accept_alert))
         .routes(routes!(alerts::dismiss_alert))
         .routes(routes!(alerts::reopen_alert))
         .routes(routes!(alerts::undo_alert))
         .routes(routes!(alerts::decide_alerts))
+        .routes(routes!(alerts::assign_alert))
+        .routes(routes!(
+            alerts::list_alert_comments,
+            alerts::comment_on_alert
+        ))
+        .routes(routes!(zones::list_zones, zones::create_zone))
+        .routes(routes!(
+            zones::get_zone,
+            zones::put_zone,
+            zones::delete_zone
+        ))
         .routes(routes!(webhooks::list_webhooks, webhooks::register_webhook))
         .routes(routes!(
             webhooks::get_webhook,
@@ -108,6 +132,13 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(webhooks::test_webhook))
         .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(audit::list_audit))
+        .routes(routes!(
+            session::get_session,
+            session::sign_in,
+            session::sign_out
+        ))
+        .routes(routes!(keys::list_keys, keys::create_key))
+        .routes(routes!(keys::get_key, keys::revoke_key))
 }
 
 /// Operations that draw, or compute from much that is stored.
@@ -123,8 +154,12 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))
+        .routes(routes!(alerts::preview_alert))
+        .routes(routes!(report::get_report))
         .routes(routes!(alerts::get_evidence))
         .routes(routes!(alerts::get_evidence_svg))
+        .routes(routes!(alerts::get_observations))
+        .routes(routes!(alerts::get_observations_svg))
 }
 
 /// Operations whose answer is as long as a route is old.
@@ -134,6 +169,7 @@ fn export_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(graph::get_graph_g2o))
         .routes(routes!(trajectories::get_trajectory))
         .routes(routes!(trajectories::get_trajectory_tum))
+        .routes(routes!(audit::export_audit))
 }
 
 /// Operations that wait for no other: health, and streams, which are counted on their own.
@@ -168,15 +204,19 @@ pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
 /// # Errors
 /// If the OpenAPI document, or the words of the page, do not serialise.
 pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
-    let document = serde_json::to_vec(&openapi_document()?)?;
+    let document = openapi_document()?;
+    let rules = Arc::new(Rules::of(&document));
+    let document = serde_json::to_vec(&document)?;
     let limited = |router: OpenApiRouter<ApiState>, weight| {
         router.route_layer(from_fn_with_state((state.clone(), weight), reading::limit))
     };
     let (router, _) = operations(limited).split_for_parts();
     Ok(router
+        .route_layer(from_fn_with_state((state.clone(), rules), access::admit))
         .merge(documents::router(document.into(), words::script()?.into()))
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn_with_state(state.clone(), access::check_origin))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
         .layer(from_fn(layers::limit_uri))

@@ -5,6 +5,7 @@
 use serde_json::Value;
 use utoipa::OpenApi;
 
+use super::access::add_security;
 use super::problem::{FieldError, ProblemBody};
 use super::webhooks::add_calls;
 
@@ -26,19 +27,21 @@ use super::webhooks::add_calls;
         (name = "webhooks", description = "Who is told of alerts by a POST: signed as Standard Webhooks has it, with the bytes whose base64 follows `whsec_` in the secret as key"),
         (name = "map", description = "Pictures and versions of the map"),
         (name = "audit", description = "Who changed what, when, and from where"),
+        (name = "access", description = "Keys, and sessions of people who have signed in with one"),
         (name = "operations", description = "For those who run the service")
     ),
     components(schemas(ProblemBody, FieldError))
 )]
 pub(super) struct Document;
 
-/// The document with what no handler declares: the calls that webhooks make.
+/// The document with what no handler declares: the calls that webhooks make, and who may use what.
 ///
 /// # Errors
 /// If the document does not serialise.
 pub(super) fn complete(document: &utoipa::openapi::OpenApi) -> Result<Value, serde_json::Error> {
     let mut document = serde_json::to_value(document)?;
     add_calls(&mut document);
+    add_security(&mut document);
     Ok(document)
 }
 

@@ -77,10 +77,34 @@ pub(super) struct AlertParam {
 
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
+pub(super) struct KeyParam {
+    /// Id of the key
+    #[param(format = "uuid")]
+    key: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
 pub(super) struct WebhookParam {
     /// Id of the webhook
     #[param(format = "uuid")]
     webhook: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+pub(super) struct ZoneParam {
+    /// Id of the zone
+    #[param(format = "uuid")]
+    zone: String,
+}
+
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct IfZoneMatches {
+    /// Change nothing unless the zone has this ETag
+    #[param(rename = "If-Match", nullable = false)]
+    if_match: Option<String>,
 }
 
 #[derive(IntoParams)]

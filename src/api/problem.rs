@@ -49,16 +49,21 @@ problem_kinds! {
     BadEncoding = BAD_REQUEST, "bad-encoding", "The body does not decompress";
     DigestMismatch = BAD_REQUEST, "digest-mismatch", "The body is not what its digest says";
     BadRequest = BAD_REQUEST, "bad-request", "The request is not usable";
+    Unauthenticated = UNAUTHORIZED, "unauthenticated", "The request does not say who sends it";
+    Forbidden = FORBIDDEN, "forbidden", "Whoever sends this may not do it";
+    ForeignOrigin = FORBIDDEN, "foreign-origin", "Another page asks for this";
     UnknownRoute = NOT_FOUND, "unknown-route", "There is no such route";
     NotFound = NOT_FOUND, "not-found", "There is nothing here";
     MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
     BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
+    FirstKey = CONFLICT, "first-key", "The first key is an administrator's";
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
     TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
     RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
     NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
     TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
+    TooManyZones = CONFLICT, "too-many-zones", "The route has as many zones as it can have";
     WebhookDisabled = CONFLICT, "webhook-disabled", "The webhook is not active";
     PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
     PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
@@ -71,6 +76,8 @@ problem_kinds! {
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
     WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
+    ForeignHost = MISDIRECTED_REQUEST, "foreign-host", "The request is meant for another host";
+    TooManySignIns = TOO_MANY_REQUESTS, "too-many-sign-ins", "This address has failed to sign in too often";
     TooManyRequests = TOO_MANY_REQUESTS, "too-many-requests", "This address has its share under way";
     HeadersTooLarge = REQUEST_HEADER_FIELDS_TOO_LARGE, "headers-too-large", "The request's headers are too large";
     Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
@@ -227,6 +234,11 @@ impl Problem {
     /// The kind.
     pub fn kind(&self) -> ProblemKind {
         self.kind
+    }
+
+    /// What happened this time.
+    pub(super) fn detail(&self) -> &str {
+        &self.detail
     }
 
     /// What only the log may see.

@@ -14,6 +14,10 @@ use super::problem::{ProblemKind, ProblemKind as K};
 const ANY: &[ProblemKind] = &[
     K::InvalidParameter,
     K::BadRequest,
+    K::Unauthenticated,
+    K::Forbidden,
+    K::ForeignOrigin,
+    K::ForeignHost,
     K::UriTooLong,
     K::TooManyRequests,
     K::HeadersTooLarge,
@@ -46,6 +50,7 @@ const RETRY_AFTER: (&str, &str) = (
     "Retry-After",
     "Seconds to wait before the same request is sent again",
 );
+const WWW_AUTHENTICATE: (&str, &str) = ("WWW-Authenticate", "`Bearer`");
 const RATE_LIMIT_POLICY: (&str, &str) = (
     "RateLimit-Policy",
     "What one client address may have under way, as draft-ietf-httpapi-ratelimit-headers-10 writes it: `\"uploads\";q=32;qu=\"concurrent-requests\"`",
@@ -119,8 +124,35 @@ problem_responses! {
         K::TransitionNotAllowed,
     ], with BODY;
 
+    /// Of previewing an acceptance.
+    PreviewProblems = [K::InvalidField, K::NotFound, K::TransitionNotAllowed];
+    /// Of assigning an alert, or commenting on it.
+    HandlingProblems = [K::NotFound], with BODY;
+    /// Of making a zone.
+    ZoneCreationProblems = [K::UnknownRoute, K::TooManyZones], with BODY;
+    /// Of replacing a zone.
+    ZonePutProblems = [K::UnknownRoute, K::NotFound, K::PreconditionFailed], with BODY;
+    /// Of deleting a zone.
+    ZoneDeletionProblems = [
+        K::InvalidField,
+        K::UnknownRoute,
+        K::NotFound,
+        K::PreconditionFailed,
+        K::DiskFull,
+    ];
     /// Of deciding about several alerts.
     DecisionsProblems = [], with BODY;
+
+    /// Of reading a key.
+    KeyProblems = [K::InvalidField, K::NotFound];
+    /// Of making a key.
+    KeyCreationProblems = [K::FirstKey], with BODY;
+    /// Of revoking a key.
+    KeyRevocationProblems = [K::InvalidField, K::NotFound, K::DiskFull];
+    /// Of beginning a session.
+    SignInProblems = [K::TooManySignIns], with BODY;
+    /// Of ending a session.
+    SignOutProblems = [K::DiskFull];
 
     /// Of reading a webhook, or what belongs to it.
     WebhookProblems = [K::InvalidField, K::NotFound];
@@ -155,6 +187,7 @@ fn response(status: u16, kinds: &[ProblemKind]) -> Response {
         .description(description.join(". "))
         .content("application/problem+json", problem.build());
     let headers: &[(&str, &str)] = match status {
+        401 => &[WWW_AUTHENTICATE],
         503 | 507 => &[RETRY_AFTER],
         429 => &[RETRY_AFTER, RATE_LIMIT_POLICY, RATE_LIMIT],
         _ => &[],

@@ -1,24 +1,24 @@
-//! Taking uploads out of a route, and how far that has come.
+//! Taking uploads out of a route.
 
-use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
 use super::note::checked_note;
-use super::parameters::{OperationParam, RouteParam};
+use super::operation::{OperationBody, taken_on};
+use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
-use super::problem_responses::{OperationProblems, RemovalProblems};
+use super::problem_responses::RemovalProblems;
 use super::upload::small_json;
-use crate::ids::{BatchId, OperationId, RouteId, TripId, VehicleId};
-use crate::model::{Actor, OperationStatus};
-use crate::store::{Meant, OperationRecord, RemovalRequest, RemovalResult};
+use crate::ids::{BatchId, RouteId, TripId, VehicleId};
+use crate::model::Actor;
+use crate::store::{Meant, OperationRequest, RemovalRequest};
 
 const NAMES_MAX: usize = 1_000;
 
@@ -46,82 +46,6 @@ pub(super) struct RemovalPost {
     /// Why, for people: stands as the `reason` of the batches.
     #[schema(max_length = 2000)]
     note: Option<String>,
-}
-
-/// Long work that somebody asked for.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Operation)]
-pub(super) struct OperationBody {
-    /// By which it is asked for.
-    id: String,
-    /// The route that it changes.
-    route_id: String,
-    /// How far it has come.
-    status: OperationStatus,
-    /// From 0 to 1.
-    #[schema(minimum = 0, maximum = 1)]
-    progress: f64,
-    /// Whether it only says what it would do.
-    dry_run: bool,
-    /// What was removed, or would be; null until it has succeeded.
-    #[schema(required)]
-    result: Option<RemovalResultBody>,
-    /// Why it failed; null unless it did.
-    #[schema(required)]
-    reason: Option<String>,
-    /// When it was asked for.
-    #[schema(value_type = String, format = DateTime)]
-    created_at: Timestamp,
-    /// When it ended.
-    #[schema(value_type = Option<String>, format = DateTime, required)]
-    ended_at: Option<Timestamp>,
-}
-
-/// What was removed, or would be.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = RemovalResult)]
-struct RemovalResultBody {
-    /// Uploads.
-    batches: u64,
-    /// Nodes.
-    nodes: u64,
-    /// Edges, those of others that ended at the nodes among them.
-    edges: u64,
-    /// Alerts that change by it: raised, resolved, or resting on less.
-    alerts: u64,
-    /// How far the rest of the map moves, at most, metres.
-    moved_m: f64,
-}
-
-impl From<RemovalResult> for RemovalResultBody {
-    fn from(result: RemovalResult) -> Self {
-        Self {
-            batches: result.batches,
-            nodes: result.nodes,
-            edges: result.edges,
-            alerts: result.alerts,
-            moved_m: result.moved_m,
-        }
-    }
-}
-
-impl From<OperationRecord> for OperationBody {
-    fn from(operation: OperationRecord) -> Self {
-        Self {
-            id: operation.id.to_string(),
-            route_id: operation.route_id.to_string(),
-            status: operation.status,
-            progress: match operation.status {
-                OperationStatus::Queued => 0.0,
-                OperationStatus::Succeeded | OperationStatus::Failed => 1.0,
-            },
-            dry_run: operation.request.dry_run,
-            result: operation.result.map(Into::into),
-            reason: operation.reason,
-            created_at: operation.asked_at,
-            ended_at: operation.ended_at,
-        }
-    }
 }
 
 impl RemovalPost {
@@ -190,34 +114,7 @@ pub(super) async fn post_removal(
     body: Body,
 ) -> Result<Response, Problem> {
     let post: RemovalPost = small_json(&state, &headers, body).await?;
-    let id = state.removals.ask_for(&route, post.check()?, &by).await?;
-    let operation = known_operation(&state, id).await?;
-    let location = format!("/v1/operations/{id}");
-    let body = Json(OperationBody::from(operation));
-    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], body).into_response())
-}
-
-/// Read an operation.
-///
-/// How far long work has come, and what came of it.
-#[utoipa::path(
-    get, path = "/v1/operations/{operation}", tag = "batches",
-    params(OperationParam),
-    responses((status = 200, description = "The operation", body = OperationBody), OperationProblems)
-)]
-pub(super) async fn get_operation(
-    State(state): State<ApiState>,
-    ApiPath(id): ApiPath<OperationId>,
-    _: NoQuery,
-) -> Result<Json<OperationBody>, Problem> {
-    let operation = known_operation(&state, id).await?;
-    Ok(Json(operation.into()))
-}
-
-async fn known_operation(state: &ApiState, id: OperationId) -> Result<OperationRecord, Problem> {
-    let operation = state.store.operation(id).await?;
-    operation.ok_or_else(|| {
-        let detail = "there is no such operation, or its route was deleted";
-        Problem::new(ProblemKind::NotFound, detail)
-    })
+    let request = OperationRequest::Removal(post.check()?);
+    let id = state.operations.ask_for(Some(&route), request, &by).await?;
+    taken_on(&state, id).await
 }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -353,18 +354,23 @@ pub(super) async fn get_route(
 
 /// List routes.
 ///
-/// All routes by id, in parts.
+/// All routes by id, in parts; of a key that is limited to some, those.
 #[utoipa::path(
     get, path = "/v1/routes", tag = "routes", params(PageQuery),
     responses((status = 200, description = "A part of the list", body = RoutePage), AnyProblems)
 )]
 pub(super) async fn list_routes(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Json<RoutePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<RouteId> = key_of_cursor(query.cursor.as_deref())?;
-    let mut routes = state.store.routes(after.as_ref(), limit + 1).await?;
+    let (store, after) = (&state.store, after.as_ref());
+    let mut routes = match &identity.routes {
+        None => store.routes(after, limit + 1).await?,
+        Some(own) => store.routes_among(own, after, limit + 1).await?,
+    };
     let next_cursor = cut_page(&mut routes, limit, |route| route.id.to_string());
     Ok(Json(RoutePage {
         items: routes.into_iter().map(RouteBody::from).collect(),

@@ -1,5 +1,6 @@
 //! What all handlers share.
 
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use metrics_exporter_prometheus::PrometheusHandle;
@@ -7,13 +8,14 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::Limits;
+use super::access::{AccessOptions, Hosts, SignIns, TrustedProxies};
 use super::maps::MapCache;
 use super::offload::Offload;
 use super::problem::Problem;
 use super::reading::Gate;
 use super::shares::Shares;
 use crate::ids::RouteId;
-use crate::pipeline::{Decisions, Removals};
+use crate::pipeline::{Decisions, Operations};
 use crate::store::{RouteRecord, Store};
 use crate::webhooks::ReceiverPolicy;
 
@@ -33,10 +35,16 @@ pub struct Shared {
     pub metrics: PrometheusHandle,
     /// Who carries decisions about alerts out.
     pub decisions: Decisions,
-    /// Who takes uploads out of maps.
-    pub removals: Removals,
+    /// Who carries long work out.
+    pub operations: Operations,
     /// Where webhooks may lead.
     pub receivers: ReceiverPolicy,
+    /// The names of the service.
+    pub(super) hosts: Hosts,
+    /// Whose statements of who somebody is are believed.
+    pub(super) proxies: TrustedProxies,
+    /// Failed sign-ins.
+    pub(super) sign_ins: SignIns,
     /// Uploads that may be under way.
     pub(super) upload_slots: Shares,
     /// Bytes of uploads as they are sent.
@@ -59,17 +67,34 @@ pub struct Shared {
     pub(super) maps: MapCache,
 }
 
+/// How the interface is set up.
+pub struct ApiSettings {
+    /// How much is taken on.
+    pub limits: Limits,
+    /// Where webhooks may lead.
+    pub receivers: ReceiverPolicy,
+    /// Where the service listens.
+    pub listen: IpAddr,
+    /// Under which names it is reached, and who is believed.
+    pub access: AccessOptions,
+}
+
 impl ApiState {
     /// The state of a service.
     pub fn new(
         store: Store,
-        limits: Limits,
+        settings: ApiSettings,
         draining: CancellationToken,
         metrics: PrometheusHandle,
         decisions: Decisions,
-        removals: Removals,
-        receivers: ReceiverPolicy,
+        operations: Operations,
     ) -> Self {
+        let ApiSettings {
+            limits,
+            receivers,
+            listen,
+            access,
+        } = settings;
         let requests = |name, whole| Shares::of_requests(name, whole, limits.share(whole));
         let wire_bytes = limits.wire_bytes_total;
         // The largest upload fits into every share.
@@ -90,9 +115,17 @@ impl ApiState {
             draining,
             metrics,
             decisions,
-            removals,
+            operations,
             receivers,
+            hosts: Hosts::new(listen, access.public_url),
+            proxies: access.proxies,
+            sign_ins: SignIns::default(),
         }))
+    }
+
+    /// Whether everybody may do everything: no key was ever made, and no proxy is trusted.
+    pub(super) fn is_open(&self) -> bool {
+        !self.store.has_keys() && self.proxies.networks.is_empty()
     }
 
     /// The route, or the problem that there is none.

@@ -15,6 +15,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -44,18 +45,22 @@ pub(super) struct WebhookPage {
 
 /// List webhooks.
 ///
-/// All of them, the oldest first, in parts.
+/// All of them, the oldest first, in parts; of a key that is limited to routes, those of these alone.
 #[utoipa::path(
     get, path = "/v1/webhooks", tag = "webhooks", params(PageQuery),
     responses((status = 200, description = "A part of the list", body = WebhookPage), AnyProblems)
 )]
 pub(super) async fn list_webhooks(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Json<WebhookPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<WebhookId> = key_of_cursor(query.cursor.as_deref())?;
-    let mut webhooks = state.store.webhooks(after, limit + 1).await?;
+    let mut webhooks = match &identity.routes {
+        None => state.store.webhooks(after, limit + 1).await?,
+        Some(own) => state.store.webhooks_among(own, after, limit + 1).await?,
+    };
     let next_cursor = cut_page(&mut webhooks, limit, |webhook| webhook.id.to_string());
     Ok(Json(WebhookPage {
         items: webhooks.into_iter().map(WebhookBody::from).collect(),
@@ -104,11 +109,14 @@ pub(super) async fn delete_webhook(
     Ok(StatusCode::NO_CONTENT)
 }
 
-async fn known_webhook(state: &ApiState, id: WebhookId) -> Result<WebhookRecord, Problem> {
+pub(super) async fn known_webhook(
+    state: &ApiState,
+    id: WebhookId,
+) -> Result<WebhookRecord, Problem> {
     state.store.webhook(id).await?.ok_or_else(unknown_webhook)
 }
 
-fn unknown_webhook() -> Problem {
+pub(super) fn unknown_webhook() -> Problem {
     let detail = "there is no such webhook: GET /v1/webhooks lists them";
     Problem::new(ProblemKind::NotFound, detail)
 }

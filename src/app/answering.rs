@@ -1,6 +1,7 @@
 //! The router as one connection's service: says whose request it is, and what the connection is doing.
 
 use std::convert::Infallible;
+use std::net::IpAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -14,12 +15,12 @@ use hyper::{Request, Response};
 use hyper_util::service::TowerToHyperService;
 
 use super::activity::Activity;
-use crate::api::{ClientAddress, Held};
+use crate::api::{ClientAddress, Held, PeerAddress};
 
 /// Answers the requests of one connection.
 pub(super) struct Answering {
     pub router: TowerToHyperService<Router>,
-    pub client: ClientAddress,
+    pub peer: IpAddr,
     pub activity: Arc<Activity>,
 }
 
@@ -30,7 +31,9 @@ impl Service<Request<Incoming>> for Answering {
 
     fn call(&self, mut request: Request<Incoming>) -> Self::Future {
         self.activity.begin();
-        request.extensions_mut().insert(self.client);
+        let extensions = request.extensions_mut();
+        extensions.insert(PeerAddress(self.peer.to_canonical()));
+        extensions.insert(ClientAddress::from(self.peer));
         let answer = self.router.call(request);
         let activity = self.activity.clone();
         Box::pin(async move {

@@ -1,6 +1,6 @@
 //! The listener: bounded connections with time limits, and their orderly end.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use super::answering::Answering;
 use super::places::{NoPlace, Place, Places};
 use super::socket::{End, Socket};
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::{ClientAddress, Limits, Quota, raw_answer};
+use crate::api::{Limits, Quota, raw_answer};
 
 /// Pause after the system refuses a connection, e.g. for want of file descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
@@ -79,11 +79,11 @@ impl Connections {
             tokio::select! {
                 () = self.draining.cancelled(), if !drained => {}
                 accepted = accept(&listener) => {
-                    let Some((stream, client)) = accepted else { continue };
+                    let Some((stream, peer)) = accepted else { continue };
                     let end = if drained { never.clone() } else { self.draining.clone() };
                     let set = if drained { &mut late } else { &mut early };
-                    match self.places.take(client) {
-                        Ok(place) => { set.spawn(self.serve_one(stream, client, place, end)); }
+                    match self.places.take(peer.into()) {
+                        Ok(place) => { set.spawn(self.serve_one(stream, peer, place, end)); }
                         Err(why) if refused.len() < REFUSALS_AT_ONCE => {
                             refused.spawn(end_with(stream, self.no_place(why)));
                         }
@@ -129,13 +129,13 @@ impl Connections {
     fn serve_one(
         &self,
         stream: TcpStream,
-        client: ClientAddress,
+        peer: IpAddr,
         place: Place,
         end: CancellationToken,
     ) -> impl Future<Output = ()> + 'static {
         let service = Answering {
             router: self.router.clone(),
-            client,
+            peer,
             activity: place.activity.clone(),
         };
         let mut http = http1::Builder::new();
@@ -185,9 +185,9 @@ impl Connections {
     }
 }
 
-async fn accept(listener: &TcpListener) -> Option<(TcpStream, ClientAddress)> {
+async fn accept(listener: &TcpListener) -> Option<(TcpStream, IpAddr)> {
     match listener.accept().await {
-        Ok((stream, peer)) => Some((stream, peer.ip().into())),
+        Ok((stream, peer)) => Some((stream, peer.ip())),
         Err(error) => {
             tracing::warn!(%error, "a connection was not accepted");
             tokio::time::sleep(ACCEPT_PAUSE).await;

@@ -1,5 +1,6 @@
 //! What all looks at a place say together.
 
+use super::layers::Layer;
 use super::region::region_round;
 use super::suspect_evidence::{SilencedChange, SuspectEvidence};
 use super::{ChangeKind, Tier};
@@ -63,6 +64,14 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// Whether observations of a layer show it.
+    pub fn is_of(&self, layer: Layer) -> bool {
+        match layer {
+            Some(band) => self.bands.contains(&band),
+            None => self.bands.is_empty(),
+        }
+    }
+
     /// Whether one layer shows both it and another finding: the same band, or none.
     pub(super) fn shares_a_band(&self, other: &Self) -> bool {
         let is_shared = |band| other.bands.contains(band);

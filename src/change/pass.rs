@@ -33,18 +33,22 @@ pub fn passes(standpoints: &[Standpoint]) -> Vec<Range<usize>> {
     let mut passes = Vec::new();
     let mut first = 0;
     for k in 1..=standpoints.len() {
-        let goes_on = standpoints.get(k).is_some_and(|next| {
-            let last = &standpoints[k - 1];
-            next.trip == last.trip
-                && seconds_between(last, next) <= GAP_S
+        let is_same = standpoints.get(k).is_some_and(|next| {
+            goes_on(&standpoints[k - 1], next)
                 && seconds_between(&standpoints[first], next) <= LENGTH_S
         });
-        if !goes_on {
+        if !is_same {
             passes.push(first..k);
             first = k;
         }
     }
     passes
+}
+
+/// Whether a trip stayed within reach from one standpoint to the next, so that only the length of its
+/// pass may part them.
+pub fn goes_on(last: &Standpoint, next: &Standpoint) -> bool {
+    next.trip == last.trip && seconds_between(last, next) <= GAP_S
 }
 
 /// How much each observation of a pass weighs, in (0, 1]: a robot that stands sees the same again.

@@ -79,18 +79,18 @@ mod tests {
     fn a_newer_acceptance_counts_more() {
         let finding = finding(ChangeKind::Appeared, [2.0, 1.0], 0.2, 100);
         let pending = PendingChange::of(AlertStatus::Open, &finding).unwrap();
-        let accepted = |since| AcceptedChange {
+        let accepted = |after_ns| AcceptedChange {
             alert_id: AlertId(uuid::Uuid::nil()),
             region: pending.region.clone(),
-            since: StampNs(since),
+            since: StampNs(finding.since.0 + after_ns),
             map_version: 2,
             nodes: Vec::new(),
             first_edge_id: crate::ids::EdgeId(1),
         };
         let middle = Vector2::new(2.0, 1.0);
         assert!(pending.covers(&middle, &[]));
-        assert!(pending.covers(&middle, &[accepted(99)]));
-        assert!(!pending.covers(&middle, &[accepted(100)]));
+        assert!(pending.covers(&middle, &[accepted(-1)]));
+        assert!(!pending.covers(&middle, &[accepted(0)]));
         assert!(!pending.covers(&Vector2::new(4.0, 1.0), &[]));
     }
 }

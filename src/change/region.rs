@@ -1,6 +1,6 @@
 //! The outline of a set of points.
 
-use crate::geometry::Vector2;
+use crate::geometry::{Vector2, convex_hull};
 
 /// Corners of the octagon that is put round each point.
 const CORNERS: usize = 8;
@@ -17,35 +17,6 @@ pub fn region_round(points: &[Vector2<f64>], margin_m: f64) -> Vec<Vector2<f64>>
         .into_iter()
         .flat_map(|point| corners.iter().map(move |corner| point + corner));
     convex_hull(widened.collect())
-}
-
-/// Andrew's monotone chain.
-fn convex_hull(mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    points.dedup();
-    if points.len() < 3 {
-        return points;
-    }
-    let mut hull = half_hull(points.iter());
-    hull.pop();
-    let mut upper = half_hull(points.iter().rev());
-    upper.pop();
-    hull.extend(upper);
-    hull
-}
-
-fn half_hull<'a>(points: impl Iterator<Item = &'a Vector2<f64>>) -> Vec<Vector2<f64>> {
-    let mut hull: Vec<Vector2<f64>> = Vec::new();
-    for point in points {
-        while let [.., before, last] = hull[..] {
-            if (last - before).perp(&(point - last)) > 0.0 {
-                break;
-            }
-            hull.pop();
-        }
-        hull.push(*point);
-    }
-    hull
 }
 
 /// The centre of a simple polygon's area; the mean of its corners where it has none.

@@ -8,6 +8,7 @@
 mod answers;
 mod cells;
 mod cluster;
+mod pass_outcomes;
 mod pooled;
 mod shift;
 mod state_changes;
@@ -15,6 +16,7 @@ mod surroundings;
 mod timeline;
 mod void;
 
+pub use self::pass_outcomes::{PassSeen, Presence, pass_outcomes};
 pub use self::pooled::support_min;
 pub use self::state_changes::state_changes;
 use super::pass::Standpoint;
@@ -52,7 +54,8 @@ impl Observed {
         self.agreement = fit.agreement;
     }
 
-    fn standpoint(&self) -> Standpoint {
+    /// When, by which trip and from where.
+    pub fn standpoint(&self) -> Standpoint {
         Standpoint {
             trip: self.trip,
             stamp: self.stamp,

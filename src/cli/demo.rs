@@ -86,10 +86,13 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
         log_format: LogFormat::Text,
         log: String::new(),
         insecure_open_to_network: false,
+        public_url: None,
+        trusted_proxies: Vec::new(),
+        proxy_roles: Vec::new(),
         // Whoever tries webhooks out has a receiver on the same machine.
         webhooks_to_private_networks: true,
     };
-    app::start(settings.app_config()?)
+    app::start(settings.app_config())
         .await
         .with_context(|| format!("if {listen} is taken, choose another with --listen 127.0.0.1:0"))
 }
@@ -98,7 +101,7 @@ async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<(
     let plan = plan_of(args.laps).plan()?;
     say(&describe(&plan));
     let fleet = Fleet::new(&plan, Timestamp::now())?;
-    let gateway = Gateway::new(url, say)?;
+    let gateway = Gateway::new(url, None, say)?;
     gateway
         .ensure_route(route, Some("Demonstration hall"))
         .await?;

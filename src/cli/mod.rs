@@ -10,6 +10,8 @@ mod faults;
 mod fleet;
 mod fsck;
 mod graph_file;
+mod key_arg;
+mod keys;
 mod openapi;
 mod optimise;
 mod plan;
@@ -62,6 +64,8 @@ enum Command {
     Fsck(fsck::Args),
     /// Make maps anew from the journal of what shaped them, and compare them with those that are there.
     Replay(replay::Args),
+    /// Make, list and revoke keys: who may send requests.
+    Keys(keys::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
@@ -81,6 +85,7 @@ pub fn run() -> ExitCode {
         Command::Faults(args) => faults::run(&args),
         Command::Fsck(args) => return exit(fsck::run(&args)),
         Command::Replay(args) => return exit(replay::run(&args)),
+        Command::Keys(args) => keys::run(&args),
         Command::Openapi(args) => openapi::run(args),
     };
     exit(outcome.map(|()| ExitCode::SUCCESS))

@@ -21,7 +21,7 @@ pub struct Args {
 /// # Errors
 /// If the settings are refused, or the service cannot start or stop in order.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let config = args.service.app_config()?;
+    let config = args.service.app_config();
     telemetry::init_log(&args.service.log, args.service.log_format)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()

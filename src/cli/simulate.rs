@@ -6,6 +6,7 @@ use anyhow::Context;
 use jiff::Timestamp;
 
 use super::fleet::Fleet;
+use super::key_arg::KeyArg;
 use super::plan::{FAULT_DEG, Plan, PlanArgs};
 use super::progress::say;
 use crate::client::Gateway;
@@ -19,6 +20,8 @@ pub struct Args {
     /// The service.
     #[arg(long, default_value = "http://127.0.0.1:8080")]
     url: String,
+    #[command(flatten)]
+    key: KeyArg,
     /// The route that is driven; made if it is not there.
     #[arg(long, default_value = "simulated")]
     route: RouteId,
@@ -41,7 +44,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 async fn simulate(args: &Args) -> anyhow::Result<()> {
     let plan = args.plan.plan()?;
     say(&describe(&plan));
-    let gateway = Gateway::new(&args.url, say)?;
+    let gateway = Gateway::new(&args.url, args.key.key.as_deref(), say)?;
     gateway.ensure_route(&args.route, None).await?;
     let fleet = Fleet::new(&plan, Timestamp::now())?;
     fleet.drive(&gateway, &args.route, Duration::ZERO).await?;

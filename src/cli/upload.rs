@@ -13,7 +13,7 @@ use anyhow::{Context, bail};
 use super::graph_file::{is_graph, read_graph};
 use super::progress::{Progress, say};
 use super::recording;
-use crate::client::{Gateway, GatewayError, Outcome};
+use crate::client::{Gateway, GatewayError, Outcome, RouteReport};
 use crate::client::{ScanToSend, Trip};
 use crate::graph::PoseGraph;
 use crate::ingest::CarmenLog;
@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 async fn upload_all(args: &Args) -> anyhow::Result<()> {
-    let gateway = Gateway::new(&args.url, say)?;
+    let gateway = Gateway::new(&args.url, args.key.key.as_deref(), say)?;
     if gateway.ensure_route(&args.route, None).await? {
         say(&format!("route {} was made", args.route));
     }
@@ -148,16 +148,42 @@ async fn upload_log(
     Ok(())
 }
 
+/// How the route stands; `None` for whoever may only upload to it.
+async fn readable_route(
+    gateway: &Gateway,
+    args: &Args,
+) -> Result<Option<RouteReport>, GatewayError> {
+    match gateway.route(&args.route).await {
+        Ok(route) => Ok(Some(route)),
+        Err(GatewayError::Refused { problem, .. }) if problem.status == 403 => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// How many of the batches that were uploaded are still under way.
+async fn own_pending(gateway: &Gateway, args: &Args, tally: &Tally) -> Result<i64, GatewayError> {
+    let mut pending = 0;
+    for id in &tally.batches {
+        let batch = gateway.batch(&args.route, id).await?;
+        pending += i64::from(batch.is_under_way());
+    }
+    Ok(pending)
+}
+
 async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> anyhow::Result<()> {
     let mut pending_before = None;
     let route = loop {
-        let route = gateway.route(&args.route).await?;
-        if route.pending_batches == 0 {
+        let route = readable_route(gateway, args).await?;
+        let pending = match &route {
+            Some(route) => route.pending_batches,
+            None => own_pending(gateway, args, tally).await?,
+        };
+        if pending == 0 {
             break route;
         }
-        if pending_before != Some(route.pending_batches) {
-            say(&format!("  {} batches still wait", route.pending_batches));
-            pending_before = Some(route.pending_batches);
+        if pending_before != Some(pending) {
+            say(&format!("  {pending} batches still wait"));
+            pending_before = Some(pending);
         }
         tokio::time::sleep(POLL_INTERVAL).await;
     };
@@ -191,6 +217,9 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
     for (reason, batches) in reasons {
         say(&format!("  {batches} × {reason}"));
     }
+    let Some(route) = route else {
+        return Ok(());
+    };
     say(&format!(
         "route {} is {}: map version {}, {} nodes, {} edges, {} loop closures\nits map: {}/map.png",
         args.route,
@@ -207,6 +236,7 @@ async fn wait_until_settled(gateway: &Gateway, args: &Args, tally: &Tally) -> an
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::key_arg::KeyArg;
     use crate::client::pretend::{Faults, Pretend};
     use crate::geometry::Pose2;
     use crate::ids::{RouteId, TripId, VehicleId};
@@ -231,6 +261,7 @@ mod tests {
             vehicle: VehicleId::new("agv-07").unwrap(),
             trip: Some(TripId::new("monday").unwrap()),
             url: url.to_owned(),
+            key: KeyArg { key: None },
             batch_scans,
             batch_nodes: 2,
             beam_spacing: 1.0,

@@ -1,6 +1,7 @@
 //! A client of the service that repeats what may be repeated.
 
 mod answers;
+mod keys;
 mod retry;
 
 use std::sync::Arc;
@@ -9,7 +10,9 @@ use std::time::Duration;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap};
+use reqwest::header::{
+    AUTHORIZATION, CONTENT_ENCODING, CONTENT_TYPE, HeaderMap, HeaderValue, InvalidHeaderValue,
+};
 use reqwest::{Method, StatusCode};
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -21,6 +24,7 @@ use crate::model::BatchKind;
 
 use answers::AlertPage;
 pub use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
+pub use keys::{KeyReport, KeyRequest};
 use retry::{is_temporary, retry_after, wait_before_repeat};
 
 const CONTENT_DIGEST: &str = "content-digest";
@@ -41,6 +45,9 @@ pub enum Outcome {
 /// Why a request failed for good.
 #[derive(Debug, thiserror::Error)]
 pub enum GatewayError {
+    /// The key cannot be sent.
+    #[error("the key is none: it has the form ms_…_…, as it was shown when it was made")]
+    Key(#[source] InvalidHeaderValue),
     /// The client could not be made.
     #[error("the HTTP client could not be made")]
     Client(#[source] reqwest::Error),
@@ -96,15 +103,20 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// A client of the service at `url`; `notify` is told of every wait.
+    /// A client of the service at `url`, which it shows a key if there is one; `notify` is told of every
+    /// wait.
     pub fn new(
         url: &str,
+        key: Option<&str>,
         notify: impl Fn(&str) + Send + Sync + 'static,
     ) -> Result<Self, GatewayError> {
         let url = url.trim_end_matches('/').to_owned();
         let mut builder = http_client::builder()
             .connect_timeout(CONNECT_TIMEOUT)
             .timeout(REQUEST_TIMEOUT);
+        if let Some(key) = key {
+            builder = builder.default_headers(key_header(key)?);
+        }
         if is_loopback(&url) {
             builder = builder.no_proxy();
         }
@@ -131,7 +143,8 @@ impl Gateway {
         format!("{}/v1/routes/{route}", self.url)
     }
 
-    /// Makes the route unless it is there; says whether it was made.
+    /// Makes the route unless it is there; says whether it was made. Whoever may only upload to routes
+    /// cannot ask, and takes it to be there.
     pub async fn ensure_route(
         &self,
         route: &RouteId,
@@ -139,6 +152,7 @@ impl Gateway {
     ) -> Result<bool, GatewayError> {
         match self.route(route).await {
             Ok(_) => Ok(false),
+            Err(GatewayError::Refused { problem, .. }) if problem.status == 403 => Ok(false),
             Err(GatewayError::Refused { problem, .. }) if problem.status == 404 => {
                 let fields = display_name.map(|name| ("display_name", name));
                 let body = serde_json::Value::from_iter(fields).to_string();
@@ -314,6 +328,14 @@ impl Gateway {
 /// The header of RFC 9530, by which the service notices that bytes were damaged on their way.
 fn content_digest(body: &[u8]) -> String {
     format!("sha-256=:{}:", STANDARD.encode(Sha256::digest(body)))
+}
+
+/// The header of every request by which the service knows who sends it.
+fn key_header(key: &str) -> Result<HeaderMap, GatewayError> {
+    let value = HeaderValue::try_from(format!("Bearer {}", key.trim()));
+    let mut value = value.map_err(GatewayError::Key)?;
+    value.set_sensitive(true);
+    Ok(HeaderMap::from_iter([(AUTHORIZATION, value)]))
 }
 
 fn is_loopback(url: &str) -> bool {

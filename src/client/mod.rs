@@ -11,4 +11,7 @@ pub mod pretend;
 
 pub use batch_body::{EncodedBatch, ScanToSend, Trip};
 pub use edge_batch_body::GraphParts;
-pub use gateway::{AlertLocation, AlertReport, BatchReport, Gateway, GatewayError, Outcome};
+pub use gateway::{
+    AlertLocation, AlertReport, BatchReport, Gateway, GatewayError, KeyReport, KeyRequest, Outcome,
+    RouteReport,
+};

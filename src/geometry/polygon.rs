@@ -26,6 +26,33 @@ pub fn polygon_gap(a: &[Vector2<f64>], b: &[Vector2<f64>]) -> f64 {
     from_a.chain(from_b).fold(f64::INFINITY, f64::min)
 }
 
+/// The area that a polygon encloses, square units.
+pub fn polygon_area(polygon: &[Vector2<f64>]) -> f64 {
+    let twice: f64 = sides(polygon).map(|(a, b)| a.perp(&b)).sum();
+    0.5 * twice.abs()
+}
+
+/// Whether the sides of a polygon of three corners or more meet at its corners alone, two at each.
+pub fn is_simple_polygon(polygon: &[Vector2<f64>]) -> bool {
+    let sides: Vec<_> = sides(polygon).collect();
+    let count = sides.len();
+    if count < 3 {
+        return false;
+    }
+    let pairs = (0..count).flat_map(|k| (k + 1..count).map(move |other| (k, other)));
+    pairs.into_iter().all(|(k, other)| {
+        let ((a, b), (c, d)) = (sides[k], sides[other]);
+        if other == k + 1 {
+            // They share b: neither goes back over the other.
+            distance_to_segment(&a, &c, &d) > 0.0 && distance_to_segment(&d, &a, &b) > 0.0
+        } else if k == 0 && other == count - 1 {
+            distance_to_segment(&b, &c, &d) > 0.0 && distance_to_segment(&c, &a, &b) > 0.0
+        } else {
+            polygon_gap(&[a, b], &[c, d]) > 0.0
+        }
+    })
+}
+
 fn sides(polygon: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
     let next = polygon.iter().cycle().skip(1);
     polygon.iter().zip(next).map(|(a, b)| (*a, *b))
@@ -99,6 +126,31 @@ mod tests {
         assert_eq!(polygon_gap(&point, &segment), 3.0);
         assert_eq!(polygon_gap(&[], &segment), f64::INFINITY);
         assert_eq!(polygon_gap(&segment, &[]), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_simple_polygon_does_not_meet_itself() {
+        let of = |corners: &[[f64; 2]]| -> Vec<_> {
+            corners.iter().copied().map(Vector2::from).collect()
+        };
+        let square = rectangle(1.0, 1.0, 2.0, 3.0);
+        assert!(is_simple_polygon(&square));
+        assert_eq!(polygon_area(&square), 6.0);
+        let reversed: Vec<_> = square.iter().rev().copied().collect();
+        assert!(is_simple_polygon(&reversed));
+        assert_eq!(polygon_area(&reversed), 6.0);
+        for faulty in [
+            of(&[[0.0, 0.0], [1.0, 0.0]]),
+            // A bow tie; a side twice; a corner on another side; a corner twice; closed; in a line.
+            of(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]),
+            of(&[[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]),
+            of(&[[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.0]]),
+            of(&[[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+            of(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),
+            of(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]),
+        ] {
+            assert!(!is_simple_polygon(&faulty), "{faulty:?}");
+        }
     }
 
     proptest! {

@@ -279,7 +279,12 @@ impl RouteMap {
         findings
     }
 
-    fn observed(&self, (node, place): ObservationKey, trips: &[TripId]) -> Option<Observed> {
+    /// An observation of the map with the number of its trip.
+    pub(super) fn observed(
+        &self,
+        (node, place): ObservationKey,
+        trips: &[TripId],
+    ) -> Option<Observed> {
         let position = self.graph.node_position(node)?;
         let keyframe = &self.keyframes[position];
         let pose = self.graph.nodes()[position].pose;

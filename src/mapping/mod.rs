@@ -6,6 +6,7 @@
 
 mod anchor;
 mod attach;
+mod clearance;
 mod clock;
 mod closure;
 mod companions;
@@ -26,6 +27,7 @@ mod mend;
 mod moments;
 mod odometry;
 mod partners;
+mod passes;
 mod placing;
 mod pose_sigma;
 mod restate;
@@ -48,5 +50,6 @@ pub use given::{End, GivenEdge, GivenGraph, GivenNode};
 pub use intermediate::{Companion, IntermediateScan};
 pub use keyframe::{Keyframe, TakenScan};
 pub use mend::Mending;
+pub use passes::PassScope;
 pub use route_map::{RouteMap, Weighting};
 pub use settle::{ACTIVE_STRETCHES, FIRST_STRETCHES, Stay, TRIP_TAIL};

@@ -36,6 +36,54 @@ text_enum! {
 }
 
 text_enum! {
+    /// Whether a pass by the place of a change was before it or since.
+    PassSide {
+        /// Before the first observation of the new state.
+        Before = "before",
+        /// With that observation, or later.
+        Since = "since",
+    }
+}
+
+text_enum! {
+    /// Whose observations a picture of a place shows.
+    #[derive(Default)]
+    ShownSide {
+        /// Those from before the change.
+        Before = "before",
+        /// Those since.
+        Since = "since",
+        /// All, each side in its colour.
+        #[default]
+        Both = "both",
+    }
+}
+
+text_enum! {
+    /// What a pass saw at the place of a change.
+    PassOutcome {
+        /// What was there before.
+        OldState = "old_state",
+        /// What is new.
+        NewState = "new_state",
+        /// Neither: the place was within reach, but hidden, or the scans of the pass disagree.
+        CouldNotSee = "could_not_see",
+    }
+}
+
+text_enum! {
+    /// How near a change is to the way that vehicles took before it.
+    Clearance {
+        /// Nearer than half the width of a vehicle: it stands in their way.
+        Blocking = "blocking",
+        /// Within a metre.
+        Near = "near",
+        /// Farther off.
+        Clear = "clear",
+    }
+}
+
+text_enum! {
     /// Where an alert is in its life.
     AlertStatus {
         /// Raised; nobody has looked at it.
@@ -64,6 +112,24 @@ text_enum! {
         Reopen = "reopen",
         /// Take an acceptance back.
         Undo = "undo",
+    }
+}
+
+text_enum! {
+    /// What became of one of several decisions.
+    DecisionResult {
+        /// It was carried out.
+        Done = "done",
+        /// The alert had that status already.
+        AlreadyDone = "already_done",
+        /// The alert is not as it was when it was decided about.
+        Changed = "changed",
+        /// The alert's status or kind does not allow it.
+        NotAllowed = "not_allowed",
+        /// There is no such alert.
+        Unknown = "unknown",
+        /// It could not be carried out now; the same may succeed later.
+        Failed = "failed",
     }
 }
 

@@ -1,31 +1,58 @@
 //! Who changes what: the words of the audit.
 
 use super::{AlertAction, text_enum};
+use crate::ids::KeyId;
 
 /// What the service itself is called where it stands for somebody.
 pub const SYSTEM: &str = "system";
-/// Who sends requests, until there are people with keys.
-const LOCAL: &str = "local";
+/// Who sends requests to a service without keys.
+pub(super) const LOCAL: &str = "local";
 
 /// Who makes a change, and from where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Actor {
     /// The service on its own.
     System,
-    /// Somebody who sent a request.
+    /// Somebody who sent a request to a service without keys.
     Local {
         /// The client's address as text.
+        address: String,
+    },
+    /// The holder of a key.
+    Key {
+        /// The key.
+        id: KeyId,
+        /// Its holder.
+        name: String,
+        /// The client's address as text.
+        address: String,
+    },
+    /// Somebody whom a trusted proxy has signed in.
+    Proxy {
+        /// As the proxy has it.
+        name: String,
+        /// The proxy's address as text.
         address: String,
     },
 }
 
 impl Actor {
-    /// Its name and its address as they are kept; `None` if nobody has that name.
-    pub fn of(name: &str, address: Option<String>) -> Option<Self> {
-        match (name, address) {
-            (SYSTEM, None) => Some(Self::System),
-            (LOCAL, Some(address)) => Some(Self::Local { address }),
-            _ => None,
+    /// Who has this name, address and key; `None` if nobody can have them.
+    pub fn of(name: &str, address: Option<String>, key: Option<KeyId>) -> Option<Self> {
+        let own_name = || name.to_owned();
+        match (name, address, key) {
+            (SYSTEM, None, None) => Some(Self::System),
+            (SYSTEM, ..) | (_, None, _) => None,
+            (LOCAL, Some(address), None) => Some(Self::Local { address }),
+            (_, Some(address), Some(id)) => Some(Self::Key {
+                id,
+                name: own_name(),
+                address,
+            }),
+            (_, Some(address), None) => Some(Self::Proxy {
+                name: own_name(),
+                address,
+            }),
         }
     }
 
@@ -34,6 +61,15 @@ impl Actor {
         match self {
             Self::System => SYSTEM,
             Self::Local { .. } => LOCAL,
+            Self::Key { name, .. } | Self::Proxy { name, .. } => name,
+        }
+    }
+
+    /// The name of somebody who has signed in; whoever has not may give any.
+    pub fn signed_in(&self) -> Option<&str> {
+        match self {
+            Self::System | Self::Local { .. } => None,
+            Self::Key { name, .. } | Self::Proxy { name, .. } => Some(name),
         }
     }
 
@@ -41,7 +77,17 @@ impl Actor {
     pub fn address(&self) -> Option<&str> {
         match self {
             Self::System => None,
-            Self::Local { address } => Some(address),
+            Self::Local { address } | Self::Key { address, .. } | Self::Proxy { address, .. } => {
+                Some(address)
+            }
+        }
+    }
+
+    /// The key, if it has one.
+    pub fn key(&self) -> Option<KeyId> {
+        match self {
+            Self::Key { id, .. } => Some(*id),
+            _ => None,
         }
     }
 }
@@ -83,6 +129,22 @@ text_enum! {
         VehicleQuarantined = "vehicle.quarantined",
         /// They are kept out no longer.
         VehicleReleased = "vehicle.released",
+        /// A key was made.
+        KeyCreated = "key.created",
+        /// A key is valid no longer.
+        KeyRevoked = "key.revoked",
+        /// Somebody was asked to see to an alert, or nobody is any more.
+        AlertAssigned = "alert.assigned",
+        /// Somebody wrote about an alert.
+        AlertCommented = "alert.commented",
+        /// A zone was made.
+        ZoneCreated = "zone.created",
+        /// A zone was changed.
+        ZoneChanged = "zone.changed",
+        /// A zone was deleted.
+        ZoneDeleted = "zone.deleted",
+        /// The time of a zone was over.
+        ZoneEnded = "zone.ended",
     }
 }
 
@@ -104,13 +166,29 @@ mod tests {
 
     #[test]
     fn an_actor_comes_back_from_its_name_and_address() {
-        let address = "192.0.2.7".to_owned();
-        for actor in [Actor::System, Actor::Local { address }] {
-            let address = actor.address().map(str::to_owned);
-            assert_eq!(Actor::of(actor.name(), address).as_ref(), Some(&actor));
+        let address = || "192.0.2.7".to_owned();
+        let (name, id) = (|| "kim".to_owned(), KeyId(uuid::Uuid::from_u128(7)));
+        for actor in [
+            Actor::System,
+            Actor::Local { address: address() },
+            Actor::Key {
+                id,
+                name: name(),
+                address: address(),
+            },
+            Actor::Proxy {
+                name: name(),
+                address: address(),
+            },
+        ] {
+            let kept = actor.address().map(str::to_owned);
+            assert_eq!(
+                Actor::of(actor.name(), kept, actor.key()).as_ref(),
+                Some(&actor)
+            );
         }
-        assert_eq!(Actor::of(SYSTEM, Some("192.0.2.7".to_owned())), None);
-        assert_eq!(Actor::of(LOCAL, None), None);
-        assert_eq!(Actor::of("kim", None), None);
+        assert_eq!(Actor::of(SYSTEM, Some(address()), None), None);
+        assert_eq!(Actor::of(LOCAL, None, None), None);
+        assert_eq!(Actor::of("kim", None, None), None);
     }
 }

@@ -4,6 +4,7 @@
 //! on the maintainers' page and in pictures; here is the only table of it. What values mean to a room,
 //! such as what a status allows, stands in that room. Begin with [`TextEnum`].
 
+mod access;
 mod alert;
 mod audit;
 mod batch;
@@ -14,17 +15,23 @@ mod operation;
 mod residual;
 mod route;
 mod webhook;
+mod zone;
 
-pub use alert::{AlertAction, AlertStatus, BeamVerdict, ChangeKind, DismissReason, Tier};
+pub use access::{InvalidHolder, Role, checked_holder};
+pub use alert::{
+    AlertAction, AlertStatus, BeamVerdict, ChangeKind, Clearance, DecisionResult, DismissReason,
+    PassOutcome, PassSide, ShownSide, Tier,
+};
 pub use audit::{Actor, AuditAction, SYSTEM};
 pub use batch::{BatchFlag, BatchKind, BatchStatus};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
 pub use map::MapLayer;
-pub use operation::OperationStatus;
+pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
 pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
+pub use zone::ZonePurpose;
 
 /// An enumeration whose values have texts.
 pub trait TextEnum: Copy + PartialEq + 'static {
@@ -121,7 +128,10 @@ mod tests {
     #[test]
     fn every_value_has_one_text() {
         check_read(AlertAction::name);
+        check_read(DecisionResult::name);
         check_read(DismissReason::name);
+        check_read(OperationKind::name);
+        check_read(OperationStatus::name);
         check_read(MapLayer::name);
         check_read(AlertEventKind::name);
         check_read(AlertStatus::name);
@@ -131,16 +141,22 @@ mod tests {
         check_read(BatchStatus::name);
         check_read(BeamVerdict::name);
         check_read(ChangeKind::name);
+        check_read(Clearance::name);
         check_read(DeliveryFailure::name);
         check_read(DeliveryStatus::name);
         check_read(Detector::name);
         check_read(EdgeKind::name);
         check_read(EdgeStatus::name);
+        check_read(PassOutcome::name);
+        check_read(PassSide::name);
         check_read(Quantity::name);
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
+        check_read(ShownSide::name);
+        check_read(Role::name);
         check_read(Stage::name);
         check_read(Tier::name);
+        check_read(ZonePurpose::name);
         check(WebhookEvent::name);
     }
 

@@ -13,3 +13,13 @@ text_enum! {
         Failed = "failed",
     }
 }
+
+text_enum! {
+    /// What an operation does.
+    OperationKind {
+        /// Takes uploads out of a route.
+        Removal = "removal",
+        /// Carries out decisions about several alerts.
+        Decisions = "decisions",
+    }
+}

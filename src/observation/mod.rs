@@ -9,4 +9,4 @@ mod ray_test;
 pub(crate) mod testing;
 
 pub use cell::{Cell, CellBuilder};
-pub use ray_test::{Observation, Outcome, REACH_M, Visibility, miss_tolerance};
+pub use ray_test::{Observation, Outcome, REACH_M, Visibility, miss_tolerance, reach_m};

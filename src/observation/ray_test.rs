@@ -441,7 +441,8 @@ fn floor(value: f64) -> i64 {
     whole - i64::from(whole as f64 > value)
 }
 
-fn reach_m(lidar: &Lidar) -> f64 {
+/// How far from such a lidar cells are asked about, metres.
+pub fn reach_m(lidar: &Lidar) -> f64 {
     let dense_m = BEAM_SPACING_MAX_M / lidar.angle_increment_rad;
     dense_m
         .clamp(REACH_SPARSE_M, REACH_M)

@@ -11,7 +11,7 @@ use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::mapping::RouteMap;
-use crate::render::{Decided, Look, MapPicture};
+use crate::render::{Decided, Look, MAP_RESOLUTION_M, MapPicture, OccupancyGrid};
 use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
 
 /// What an undo restores.
@@ -20,11 +20,11 @@ pub(super) struct Undo {
     /// The alert's status before it was accepted.
     pub status: AlertStatus,
     /// Edges that were retired; they had been active.
-    retired: Vec<EdgeId>,
+    pub retired: Vec<EdgeId>,
     /// What the flags had been of nodes that became references, or stopped being ones.
-    references: Vec<(NodeId, bool)>,
+    pub references: Vec<(NodeId, bool)>,
     /// Where the nodes had been that moved: `map_from_base` as x, y, θ.
-    poses: Vec<(NodeId, [f64; 3])>,
+    pub poses: Vec<(NodeId, [f64; 3])>,
     /// Of the map as the acceptance left it.
     after: [u8; 32],
 }
@@ -37,18 +37,36 @@ impl Undo {
     }
 }
 
-/// Takes the change that an alert tells of into the map, as its next version.
-///
-/// Its closures are retired; of its nodes those that show the new state become references in the
-/// place of those that show the old one; what is touched is solved again.
+/// Takes the changes that alerts report into the map, one after the other, as one next version.
 ///
 /// # Errors
 /// If the picture of the present version cannot be drawn.
 pub(super) fn accept(
     workspace: &mut Workspace,
-    alert: &AlertRecord,
+    alerts: &[AlertRecord],
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
+    let mut acceptances = Vec::with_capacity(alerts.len());
+    for alert in alerts {
+        let (change, undo) = take_in(workspace, alert);
+        let undo = postcard::to_stdvec(&undo).context("what an undo restores cannot be written")?;
+        acceptances.push(Acceptance { change, undo });
+    }
+    workspace.map_version += 1;
+    let (changed_nodes, changed_edges) = changes_of(workspace);
+    Ok(MapDecision {
+        accepted: AcceptanceChange::Added(acceptances),
+        changed_nodes,
+        changed_edges,
+        superseded,
+    })
+}
+
+/// Takes the change that an alert reports into the map.
+///
+/// Its closures are retired; of its nodes those that show the new state become references in the
+/// place of those that show the old one; what is touched is solved again.
+pub(super) fn take_in(workspace: &mut Workspace, alert: &AlertRecord) -> (AcceptedChange, Undo) {
     let evidence = &alert.evidence;
     let retired = contradicting(&workspace.map, evidence);
     let (old, new) = nodes_by_state(&workspace.map, evidence);
@@ -72,15 +90,7 @@ pub(super) fn accept(
         first_edge_id: workspace.map.next_edge_id(),
     };
     workspace.accepted.push(change.clone());
-    workspace.map_version += 1;
-    let (changed_nodes, changed_edges) = changes_of(workspace);
-    let undo = postcard::to_stdvec(&undo).context("what an undo restores cannot be written")?;
-    Ok(MapDecision {
-        accepted: AcceptanceChange::Added(Acceptance { change, undo }),
-        changed_nodes,
-        changed_edges,
-        superseded,
-    })
+    (change, undo)
 }
 
 /// What an accepted change left behind for its undo.
@@ -93,9 +103,6 @@ pub(super) fn read_undo(bytes: &[u8]) -> anyhow::Result<Undo> {
 
 /// Takes an accepted change out of the map again, as its next version.
 ///
-/// If nothing has touched the map since, every pose is restored to the bit; else the edges and
-/// references are restored, and what they touch is solved again.
-///
 /// # Errors
 /// If the picture of the present version cannot be drawn.
 pub(super) fn undo(
@@ -104,6 +111,22 @@ pub(super) fn undo(
     undo: &Undo,
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
+    take_back(workspace, alert, undo);
+    workspace.map_version += 1;
+    let (changed_nodes, changed_edges) = changes_of(workspace);
+    Ok(MapDecision {
+        accepted: AcceptanceChange::Removed,
+        changed_nodes,
+        changed_edges,
+        superseded,
+    })
+}
+
+/// Takes an accepted change out of the map.
+///
+/// If nothing has touched the map since, every pose is restored to the bit; else the edges and
+/// references are restored, and what they touch is solved again.
+pub(super) fn take_back(workspace: &mut Workspace, alert: AlertId, undo: &Undo) {
     let map = &mut workspace.map;
     let untouched = fingerprint(map) == undo.after;
     for (node, reference) in &undo.references {
@@ -123,18 +146,15 @@ pub(super) fn undo(
         map.restate_edges(&statuses);
     }
     workspace.accepted.retain(|change| change.alert_id != alert);
-    workspace.map_version += 1;
-    let (changed_nodes, changed_edges) = changes_of(workspace);
-    Ok(MapDecision {
-        accepted: AcceptanceChange::Removed,
-        changed_nodes,
-        changed_edges,
-        superseded,
-    })
 }
 
 /// The map's picture as it stands.
 fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
+    MapPicture::of_grid(&grid_of(workspace)).context("the map's picture cannot be drawn")
+}
+
+/// What the map shows: what was observed, without the changes that nobody has accepted.
+pub(super) fn grid_of(workspace: &Workspace) -> OccupancyGrid {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let keyframes = poses.zip(workspace.map.keyframes());
     let active = keyframes.filter(|((_, saved), keyframe)| saved.active && !keyframe.is_lost());
@@ -151,7 +171,7 @@ fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
         accepted: &workspace.accepted,
         pending: &pending,
     };
-    MapPicture::draw(looks, decided).context("the map's picture cannot be drawn")
+    OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M)
 }
 
 fn poses_of(map: &RouteMap) -> impl Iterator<Item = Pose2> + '_ {

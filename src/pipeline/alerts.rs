@@ -10,10 +10,10 @@ use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
 use crate::change::{AlertState, AlertUpdate, Finding, fold, resolve_mended};
 use crate::geometry::polygon_gap;
-use crate::ids::{AlertId, EdgeId, RouteId, VehicleId};
-use crate::mapping::Mending;
+use crate::ids::{AlertId, EdgeId, NodeId, RouteId, VehicleId};
+use crate::mapping::{Mending, PassScope};
 use crate::model::ResidualVerdict;
-use crate::store::{AlertRecord, AlertResidual, HistoryEntry, SYSTEM};
+use crate::store::{AlertRecord, AlertResidual, Handling, HistoryEntry, SYSTEM};
 
 /// Alerts whose regions are this close tell of the same place, metres.
 const RELATED_M: f64 = 1.0;
@@ -38,7 +38,23 @@ pub(super) fn fold_into(
     take(workspace, route, updates, at, &mut folded);
     let updates = fold(&states_of(workspace), findings);
     take(workspace, route, updates, at, &mut folded);
+    add_passes(workspace, &mut folded.changed);
     folded.changed
+}
+
+/// Brings up to date which passes went by the changed alerts' places, and how near these are to the
+/// vehicles' way.
+fn add_passes(workspace: &mut Workspace, changed: &mut [AlertRecord]) {
+    for alert in changed {
+        let scope = PassScope {
+            accepted: &workspace.accepted,
+            vehicles: &workspace.vehicles,
+            false_alerts_per_lap: workspace.false_alarm_rate,
+        };
+        alert.passes = workspace.map.passes_by(&alert.evidence, &scope);
+        alert.clearance = workspace.map.clearance(&alert.evidence);
+        workspace.replace_alert(alert);
+    }
 }
 
 /// What comes of a job's findings.
@@ -48,6 +64,33 @@ struct Folded {
     changed: Vec<AlertRecord>,
     /// Those that change, as they were before the job.
     stored: BTreeMap<AlertId, AlertRecord>,
+}
+
+/// Takes passes whose scans were taken out of the map from the alerts that name them, other than the
+/// changed ones: each of these has a next revision. `nodes` are ascending.
+pub(super) fn take_out_passes(
+    workspace: &mut Workspace,
+    nodes: &[NodeId],
+    at: Timestamp,
+    changed: &mut Vec<AlertRecord>,
+) {
+    let is_out = |node: NodeId| nodes.binary_search(&node).is_ok();
+    let next = |alert: &AlertRecord| {
+        let passes = alert.passes.as_ref()?;
+        Some(AlertRecord {
+            revision: alert.revision + 1,
+            updated_at: at.max(alert.updated_at),
+            passes: Some(passes.without(alert.evidence.kind, is_out)?),
+            ..alert.clone()
+        })
+    };
+    let others = workspace.alerts.iter();
+    let others = others.filter(|alert| !changed.iter().any(|other| other.id == alert.id));
+    let others: Vec<AlertRecord> = others.filter_map(next).collect();
+    for alert in others {
+        workspace.replace_alert(&alert);
+        changed.push(alert);
+    }
 }
 
 fn states_of(workspace: &Workspace) -> Vec<AlertState> {
@@ -133,12 +176,15 @@ fn raised(
         evidence: state.evidence.clone(),
         first_seen: state.first_seen,
         vehicles: Vec::new(),
+        passes: None,
+        clearance: None,
         residual: None,
         map_version: workspace.map_version,
         related: related_to(workspace, &state.evidence),
         raised_at: at,
         updated_at: at,
         history: Vec::new(),
+        handling: Handling::default(),
     }
 }
 

@@ -14,7 +14,7 @@ use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
 /// A decision is computed anew so often while batches or other decisions come in between.
-const TRIES_MAX: usize = 20;
+pub(super) const TRIES_MAX: usize = 20;
 
 /// What somebody wants done with an alert.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,13 +63,21 @@ pub enum DecisionError {
 /// Takes decisions; cheap to clone.
 #[derive(Clone)]
 pub struct Decisions {
-    engine: Engine,
+    pub(super) engine: Engine,
 }
 
 /// A decision with the map that it leaves behind.
 struct Computed {
     workspace: Workspace,
     decision: Decision,
+}
+
+/// A change of the map that was written.
+pub(super) struct ChangedMap {
+    /// The alerts as they are then.
+    alerts: Vec<AlertRecord>,
+    /// The version of the map that began with it.
+    pub map_version: i64,
 }
 
 impl Decisions {
@@ -89,18 +97,14 @@ impl Decisions {
             .map_err(|error| DecisionError::Failed(error.into()))?
     }
 
-    async fn carry_out(&self, order: &Order) -> Result<AlertRecord, DecisionError> {
+    pub(super) async fn carry_out(&self, order: &Order) -> Result<AlertRecord, DecisionError> {
         for _ in 0..TRIES_MAX {
-            let alert = self.engine.store.alert(order.alert_id).await?;
-            let alert = alert.ok_or(DecisionError::UnknownAlert)?;
-            if alert.decision_revision != order.decision_revision {
-                return Err(DecisionError::Changed(Box::new(alert)));
-            }
-            if !is_allowed(&alert, order.action) {
-                return Err(DecisionError::NotAllowed(Box::new(alert)));
-            }
+            let alert = self.decidable(order).await?;
             let decided = match order.action.leads_to() {
-                Some(AlertStatus::Accepted) | None => self.change_map(order, alert).await?,
+                Some(AlertStatus::Accepted) | None => {
+                    let changed = self.change_map(std::slice::from_ref(order), vec![alert]);
+                    changed.await?.and_then(|mut changed| changed.alerts.pop())
+                }
                 Some(status) => self.change_status(order, &alert, status).await?,
             };
             if let Some(alert) = decided {
@@ -108,6 +112,19 @@ impl Decisions {
             }
         }
         Err(DecisionError::Busy)
+    }
+
+    /// The alert of an order, if it is as it was seen and allows what is wanted.
+    pub(super) async fn decidable(&self, order: &Order) -> Result<AlertRecord, DecisionError> {
+        let alert = self.engine.store.alert(order.alert_id).await?;
+        let alert = alert.ok_or(DecisionError::UnknownAlert)?;
+        if alert.decision_revision != order.decision_revision {
+            return Err(DecisionError::Changed(Box::new(alert)));
+        }
+        if !is_allowed(&alert, order.action) {
+            return Err(DecisionError::NotAllowed(Box::new(alert)));
+        }
+        Ok(alert)
     }
 
     /// Writes what leaves the map alone; `None` if something came in between.
@@ -119,12 +136,12 @@ impl Decisions {
     ) -> Result<Option<AlertRecord>, DecisionError> {
         let route = self.engine.store.route(&alert.route_id).await?;
         let base_revision = route.ok_or(DecisionError::UnknownAlert)?.revision;
-        let alert = next(alert, order, status);
+        let alert = next(alert, order, status, alert.updated_at);
         let decision = Decision {
             base_revision,
             action: order.action,
             actor: order.actor.clone(),
-            alert: alert.clone(),
+            alerts: vec![alert.clone()],
             map: None,
         };
         if self.engine.store.apply_decision(decision).await? == Decided::Stale {
@@ -134,43 +151,53 @@ impl Decisions {
         Ok(Some(alert))
     }
 
-    /// Writes what changes the map; `None` if something came in between.
-    async fn change_map(
+    /// Writes what changes the map: one undo, or acceptances of alerts of one route; `None` if
+    /// something came in between. Orders and alerts belong together by their places.
+    pub(super) async fn change_map(
         &self,
-        order: &Order,
-        alert: AlertRecord,
-    ) -> Result<Option<AlertRecord>, DecisionError> {
-        let route = alert.route_id.clone();
+        orders: &[Order],
+        alerts: Vec<AlertRecord>,
+    ) -> Result<Option<ChangedMap>, DecisionError> {
+        let Some((order, first)) = orders.first().zip(alerts.first()) else {
+            return Err(DecisionError::Failed(anyhow!("nothing is ordered")));
+        };
+        let route = first.route_id.clone();
         let _turn = self.engine.turn(&route).await;
         let Engine {
             store, workspaces, ..
         } = &self.engine;
         let undo = match order.action {
-            AlertAction::Undo => store.acceptance(alert.id).await?,
+            AlertAction::Undo => store.acceptance(first.id).await?,
             _ => None,
         };
         let undo = undo.map(|acceptance| acceptance.undo);
-        let (nodes, edges) = named(&alert, undo.as_deref()).map_err(of_computation)?;
+        let (nodes, edges) = named(&alerts, undo.as_deref()).map_err(of_computation)?;
         let recalled = recall_named(store, &route, &nodes, &edges).await?;
         let taken = workspaces.take(store, &route).await;
         let mut workspace = taken.map_err(of_computation)?;
-        let own = order.clone();
+        let own = orders.to_vec();
         let computed = self.engine.compute(move || {
             solve_recalled(&mut workspace.map, &recalled);
-            compute(workspace, &alert, &own, undo.as_deref())
+            compute(workspace, &alerts, &own, undo.as_deref())
         });
         let computed = computed.await.and_then(|computed| computed);
         let Computed {
             mut workspace,
             decision,
         } = computed.map_err(of_computation)?;
-        let alert = decision.alert.clone();
+        let alerts = decision.alerts.clone();
         if self.engine.store.apply_decision(decision).await? == Decided::Stale {
             return Ok(None);
         }
-        workspace.replace_alert(&alert);
+        for alert in &alerts {
+            workspace.replace_alert(alert);
+        }
+        let map_version = workspace.map_version;
         workspaces.put_back(route, workspace.saved());
-        Ok(Some(alert))
+        Ok(Some(ChangedMap {
+            alerts,
+            map_version,
+        }))
     }
 }
 
@@ -186,37 +213,49 @@ pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
 
 /// The nodes and edges of which a map needs what may have left it, to take a change in or out.
 fn named(
-    alert: &AlertRecord,
+    alerts: &[AlertRecord],
     undo_bytes: Option<&[u8]>,
 ) -> anyhow::Result<(Vec<NodeId>, Vec<EdgeId>)> {
     match undo_bytes {
         Some(bytes) => Ok(read_undo(bytes)?.named()),
-        None => Ok((Vec::new(), alert.evidence.edges.clone())),
+        None => {
+            let edges = alerts.iter().flat_map(|alert| &alert.evidence.edges);
+            Ok((Vec::new(), edges.copied().collect()))
+        }
     }
 }
 
 fn compute(
     mut workspace: Workspace,
-    alert: &AlertRecord,
-    order: &Order,
+    alerts: &[AlertRecord],
+    orders: &[Order],
     undo_bytes: Option<&[u8]>,
 ) -> anyhow::Result<Computed> {
     let base_revision = workspace.revision;
-    let (status, map) = match order.action {
-        AlertAction::Undo => {
+    let [order, ..] = orders else {
+        return Err(anyhow!("nothing is ordered"));
+    };
+    let (status, map) = match (order.action, alerts) {
+        (AlertAction::Undo, [alert]) => {
             let bytes = undo_bytes.ok_or_else(|| anyhow!("the accepted change is gone"))?;
             let restored = read_undo(bytes)?;
             let map = undo(&mut workspace, alert.id, &restored)?;
             (restored.status, map)
         }
-        _ => (AlertStatus::Accepted, accept(&mut workspace, alert)?),
+        _ => (AlertStatus::Accepted, accept(&mut workspace, alerts)?),
     };
     workspace.map.settle_screen();
+    // One time for all, so that a replay, which has that of their input, gives the same.
+    let latest = alerts.iter().map(|alert| alert.updated_at).max();
+    let decided = alerts.iter().zip(orders).map(|(alert, order)| {
+        let not_before = latest.unwrap_or(alert.updated_at);
+        next(alert, order, status, not_before)
+    });
     let decision = Decision {
         base_revision,
         action: order.action,
         actor: order.actor.clone(),
-        alert: next(alert, order, status),
+        alerts: decided.collect(),
         map: Some(map),
     };
     Ok(Computed {
@@ -225,12 +264,17 @@ fn compute(
     })
 }
 
-/// The alert's next revision.
-fn next(alert: &AlertRecord, order: &Order, status: AlertStatus) -> AlertRecord {
+/// The alert's next revision; it does not bear an earlier time than `not_before`.
+fn next(
+    alert: &AlertRecord,
+    order: &Order,
+    status: AlertStatus,
+    not_before: Timestamp,
+) -> AlertRecord {
     let mut next = alert.clone();
     next.revision += 1;
     next.status = status;
-    next.updated_at = as_kept(order.at).max(alert.updated_at);
+    next.updated_at = as_kept(order.at).max(not_before);
     next.history.push(HistoryEntry {
         status,
         at: next.updated_at,
@@ -243,7 +287,7 @@ fn next(alert: &AlertRecord, order: &Order, status: AlertStatus) -> AlertRecord 
 }
 
 /// An error of a computation; the store's own keep their name.
-fn of_computation(error: anyhow::Error) -> DecisionError {
+pub(super) fn of_computation(error: anyhow::Error) -> DecisionError {
     match error.downcast::<StoreError>() {
         Ok(error) => DecisionError::Store(error),
         Err(error) => DecisionError::Failed(error),

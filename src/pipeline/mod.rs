@@ -13,11 +13,14 @@ mod alerts;
 mod calibrate;
 mod clock;
 mod decide;
+mod decision_details;
 mod decision_revision;
 mod edges;
 mod engine;
 mod findings;
+mod operations;
 mod options;
+mod preview;
 mod process;
 mod refusal;
 mod remove;
@@ -28,6 +31,7 @@ mod result;
 mod retention;
 mod saved;
 mod settle;
+mod several;
 mod shift;
 mod stage;
 mod suspects;
@@ -35,10 +39,12 @@ mod vehicles;
 mod watch;
 mod worker;
 mod workspace;
+mod zones;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
+pub use operations::Operations;
 pub use options::PipelineOptions;
-pub use remove::Removals;
+pub use preview::Preview;
 pub use replay::{Replayed, replay};
 pub use residuals::{ResidualReading, Residuals};
 
@@ -52,8 +58,8 @@ use engine::Engine;
 pub struct Pipeline {
     /// Takes decisions about alerts.
     pub decisions: Decisions,
-    /// Takes what is to be removed.
-    pub removals: Removals,
+    /// Takes long work on.
+    pub operations: Operations,
     /// Workers; they end soon after the pipeline is told to stop.
     pub tasks: Vec<JoinHandle<()>>,
 }
@@ -70,13 +76,20 @@ pub fn start(
 ) -> anyhow::Result<Pipeline> {
     let engine = Engine::new(store, options)?;
     let mut tasks = worker::start(&engine, stopping);
-    let removals = Removals::new(store);
-    let carrying_out = removals.clone().carry_out(engine.clone(), stopping.clone());
+    tasks.push(tokio::spawn(zones::end_in_time(
+        store.clone(),
+        stopping.clone(),
+    )));
+    let decisions = Decisions::new(engine);
+    let operations = Operations::new(store);
+    let carrying_out = operations
+        .clone()
+        .carry_out(decisions.clone(), stopping.clone());
     tasks.push(tokio::spawn(carrying_out));
     Ok(Pipeline {
         tasks,
-        removals,
-        decisions: Decisions::new(engine),
+        operations,
+        decisions,
     })
 }
 

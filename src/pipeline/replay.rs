@@ -12,9 +12,12 @@ use super::options::PipelineOptions;
 use super::remove::remove;
 use super::worker::compute;
 use crate::ids::{AlertId, BatchId, OperationId, RouteId};
-use crate::model::Actor;
+use crate::model::{Actor, AlertAction};
 use crate::solver::Interrupt;
-use crate::store::{Applied, Input, InputRecord, JobInput, Meant, Quarantine, Store};
+use crate::store::{
+    AcceptedInput, Applied, Input, InputRecord, JobInput, Meant, OperationRequest, Quarantine,
+    Store,
+};
 
 /// Inputs of one read.
 const PAGE: u32 = 256;
@@ -112,6 +115,7 @@ impl Replay<'_> {
                 };
                 self.decide(alert, order).await?;
             }
+            Input::AcceptedTogether { alerts } => self.accept_together(alerts, at).await?,
             Input::Removal { operation, batches } => self.remove(operation, batches, at).await?,
             Input::VehicleQuarantined { vehicle, note } => {
                 let quarantine = Some(Quarantine { since: at, note });
@@ -162,6 +166,42 @@ impl Replay<'_> {
         Ok(())
     }
 
+    /// Accepts alerts once more, those that are there and allow it.
+    async fn accept_together(
+        &mut self,
+        accepted: Vec<AcceptedInput>,
+        at: Timestamp,
+    ) -> anyhow::Result<()> {
+        let mut orders = Vec::with_capacity(accepted.len());
+        for AcceptedInput { alert, by, note } in accepted {
+            let Some(record) = self.engine.store.alert(alert).await? else {
+                self.replayed.decisions_left_out.push(alert);
+                continue;
+            };
+            orders.push(Order {
+                alert_id: alert,
+                decision_revision: record.decision_revision,
+                action: AlertAction::Accept,
+                actor: Actor::System,
+                by,
+                note,
+                reason: None,
+                at,
+            });
+        }
+        let accepted = self.decisions.accept_together(&orders).await?;
+        for (order, accepted) in orders.iter().zip(accepted) {
+            match accepted {
+                Ok(_) => {}
+                Err(DecisionError::NotAllowed(_)) => {
+                    self.replayed.decisions_left_out.push(order.alert_id);
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
     async fn remove(
         &mut self,
         operation: OperationId,
@@ -169,9 +209,12 @@ impl Replay<'_> {
         at: Timestamp,
     ) -> anyhow::Result<()> {
         let recorded = self.engine.store.operation(operation).await?;
-        let mut operation = recorded.ok_or_else(|| anyhow!("operation {operation} is gone"))?;
+        let operation = recorded.ok_or_else(|| anyhow!("operation {operation} is gone"))?;
+        let OperationRequest::Removal(mut request) = operation.request.clone() else {
+            bail!("operation {} removes nothing", operation.id);
+        };
         // As it was then: batches that came later may be meant as well.
-        operation.request.meant = Meant::Batches(batches);
-        remove(&self.engine, &operation, at).await
+        request.meant = Meant::Batches(batches);
+        remove(&self.engine, &operation, &request, at).await
     }
 }

@@ -8,4 +8,6 @@ mod deciding;
 mod edges;
 mod folding;
 mod memory;
+mod preview;
 mod settling;
+mod several;

@@ -159,6 +159,9 @@ impl Workspace {
             size_of_val(evidence.nodes.as_slice())
                 + size_of_val(evidence.edges.as_slice())
                 + NAME_BYTES * evidence.trips.len()
+                + a.passes
+                    .as_ref()
+                    .map_or(0, |passes| PASS_BYTES * passes.listed.len())
         };
         let alerts: usize = self.alerts.iter().map(|a| size_of_val(a) + named(a)).sum();
         self.map.size_bytes()
@@ -175,6 +178,8 @@ impl Workspace {
 
 /// An edge id in a set.
 const EDGE_ID_BYTES: usize = 16;
+/// A pass by an alert's place with its names.
+const PASS_BYTES: usize = 3 * NAME_BYTES;
 /// A name of a trip or a vehicle.
 const NAME_BYTES: usize = 64;
 

@@ -4,11 +4,11 @@
 mod curve;
 mod picture;
 mod place;
-mod text;
 
 #[cfg(test)]
 mod tests;
 
+use super::svg_text as text;
 use crate::change::BeamVerdict;
 
 pub use picture::{Curve, EvidencePicture, Look};
@@ -42,15 +42,15 @@ fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
     let what = heading(picture.kind.name());
     let at = picture.location;
     let title = format!("{what} at x {:.2} m, y {:.2} m", at.x, at.y);
-    let times = |count: usize, one: &str| match count {
+    let times = |count: usize, one: &str, many: &str| match count {
         1 => format!("1 {one}"),
-        _ => format!("{count} {one}s"),
+        _ => format!("{count} {many}"),
     };
     let subtitle = format!(
         "Route {} · {} · {} · confidence {:.3} · {}",
         picture.route,
-        times(picture.laps, "lap"),
-        times(picture.views, "view"),
+        times(picture.laps, "pass", "passes"),
+        times(picture.views, "view", "views"),
         picture.confidence,
         picture.status,
     );

@@ -28,11 +28,18 @@ impl MapPicture {
         looks: impl IntoIterator<Item = Look<'a>>,
         decided: Decided<'_>,
     ) -> Result<Self, MapImageError> {
-        let grid = OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M);
+        Self::of_grid(&OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M))
+    }
+
+    /// The picture of what was counted.
+    ///
+    /// # Errors
+    /// [`MapImageError`].
+    pub fn of_grid(grid: &OccupancyGrid) -> Result<Self, MapImageError> {
         Ok(Self {
-            png: to_png(&grid)?,
-            pgm: to_pgm(&grid),
-            yaml: to_yaml(&grid, PGM_NAME),
+            png: to_png(grid)?,
+            pgm: to_pgm(grid),
+            yaml: to_yaml(grid, PGM_NAME),
         })
     }
 }

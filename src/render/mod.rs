@@ -4,14 +4,20 @@
 //! [`MapPicture::draw`].
 
 pub mod evidence_svg;
+pub mod place_svg;
 
+mod cell_changes;
 mod cells;
 mod map_image;
 mod map_picture;
 mod occupancy;
+mod place_grid;
 mod plot_svg;
+mod svg_text;
 
+pub use cell_changes::{CellChanges, cell_changes};
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};
+pub use place_grid::{PlaceGrid, SideCells};
 pub use plot_svg::{Crossing, Curve, Guide, Plot, to_svg};

@@ -52,7 +52,7 @@ pub(super) async fn accepted_changes(
 ) -> Result<Vec<AcceptedChange>, StoreError> {
     let rows = sqlx::query(select_accepted!(
         "",
-        "WHERE routes.id = ? ORDER BY accepted_changes.map_version"
+        "WHERE routes.id = ? ORDER BY accepted_changes.map_version, alerts.id"
     ))
     .bind(route.as_str())
     .fetch_all(reader)

@@ -3,14 +3,15 @@
 use jiff::Timestamp;
 
 pub use crate::change::{
-    AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, Tier,
+    AcceptedChange, AlertAction, AlertStatus, ChangeKind, Counterpart, Finding, JudgedPasses, Tier,
 };
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs, VehicleId};
 pub use crate::model::SYSTEM;
-use crate::model::{Actor, DismissReason};
+use crate::model::{Actor, Clearance, DismissReason};
 pub use crate::render::MapPicture;
 
+use super::handling::Handling;
 use super::records::{EdgeChange, NodeChange};
 
 /// An alert.
@@ -35,6 +36,11 @@ pub struct AlertRecord {
     pub first_seen: StampNs,
     /// Whose looks show the new state, ascending.
     pub vehicles: Vec<VehicleId>,
+    /// The passes by its place, and what they saw; `None` of what is no change of state, and of an alert
+    /// that has not changed since passes are kept.
+    pub passes: Option<JudgedPasses>,
+    /// How near it is to the vehicles' way; `None` as `passes`.
+    pub clearance: Option<Clearance>,
     /// What the residual of its strongest closure says; `None` without a closure.
     pub residual: Option<AlertResidual>,
     /// The version of the map that it contradicts.
@@ -47,6 +53,15 @@ pub struct AlertRecord {
     pub updated_at: Timestamp,
     /// Every status that it had, the first one first.
     pub history: Vec<HistoryEntry>,
+    /// What people and zones have added to it.
+    pub handling: Handling,
+}
+
+impl AlertRecord {
+    /// The revision that clients see: raised by every change of the alert and of its handling.
+    pub fn shown_revision(&self) -> i64 {
+        self.revision + self.handling.changes
+    }
 }
 
 /// A closure's place in the residual series of its sub-graph.
@@ -86,6 +101,8 @@ pub struct HistoryEntry {
 pub struct AlertFilter {
     /// Of this route.
     pub route_id: Option<RouteId>,
+    /// Of one of these routes.
+    pub among: Option<Vec<RouteId>>,
     /// In this state.
     pub status: Option<AlertStatus>,
     /// Of this kind.
@@ -99,6 +116,12 @@ pub struct AlertFilter {
     pub bbox: Option<[f64; 4]>,
     /// At least this confident.
     pub min_confidence: Option<f64>,
+    /// Whose new state this vehicle saw.
+    pub vehicle_id: Option<VehicleId>,
+    /// This near to the vehicles' way.
+    pub blocking: Option<Clearance>,
+    /// Muted, or not.
+    pub muted: Option<bool>,
 }
 
 /// Something that happened to an alert.
@@ -114,7 +137,8 @@ pub struct AlertEvent {
     pub at: Timestamp,
 }
 
-/// Everything that one decision about an alert changes, applied in one transaction.
+/// Everything that one decision changes, applied in one transaction. It is about one alert, or accepts
+/// several of one route at once.
 #[derive(Debug, Clone)]
 pub struct Decision {
     /// The route's revision that it was computed from.
@@ -123,16 +147,17 @@ pub struct Decision {
     pub action: AlertAction,
     /// By whom.
     pub actor: Actor,
-    /// The alert as it is to be: its revision one more than before, its history one longer.
-    pub alert: AlertRecord,
+    /// The alerts as they are to be: the revision of each one more than before, its history one longer;
+    /// all with the same time of their last change.
+    pub alerts: Vec<AlertRecord>,
     /// What happens to the map.
     pub map: Option<MapDecision>,
 }
 
-/// What accepting an alert, or taking that back, does to a route's map.
+/// What accepting alerts, or taking that back for one, does to a route's map: its next version.
 #[derive(Debug, Clone)]
 pub struct MapDecision {
-    /// Whether a change is taken in or taken back.
+    /// Whether changes are taken in or one is taken back.
     pub accepted: AcceptanceChange,
     /// Nodes that moved, or changed their block or part.
     pub changed_nodes: Vec<NodeChange>,
@@ -145,8 +170,8 @@ pub struct MapDecision {
 /// How the set of accepted changes changes.
 #[derive(Debug, Clone)]
 pub enum AcceptanceChange {
-    /// The alert's change is taken into the map.
-    Added(Acceptance),
+    /// The changes of the alerts are taken into the map, in their order.
+    Added(Vec<Acceptance>),
     /// The alert's change is taken out of it again.
     Removed,
 }

@@ -5,8 +5,9 @@ use sqlx::SqliteConnection;
 use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
-use super::webhook_deliveries::{Happened, queue};
-use crate::model::DismissReason;
+use super::handling::{Handled, count_open, happen};
+use super::zones::Mutes;
+use crate::model::{Clearance, DismissReason};
 use crate::scan::HeightBand;
 
 /// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
@@ -22,6 +23,7 @@ pub(super) async fn write_alerts(
     if alerts.is_empty() {
         return Ok(());
     }
+    let mutes = Mutes::of(transaction, route_key).await?;
     for alert in alerts {
         check(alert)?;
         let (alert_key, confirmed_revision) = upsert(transaction, route_key, alert)
@@ -29,44 +31,23 @@ pub(super) async fn write_alerts(
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
         add_history(transaction, alert_key, &alert.history).await?;
         link_batches(transaction, route_key, alert_key, alert).await?;
-        let at_us = micros(alert.updated_at);
-        let happened = Happened {
+        let handled = Handled {
             route_key,
             alert_key,
-            sequence: add_event(transaction, alert_key, alert.revision, at_us).await?,
             revision: alert.revision,
             confirmed_revision,
-            at_us,
+            status: alert.status,
         };
-        queue(transaction, &happened).await?;
+        let muted_until_us = mutes.until_us(alert.evidence.kind, &alert.evidence.location);
+        happen(
+            transaction,
+            &handled,
+            muted_until_us,
+            micros(alert.updated_at),
+        )
+        .await?;
     }
-    sqlx::query(
-        "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
-         WHERE route_key = ?1 AND status IN ('open', 'acknowledged')) WHERE route_key = ?1",
-    )
-    .bind(route_key)
-    .execute(transaction)
-    .await?;
-    Ok(())
-}
-
-/// Writes what happened to an alert where streams read it.
-async fn add_event(
-    transaction: &mut SqliteConnection,
-    alert_key: i64,
-    revision: i64,
-    at_us: i64,
-) -> Result<i64, StoreError> {
-    let sequence = sqlx::query_scalar(
-        "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
-         RETURNING sequence",
-    )
-    .bind(alert_key)
-    .bind(revision)
-    .bind(at_us)
-    .fetch_one(transaction)
-    .await?;
-    Ok(sequence)
+    count_open(transaction, route_key).await
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {
@@ -144,6 +125,8 @@ async fn upsert(
         .bind(evidence.suspect.as_ref().map(json_text).transpose()?)
         .bind(alert.decision_revision)
         .bind(polygon_bytes(&alert.decision_region))
+        .bind(alert.passes.as_ref().map(json_text).transpose()?)
+        .bind(alert.clearance.map(Clearance::name))
         .fetch_optional(transaction)
         .await?;
     Ok(key)
@@ -155,10 +138,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      last_seen_ns, until_ns, residual_edge, residual_delta_f, residual_threshold, \
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
      updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, bands, \
-     suspect, decision_revision, decision_region, confirmed_revision) \
+     suspect, decision_revision, decision_region, passes, clearance, confirmed_revision) \
      SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
      ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     ?34, ?35, ?36, ?37, ?38, ?39, iif(?31 = 'confirmed', ?3, NULL) \
+     ?34, ?35, ?36, ?37, ?38, ?39, ?40, ?41, iif(?31 = 'confirmed', ?3, NULL) \
      WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
@@ -176,6 +159,7 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      counterpart_region = excluded.counterpart_region, shift_x = excluded.shift_x, \
      shift_y = excluded.shift_y, bands = excluded.bands, suspect = excluded.suspect, \
      decision_revision = excluded.decision_revision, decision_region = excluded.decision_region, \
+     passes = excluded.passes, clearance = excluded.clearance, \
      confirmed_revision = coalesce(confirmed_revision, excluded.confirmed_revision) \
      WHERE route_key = excluded.route_key AND revision = excluded.revision - 1 \
      AND kind = excluded.kind \

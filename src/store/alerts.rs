@@ -11,11 +11,13 @@ use super::columns::{
     alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
 };
 use super::error::StoreError;
+use super::handling::handling_of;
+use super::report::ReportScope;
 use super::{Store, named};
 use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
-use crate::model::DismissReason;
+use crate::model::{Clearance, DismissReason};
 use crate::scan::HeightBand;
 
 impl Store {
@@ -105,8 +107,10 @@ macro_rules! select_alerts {
         concat!(
             "SELECT alerts.*, routes.id AS route_id, \
              (SELECT json_group_array(json_array(position, status, at_us, by_whom, note, reason)) \
-              FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history \
-             FROM alerts JOIN routes USING (route_key) ",
+              FROM alert_history WHERE alert_history.alert_key = alerts.alert_key) AS history, \
+             handling.changes AS handling_changes, assignee, comments, muted_until_us \
+             FROM alerts JOIN routes USING (route_key) \
+             LEFT JOIN alert_handling AS handling USING (alert_key) ",
             $rest
         )
     };
@@ -140,6 +144,10 @@ pub(super) async fn alert_page(
     if let Some(route) = &filter.route_id {
         query.push(" AND routes.id = ").push_bind(route.as_str());
     }
+    if let Some(routes) = &filter.among {
+        query.push(" AND routes.id IN (SELECT value FROM json_each(");
+        query.push_bind(json_text(routes)?).push("))");
+    }
     if let Some(status) = filter.status {
         query.push(" AND status = ").push_bind(status.name());
     }
@@ -162,6 +170,20 @@ pub(super) async fn alert_page(
     }
     if let Some(confidence) = filter.min_confidence {
         query.push(" AND confidence >= ").push_bind(confidence);
+    }
+    if let Some(vehicle) = &filter.vehicle_id {
+        query
+            .push(" AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = ")
+            .push_bind(vehicle.as_str())
+            .push(")");
+    }
+    if let Some(clearance) = filter.blocking {
+        query.push(" AND clearance = ").push_bind(clearance.name());
+    }
+    if let Some(muted) = filter.muted {
+        query
+            .push(" AND (muted_until_us IS NOT NULL) = ")
+            .push_bind(muted);
     }
     query
         .push(" ORDER BY alerts.id DESC LIMIT ")
@@ -263,6 +285,40 @@ pub(super) async fn route_alerts(
     rows.iter().map(alert_of).collect()
 }
 
+/// The alerts raised in the time of a report, the newest first.
+pub(super) async fn raised_between(
+    reader: &mut SqliteConnection,
+    scope: &ReportScope,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let rows = sqlx::query(select_alerts!(
+        "WHERE raised_at_us >= ?1 AND raised_at_us < ?2 AND (?3 IS NULL OR routes.id = ?3) \
+         ORDER BY raised_at_us DESC, alerts.id DESC LIMIT ?4"
+    ))
+    .bind(micros(scope.since))
+    .bind(micros(scope.until))
+    .bind(scope.route_id.as_ref().map(RouteId::as_str))
+    .bind(scope.limit)
+    .fetch_all(reader)
+    .await?;
+    rows.iter().map(alert_of).collect()
+}
+
+/// The alerts that wait for a decision and are not muted, the newest first.
+pub(super) async fn open(
+    reader: &mut SqliteConnection,
+    scope: &ReportScope,
+) -> Result<Vec<AlertRecord>, StoreError> {
+    let rows = sqlx::query(select_alerts!(
+        "WHERE status IN ('open', 'acknowledged') AND muted_until_us IS NULL \
+         AND (?1 IS NULL OR routes.id = ?1) ORDER BY alerts.id DESC LIMIT ?2"
+    ))
+    .bind(scope.route_id.as_ref().map(RouteId::as_str))
+    .bind(scope.limit)
+    .fetch_all(reader)
+    .await?;
+    rows.iter().map(alert_of).collect()
+}
+
 fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
     Ok(AlertRecord {
         id: alert_id(row, "id")?,
@@ -274,12 +330,15 @@ fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
         evidence: evidence_of(row)?,
         first_seen: StampNs(row.try_get("first_seen_ns")?),
         vehicles: json(row, "vehicles")?,
+        passes: optional_json(row, "passes")?,
+        clearance: clearance_of(row)?,
         residual: residual_of(row)?,
         map_version: row.try_get("map_version")?,
         related: json(row, "related")?,
         raised_at: time(row, "raised_at_us")?,
         updated_at: time(row, "updated_at_us")?,
         history: history_of(row)?,
+        handling: handling_of(row)?,
     })
 }
 
@@ -320,6 +379,11 @@ fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
         kind: text(row, "counterpart_kind")?,
         region: polygon(row, "counterpart_region")?,
     }))
+}
+
+fn clearance_of(row: &SqliteRow) -> Result<Option<Clearance>, StoreError> {
+    let text: Option<&str> = row.try_get("clearance")?;
+    text.map(|text| value_of(text, "clearance")).transpose()
 }
 
 fn bands_of(row: &SqliteRow) -> Result<Vec<HeightBand>, StoreError> {

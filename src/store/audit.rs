@@ -6,7 +6,7 @@ use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 
-use super::columns::{corrupt, micros, optional_json, optional_name, text, time};
+use super::columns::{corrupt, json_text, micros, optional_json, optional_name, text, time};
 use super::error::StoreError;
 use super::{Store, named};
 use crate::ids::RouteId;
@@ -38,6 +38,8 @@ pub struct AuditRecord {
 pub struct AuditFilter {
     /// Of this route.
     pub route_id: Option<RouteId>,
+    /// Of one of these routes.
+    pub among: Option<Vec<RouteId>>,
     /// Of this kind.
     pub action: Option<AuditAction>,
     /// Made at this time or later.
@@ -85,12 +87,13 @@ pub(super) async fn write(
     change: Change<'_>,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "INSERT INTO audit (at_us, actor, address, action, route_id, subject, before, after) \
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO audit (at_us, actor, address, key_id, action, route_id, subject, before, after) \
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(micros(change.at))
     .bind(change.actor.name())
     .bind(change.actor.address())
+    .bind(change.actor.key().map(|key| key.to_string()))
     .bind(change.action.name())
     .bind(change.route_id)
     .bind(change.subject)
@@ -118,6 +121,10 @@ async fn audit_page(
     if let Some(route) = &filter.route_id {
         query.push(" AND route_id = ").push_bind(route.as_str());
     }
+    if let Some(routes) = &filter.among {
+        query.push(" AND route_id IN (SELECT value FROM json_each(");
+        query.push_bind(json_text(routes)?).push("))");
+    }
     if let Some(action) = filter.action {
         query.push(" AND action = ").push_bind(action.name());
     }
@@ -135,7 +142,10 @@ async fn audit_page(
 }
 
 fn change_of(row: &SqliteRow) -> Result<AuditRecord, StoreError> {
-    let actor = Actor::of(row.try_get("actor")?, row.try_get("address")?);
+    let key: Option<&str> = row.try_get("key_id")?;
+    let key = key.map(str::parse).transpose();
+    let key = key.map_err(|_| corrupt("key_id"))?;
+    let actor = Actor::of(row.try_get("actor")?, row.try_get("address")?, key);
     Ok(AuditRecord {
         key: row.try_get("audit_key")?,
         at: time(row, "at_us")?,

@@ -14,7 +14,7 @@ use super::body::SealedBody;
 use super::columns::{json_text, micros};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
-use super::inputs::{self, Input};
+use super::inputs::{self, AcceptedInput, Input};
 use super::map_versions::{Beginning, SealedPicture, begin_next};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
@@ -33,17 +33,18 @@ impl Store {
     }
 }
 
-/// Applies a decision if neither the route nor the alert has moved on.
+/// Applies a decision if neither the route nor its alerts have moved on.
 pub(super) struct ApplyDecision {
     base_revision: i64,
     action: AlertAction,
     actor: Actor,
-    alert: AlertRecord,
+    alerts: Vec<AlertRecord>,
     map: Option<SealedMapDecision>,
 }
 
 struct SealedMapDecision {
-    accepted: Option<(AcceptedChange, SealedBody)>,
+    /// `None` where an acceptance is taken back.
+    accepted: Option<Vec<(AcceptedChange, SealedBody)>>,
     changed_nodes: Vec<NodeChange>,
     changed_edges: Vec<EdgeChange>,
     superseded: SealedPicture,
@@ -58,8 +59,11 @@ impl ApplyDecision {
         let map = decision.map.map(|map| {
             let accepted = match map.accepted {
                 AcceptanceChange::Removed => None,
-                AcceptanceChange::Added(acceptance) => {
-                    Some((acceptance.change, SealedBody::seal(&acceptance.undo)?))
+                AcceptanceChange::Added(acceptances) => {
+                    let sealed = acceptances.into_iter().map(|acceptance| {
+                        Ok((acceptance.change, SealedBody::seal(&acceptance.undo)?))
+                    });
+                    Some(sealed.collect::<Result<_, StoreError>>()?)
                 }
             };
             Ok::<_, StoreError>(SealedMapDecision {
@@ -77,7 +81,7 @@ impl ApplyDecision {
             base_revision: decision.base_revision,
             action: decision.action,
             actor: decision.actor,
-            alert: decision.alert,
+            alerts: decision.alerts,
             map: map.transpose()?,
         })
     }
@@ -88,99 +92,126 @@ impl Request for ApplyDecision {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Decided, StoreError> {
-        let Some(route_key) = self.route_key(transaction).await? else {
+        let Some(first) = self.alerts.first() else {
+            return Err(StoreError::InvalidResult("it is about no alert".to_owned()));
+        };
+        let Some(route_key) = self.route_key(transaction, first).await? else {
             return Ok(Decided::Stale);
         };
-        let alerts = std::slice::from_ref(&self.alert);
-        write_alerts(transaction, route_key, alerts).await?;
-        if let Some(map) = &self.map {
-            self.change_map(transaction, route_key, map).await?;
+        for alert in &self.alerts[1..] {
+            if self.route_key(transaction, alert).await? != Some(route_key) {
+                return Ok(Decided::Stale);
+            }
         }
-        raise_revision(transaction, route_key, micros(self.alert.updated_at)).await?;
-        self.note_input(transaction, route_key).await?;
-        self.note(transaction).await?;
+        write_alerts(transaction, route_key, &self.alerts).await?;
+        if let Some(map) = &self.map {
+            self.change_map(transaction, route_key, first, map).await?;
+        }
+        raise_revision(transaction, route_key, micros(first.updated_at)).await?;
+        if let Some(input) = self.input() {
+            inputs::note(transaction, route_key, first.updated_at, &input).await?;
+        }
+        for alert in &self.alerts {
+            self.note(transaction, alert).await?;
+        }
         Ok(Decided::Committed)
     }
 }
 
 impl ApplyDecision {
-    /// The route, if it and the alert are still what the decision was made on.
+    /// The route of an alert, if both are still what the decision was made on.
     async fn route_key(
         &self,
         transaction: &mut SqliteConnection,
+        alert: &AlertRecord,
     ) -> Result<Option<i64>, StoreError> {
         let route_key = sqlx::query_scalar(
             "SELECT route_key FROM routes JOIN alerts USING (route_key) \
              WHERE routes.id = ? AND routes.revision = ? AND alerts.id = ? \
              AND alerts.revision = ?",
         )
-        .bind(self.alert.route_id.as_str())
+        .bind(alert.route_id.as_str())
         .bind(self.base_revision)
-        .bind(self.alert.id.to_string())
-        .bind(self.alert.revision - 1)
+        .bind(alert.id.to_string())
+        .bind(alert.revision - 1)
         .fetch_optional(transaction)
         .await?;
         Ok(route_key)
     }
 
     /// Writes the audit's row: the last two entries of the alert's history.
-    async fn note(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        let mut history = self.alert.history.iter().rev();
+    async fn note(
+        &self,
+        transaction: &mut SqliteConnection,
+        alert: &AlertRecord,
+    ) -> Result<(), StoreError> {
+        let mut history = alert.history.iter().rev();
         let (after, before) = (history.next(), history.next());
         let change = Change {
-            at: self.alert.updated_at,
+            at: alert.updated_at,
             actor: &self.actor,
             action: self.action.into(),
-            route_id: Some(self.alert.route_id.as_str()),
-            subject: &self.alert.id.to_string(),
+            route_id: Some(alert.route_id.as_str()),
+            subject: &alert.id.to_string(),
             before: before.map(entry_text).transpose()?,
             after: after.map(entry_text).transpose()?,
         };
         audit::write(transaction, change).await
     }
 
-    async fn note_input(
-        &self,
-        transaction: &mut SqliteConnection,
-        route_key: i64,
-    ) -> Result<(), StoreError> {
-        let Some(entry) = self.alert.history.last() else {
-            return Ok(());
-        };
-        let input = Input::Decision {
-            alert: self.alert.id,
-            action: self.action,
-            by: entry.by.clone(),
-            note: entry.note.clone(),
-            reason: entry.reason,
-        };
-        inputs::note(transaction, route_key, self.alert.updated_at, &input).await
+    /// What it is in the journal of inputs.
+    fn input(&self) -> Option<Input> {
+        let entry = |alert: &AlertRecord| alert.history.last().cloned();
+        if let [alert] = self.alerts.as_slice() {
+            let entry = entry(alert)?;
+            return Some(Input::Decision {
+                alert: alert.id,
+                action: self.action,
+                by: entry.by,
+                note: entry.note,
+                reason: entry.reason,
+            });
+        }
+        let accepted = self.alerts.iter().filter_map(|alert| {
+            let entry = entry(alert)?;
+            Some(AcceptedInput {
+                alert: alert.id,
+                by: entry.by,
+                note: entry.note,
+            })
+        });
+        Some(Input::AcceptedTogether {
+            alerts: accepted.collect(),
+        })
     }
 
     async fn change_map(
         &self,
         transaction: &mut SqliteConnection,
         route_key: i64,
+        first: &AlertRecord,
         map: &SealedMapDecision,
     ) -> Result<(), StoreError> {
         update_nodes(transaction, route_key, &map.changed_nodes).await?;
         update_edges(transaction, route_key, &map.changed_edges).await?;
         let action = match &map.accepted {
-            Some((change, undo)) => {
-                acceptances::insert(transaction, route_key, change, undo).await?;
+            Some(accepted) => {
+                for (change, undo) in accepted {
+                    acceptances::insert(transaction, route_key, change, undo).await?;
+                }
                 AlertAction::Accept
             }
             None => {
-                if !acceptances::remove(transaction, self.alert.id).await? {
-                    let what = format!("alert {} has not been accepted", self.alert.id);
+                if !acceptances::remove(transaction, first.id).await? {
+                    let what = format!("alert {} has not been accepted", first.id);
                     return Err(StoreError::InvalidResult(what));
                 }
                 AlertAction::Undo
             }
         };
         let next = Beginning {
-            at_us: micros(self.alert.updated_at),
-            alert_id: self.alert.id,
+            at_us: micros(first.updated_at),
+            alert_id: first.id,
             action,
         };
         begin_next(transaction, route_key, &map.superseded, &next).await

@@ -224,7 +224,7 @@ impl Check<'_> {
     async fn rows(&mut self) -> Result<(), StoreError> {
         let mut after = None;
         loop {
-            let page = routes::routes(self.readers, after.as_ref(), PAGE).await?;
+            let page = routes::routes(self.readers, None, after.as_ref(), PAGE).await?;
             for route in &page {
                 self.report.routes += 1;
                 let place = format!("route {}", route.id);

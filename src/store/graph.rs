@@ -509,7 +509,10 @@ pub(super) fn node_of(row: &SqliteRow) -> Result<NodeRecord, StoreError> {
     Ok(node)
 }
 
-fn node_with_scan_of(row: &SqliteRow, route: &RouteId) -> Result<NodeWithScan, StoreError> {
+pub(super) fn node_with_scan_of(
+    row: &SqliteRow,
+    route: &RouteId,
+) -> Result<NodeWithScan, StoreError> {
     let node = node_of(row)?;
     let has_scan = row.try_get::<Option<&[u8]>, _>("scan")?.is_some();
     let scan = has_scan.then(|| scan_of(row, route, node.id));

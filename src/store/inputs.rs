@@ -43,6 +43,11 @@ pub enum Input {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         reason: Option<DismissReason>,
     },
+    /// Somebody accepted several alerts, which made one version of the map.
+    AcceptedTogether {
+        /// In the order in which the map took them in.
+        alerts: Vec<AcceptedInput>,
+    },
     /// Batches were taken out of the map.
     Removal {
         /// What asked for it.
@@ -62,6 +67,18 @@ pub enum Input {
         /// The vehicle.
         vehicle: VehicleId,
     },
+}
+
+/// One of several alerts that were accepted together.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AcceptedInput {
+    /// The alert.
+    pub alert: AlertId,
+    /// Who accepted it, as they say.
+    pub by: String,
+    /// Why, for people.
+    pub note: Option<String>,
 }
 
 /// The batches of one job, and how they stood in their trip.

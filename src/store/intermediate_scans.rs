@@ -111,8 +111,37 @@ pub(super) async fn active_intermediate(
     .bind(route.as_str())
     .fetch_all(reader)
     .await?;
+    by_node(&rows, route)
+}
+
+/// Those of some nodes, in order, by node: of each the first `behind_max`.
+pub(super) async fn intermediate_behind(
+    reader: &mut SqliteConnection,
+    route: &RouteId,
+    nodes: &[NodeId],
+    behind_max: u32,
+) -> Result<BTreeMap<NodeId, Vec<IntermediateRecord>>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT node_id, place, stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, companion, lends, \
+             scan_sha256, scan \
+         FROM routes JOIN intermediate_scans USING (route_key) \
+         WHERE routes.id = ? AND node_id IN (SELECT value FROM json_each(?)) AND place < ? \
+         ORDER BY node_id, place",
+    )
+    .bind(route.as_str())
+    .bind(json_text(nodes)?)
+    .bind(behind_max)
+    .fetch_all(reader)
+    .await?;
+    by_node(&rows, route)
+}
+
+fn by_node(
+    rows: &[SqliteRow],
+    route: &RouteId,
+) -> Result<BTreeMap<NodeId, Vec<IntermediateRecord>>, StoreError> {
     let mut by_node: BTreeMap<NodeId, Vec<IntermediateRecord>> = BTreeMap::new();
-    for row in &rows {
+    for row in rows {
         let node = NodeId(row.try_get("node_id")?);
         let of_node = by_node.entry(node).or_default();
         let place: usize = row.try_get::<u32, _>("place")? as usize;

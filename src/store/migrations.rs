@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 26] = [
+const FILES: [(i64, &str, &str); 29] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -49,6 +49,9 @@ const FILES: [(i64, &str, &str); 26] = [
     file!(24, "trip clocks", "0024_trip_clocks.sql"),
     file!(25, "inputs", "0025_inputs.sql"),
     file!(26, "decision revisions", "0026_decision_revisions.sql"),
+    file!(27, "access", "0027_access.sql"),
+    file!(28, "alert passes", "0028_alert_passes.sql"),
+    file!(29, "deciding", "0029_deciding.sql"),
 ];
 
 /// Runs what a database has not seen yet.

@@ -27,21 +27,27 @@ mod fsck;
 mod gaps;
 mod graph;
 mod graph_rows;
+mod handling;
 mod inbox;
 mod inputs;
 mod intermediate_scans;
 mod jobs;
 mod journal;
+mod key_records;
+mod keys;
 mod lock;
 mod map_versions;
 mod marker;
 mod migrations;
+mod operation_records;
 mod operations;
+mod place_scans;
 mod quarantines;
 mod rebuild;
 mod records;
 mod removal_records;
 mod removals;
+mod report;
 mod request;
 mod results;
 mod retention;
@@ -49,7 +55,9 @@ mod retries;
 mod route_audit;
 mod routes;
 mod row_sums;
+mod secrets;
 mod series_closures;
+mod sessions;
 mod settled;
 mod space;
 mod trips;
@@ -60,7 +68,9 @@ mod webhook_audit;
 mod webhook_deliveries;
 mod webhook_records;
 mod webhooks;
+mod withheld;
 mod writer;
+mod zones;
 
 pub use alert_records::*;
 pub use archive::SubgraphSums;
@@ -69,19 +79,26 @@ pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compa
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
-pub use inputs::{Input, InputRecord, JobInput};
+pub use handling::{CommentRecord, Handling, Muted};
+pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};
+pub use key_records::*;
+pub use operation_records::*;
 pub use quarantines::Quarantine;
 pub use rebuild::InputsToRepeat;
 pub use records::*;
 pub use removal_records::*;
+pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts, ReportScope};
 pub use retries::Retried;
+pub use secrets::{KeyText, NoKey, Secret};
 pub use series_closures::{SeriesClosure, SeriesClosures};
 pub use upload_lags::UploadLag;
 pub use vehicles::{KeptOut, LidarRecord, TripCalibrationRecord, VehicleRecord};
 pub use webhook_records::*;
+pub use zones::{ZONES_MAX, ZoneEdit, ZoneMade, ZoneRecord};
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
@@ -121,6 +138,10 @@ struct Shared {
     shutdown: CancellationToken,
     writer: Mutex<Option<JoinHandle<Result<(), StoreError>>>>,
     opened: Instant,
+    /// Whether a key was ever made.
+    has_keys: AtomicBool,
+    /// How many keys were revoked since the start.
+    revocations: AtomicU64,
     // After the readers: whoever takes the lock next finds no connection of ours.
     _lock: Arc<DirectoryLock>,
 }
@@ -237,6 +258,7 @@ impl Store {
             );
         }
         jobs::release_orphans(&mut connection, Timestamp::now()).await?;
+        let has_keys = keys::any(&mut connection).await?;
         let readers = database.open_readers().await?;
         let commits = marker::commits(&mut connection).await?;
         let marker = Marker::create(&options.data_dir, commits)?;
@@ -268,6 +290,8 @@ impl Store {
             shutdown,
             writer: Mutex::new(Some(tokio::spawn(writer.run()))),
             opened: Instant::now(),
+            has_keys: AtomicBool::new(has_keys),
+            revocations: AtomicU64::new(0),
             _lock: lock,
         };
         Ok(Self {

@@ -7,31 +7,33 @@ use sqlx::{Row, SqliteConnection};
 
 use super::audit::{self, Change};
 use super::columns::{
-    corrupt, json, json_text, micros, name, optional_json, optional_time, text, time,
+    corrupt, json, json_text, micros, optional_json, optional_name, optional_time, text, time,
 };
 use super::error::StoreError;
-use super::removal_records::{Meant, OperationRecord, RemovalRequest, RemovalResult};
+use super::operation_records::{OperationRecord, OperationRequest, OperationResult};
+use super::removal_records::{Meant, RemovalRequest};
 use super::request::Request;
 use super::{Store, named};
 use crate::ids::{OperationId, RouteId};
-use crate::model::{Actor, AuditAction, OperationStatus};
+use crate::model::{Actor, AuditAction, OperationKind, OperationStatus};
 
 impl Store {
-    /// Notes what somebody asked for; it is carried out after what was asked for before.
+    /// Notes what somebody asked for, of one route or (`None`) of several; it is carried out after what
+    /// was asked for before.
     ///
     /// # Errors
     /// [`StoreError::UnknownRoute`].
     pub async fn ask_for(
         &self,
         id: OperationId,
-        route: &RouteId,
-        request: RemovalRequest,
+        route: Option<&RouteId>,
+        request: OperationRequest,
         by: &Actor,
         now: Timestamp,
     ) -> Result<(), StoreError> {
         let ask = Ask {
             id,
-            route: route.clone(),
+            route: route.cloned(),
             request,
             by: by.clone(),
             now,
@@ -70,14 +72,15 @@ impl Store {
         )
     }
 
-    /// Ends an operation that changes nothing: with a result, or the reason why there is none.
+    /// Ends an operation: with a result, or the reason why there is none. A removal that takes something
+    /// out ends in [`Store::apply_removal`].
     ///
     /// # Errors
     /// [`StoreError`].
     pub async fn end_operation(
         &self,
         id: OperationId,
-        outcome: Result<RemovalResult, String>,
+        outcome: Result<OperationResult, String>,
         now: Timestamp,
     ) -> Result<(), StoreError> {
         self.work(End { id, outcome, now }).await
@@ -87,8 +90,8 @@ impl Store {
 macro_rules! select_operations {
     ($rest:literal) => {
         concat!(
-            "SELECT operations.id, routes.id AS route_id, request, status, result, reason, \
-             asked_at_us, ended_at_us FROM operations JOIN routes USING (route_key) ",
+            "SELECT operations.id, operations.kind, routes.id AS route_id, request, status, result, \
+             reason, asked_at_us, ended_at_us FROM operations LEFT JOIN routes USING (route_key) ",
             $rest
         )
     };
@@ -97,8 +100,8 @@ use select_operations;
 
 struct Ask {
     id: OperationId,
-    route: RouteId,
-    request: RemovalRequest,
+    route: Option<RouteId>,
+    request: OperationRequest,
     by: Actor,
     now: Timestamp,
 }
@@ -109,14 +112,19 @@ impl Request for Ask {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let inserted = sqlx::query(
-            "INSERT INTO operations (id, route_key, request, status, asked_at_us) \
-             SELECT $1, route_key, $2, $3, $4 FROM routes WHERE id = $5",
+            "INSERT INTO operations (id, kind, route_key, request, status, asked_at_us) \
+             SELECT $1, $2, (SELECT route_key FROM routes WHERE id = $6), $3, $4, $5 \
+             WHERE $6 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = $6)",
         )
         .bind(self.id.to_string())
-        .bind(json_text(&self.request)?)
+        .bind(self.request.kind().name())
+        .bind(match &self.request {
+            OperationRequest::Removal(request) => json_text(request)?,
+            OperationRequest::Decisions(request) => json_text(request)?,
+        })
         .bind(OperationStatus::Queued.name())
         .bind(micros(self.now))
-        .bind(self.route.as_str())
+        .bind(self.route.as_ref().map(RouteId::as_str))
         .execute(&mut *transaction)
         .await?;
         if inserted.rows_affected() == 0 {
@@ -127,7 +135,8 @@ impl Request for Ask {
 }
 
 impl Ask {
-    /// Writes the audit's row; a dry run changes nothing.
+    /// Writes the audit's row of a removal; a dry run changes nothing, and decisions have rows of their
+    /// own once they are carried out.
     async fn note(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         #[derive(Serialize)]
         struct Asked<'a> {
@@ -136,15 +145,15 @@ impl Ask {
             erase: bool,
             note: Option<&'a str>,
         }
-        let RemovalRequest {
+        let OperationRequest::Removal(RemovalRequest {
             meant,
-            dry_run,
+            dry_run: false,
             erase,
             note,
-        } = &self.request;
-        if *dry_run {
+        }) = &self.request
+        else {
             return Ok(());
-        }
+        };
         let asked = Asked {
             meant,
             erase: *erase,
@@ -154,7 +163,7 @@ impl Ask {
             at: self.now,
             actor: &self.by,
             action: AuditAction::RemovalAsked,
-            route_id: Some(self.route.as_str()),
+            route_id: self.route.as_ref().map(RouteId::as_str),
             subject: &self.id.to_string(),
             before: None,
             after: Some(json_text(&asked)?),
@@ -165,7 +174,7 @@ impl Ask {
 
 struct End {
     id: OperationId,
-    outcome: Result<RemovalResult, String>,
+    outcome: Result<OperationResult, String>,
     now: Timestamp,
 }
 
@@ -183,17 +192,17 @@ impl Request for End {
 pub(super) async fn end(
     transaction: &mut SqliteConnection,
     id: OperationId,
-    outcome: &Result<RemovalResult, String>,
+    outcome: &Result<OperationResult, String>,
     now: Timestamp,
 ) -> Result<bool, StoreError> {
     let status = match outcome {
         Ok(_) => OperationStatus::Succeeded,
         Err(_) => OperationStatus::Failed,
     };
-    let result = outcome.as_ref().ok().map(json_text).transpose()?;
+    let result = outcome.as_ref().ok().map(result_text).transpose()?;
     let ended = sqlx::query(
         "UPDATE operations SET status = $1, result = $2, reason = $3, ended_at_us = $4 \
-         WHERE id = $5 AND ended_at_us IS NULL RETURNING request, \
+         WHERE id = $5 AND ended_at_us IS NULL RETURNING kind, request, \
          (SELECT id FROM routes WHERE routes.route_key = operations.route_key) AS route_id",
     )
     .bind(status.name())
@@ -204,8 +213,8 @@ pub(super) async fn end(
     .fetch_optional(&mut *transaction)
     .await?;
     let Some(row) = ended else { return Ok(false) };
-    let request: RemovalRequest = json(&row, "request")?;
-    if !request.dry_run {
+    let request = request_of(&row)?;
+    if request.kind() == OperationKind::Removal && !request.is_dry_run() {
         note_end(transaction, id, row.try_get("route_id")?, outcome, now).await?;
     }
     Ok(true)
@@ -216,7 +225,7 @@ async fn note_end(
     transaction: &mut SqliteConnection,
     id: OperationId,
     route_id: &str,
-    outcome: &Result<RemovalResult, String>,
+    outcome: &Result<OperationResult, String>,
     at: Timestamp,
 ) -> Result<(), StoreError> {
     #[derive(Serialize)]
@@ -224,7 +233,7 @@ async fn note_end(
         reason: &'a str,
     }
     let (action, after) = match outcome {
-        Ok(result) => (AuditAction::RemovalDone, json_text(result)?),
+        Ok(result) => (AuditAction::RemovalDone, result_text(result)?),
         Err(reason) => (AuditAction::RemovalFailed, json_text(&Failure { reason })?),
     };
     let change = Change {
@@ -239,14 +248,33 @@ async fn note_end(
     audit::write(transaction, change).await
 }
 
+fn result_text(result: &OperationResult) -> Result<String, StoreError> {
+    match result {
+        OperationResult::Removal(result) => json_text(result),
+        OperationResult::Decisions(outcomes) => json_text(outcomes),
+    }
+}
+
+fn request_of(row: &SqliteRow) -> Result<OperationRequest, StoreError> {
+    Ok(match text(row, "kind")? {
+        OperationKind::Removal => OperationRequest::Removal(json(row, "request")?),
+        OperationKind::Decisions => OperationRequest::Decisions(json(row, "request")?),
+    })
+}
+
 fn operation_of(row: &SqliteRow) -> Result<OperationRecord, StoreError> {
     let id: String = row.try_get("id")?;
+    let request = request_of(row)?;
+    let result = match request.kind() {
+        OperationKind::Removal => optional_json(row, "result")?.map(OperationResult::Removal),
+        OperationKind::Decisions => optional_json(row, "result")?.map(OperationResult::Decisions),
+    };
     Ok(OperationRecord {
         id: id.parse().map_err(|_| corrupt("id"))?,
-        route_id: name(row, "route_id")?,
-        request: json(row, "request")?,
+        route_id: optional_name(row, "route_id")?,
+        request,
         status: text(row, "status")?,
-        result: optional_json(row, "result")?,
+        result,
         reason: row.try_get("reason")?,
         asked_at: time(row, "asked_at_us")?,
         ended_at: optional_time(row, "ended_at_us")?,

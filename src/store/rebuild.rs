@@ -14,7 +14,7 @@ use super::records::{ClaimedJob, RouteSettings};
 use super::request::Request;
 use super::trips::{Place, queue};
 use crate::ids::{BatchId, RouteId};
-use crate::model::{BatchFlag, BatchStatus, OperationStatus, Stage};
+use crate::model::{BatchFlag, BatchStatus, OperationKind, OperationStatus, Stage};
 
 /// Flags that processing sets.
 const SET_BY_PROCESSING: [BatchFlag; 3] = [
@@ -24,13 +24,17 @@ const SET_BY_PROCESSING: [BatchFlag; 3] = [
 ];
 
 /// Rows that a rebuild does not make are set aside …
-const SET_ASIDE: [&str; 5] = [
+const SET_ASIDE: [&str; 7] = [
     "CREATE TABLE rebuild_batches AS SELECT batches.*, 0 AS touched FROM batches WHERE route_key = $1",
     "CREATE TABLE rebuild_jobs AS SELECT * FROM jobs WHERE route_key = $1",
     "CREATE TABLE rebuild_events AS SELECT alert_events.*, alerts.id AS alert_id \
      FROM alerts JOIN alert_events USING (alert_key) WHERE route_key = $1",
     "CREATE TABLE rebuild_deliveries AS SELECT webhook_deliveries.*, alerts.id AS alert_id \
      FROM alerts JOIN webhook_deliveries USING (alert_key) WHERE route_key = $1",
+    "CREATE TABLE rebuild_handling AS SELECT alert_handling.*, alerts.id AS alert_id \
+     FROM alerts JOIN alert_handling USING (alert_key) WHERE route_key = $1",
+    "CREATE TABLE rebuild_comments AS SELECT alert_comments.*, alerts.id AS alert_id \
+     FROM alerts JOIN alert_comments USING (alert_key) WHERE route_key = $1",
     "CREATE TABLE rebuild_marks AS SELECT revision, updated_at_us, \
      (SELECT coalesce(max(audit_key), 0) FROM audit) AS audit_key, \
      (SELECT coalesce(max(input_key), 0) FROM inputs) AS input_key \
@@ -51,7 +55,7 @@ const CLEAR: [&str; 9] = [
 ];
 
 /// Puts back what was set aside. Batches that no input names, and those that wait, are as they were.
-const PUT_BACK: [&str; 11] = [
+const PUT_BACK: [&str; 15] = [
     "UPDATE batches SET (status, reason, flags, nodes_added, loop_closures, nodes_at_try, \
          processed_at_us) = (SELECT status, reason, flags, nodes_added, loop_closures, \
          nodes_at_try, processed_at_us FROM rebuild_batches AS was \
@@ -62,12 +66,27 @@ const PUT_BACK: [&str; 11] = [
      AND status IN ('queued', 'processing') AND batch_key NOT IN (SELECT batch_key FROM rebuild_jobs)",
     "DELETE FROM jobs WHERE route_key = $1",
     "INSERT INTO jobs SELECT * FROM rebuild_jobs WHERE route_key = $1",
+    "DELETE FROM alert_handling WHERE alert_key IN \
+         (SELECT alert_key FROM alerts WHERE route_key = $1)",
+    "INSERT INTO alert_handling (alert_key, changes, assignee, comments, muted_until_us, withheld_from) \
+     SELECT alerts.alert_key, changes, assignee, comments, muted_until_us, withheld_from \
+     FROM rebuild_handling AS was JOIN alerts ON alerts.id = was.alert_id WHERE route_key = $1",
+    "INSERT INTO alert_comments (comment_key, alert_key, at_us, by_whom, text) \
+     SELECT comment_key, alerts.alert_key, at_us, by_whom, text \
+     FROM rebuild_comments AS was JOIN alerts ON alerts.id = was.alert_id WHERE route_key = $1",
+    "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
+         WHERE alerts.route_key = $1 AND status IN ('open', 'acknowledged') \
+         AND NOT EXISTS (SELECT 1 FROM alert_handling AS handling \
+             WHERE handling.alert_key = alerts.alert_key AND muted_until_us IS NOT NULL)) \
+     WHERE route_key = $1",
     "DELETE FROM alert_events WHERE (SELECT (id, revision) IN (SELECT alert_id, was.revision \
          FROM rebuild_events AS was) FROM alerts \
          WHERE alerts.alert_key = alert_events.alert_key AND route_key = $1)",
     "INSERT INTO alert_events (sequence, alert_key, revision, at_us) \
      SELECT sequence, alerts.alert_key, was.revision, at_us FROM rebuild_events AS was \
      JOIN alerts ON alerts.id = was.alert_id AND was.revision <= alerts.revision \
+         + coalesce((SELECT changes FROM alert_handling AS handling \
+             WHERE handling.alert_key = alerts.alert_key), 0) \
      WHERE route_key = $1",
     "DELETE FROM webhook_deliveries WHERE alert_key IN \
          (SELECT alert_key FROM alerts WHERE route_key = $1)",
@@ -80,10 +99,12 @@ const PUT_BACK: [&str; 11] = [
      WHERE route_key = $1",
 ];
 
-const DROP: [&str; 7] = [
+const DROP: [&str; 9] = [
     "ALTER TABLE rebuild_deliveries DROP COLUMN alert_id",
     "INSERT INTO webhook_deliveries SELECT * FROM rebuild_deliveries WHERE alert_key IS NOT NULL",
     "DROP TABLE rebuild_deliveries",
+    "DROP TABLE rebuild_handling",
+    "DROP TABLE rebuild_comments",
     "DROP TABLE rebuild_events",
     "DROP TABLE rebuild_jobs",
     "DROP TABLE rebuild_batches",
@@ -231,11 +252,13 @@ impl Request for Begin {
         .await?;
         sqlx::query(
             "UPDATE operations SET status = $1, result = NULL, ended_at_us = NULL \
-             WHERE route_key = $2 AND status = $3 AND NOT json_extract(request, '$.dry_run')",
+             WHERE route_key = $2 AND status = $3 AND kind = $4 \
+             AND NOT json_extract(request, '$.dry_run')",
         )
         .bind(OperationStatus::Queued.name())
         .bind(route_key)
         .bind(OperationStatus::Succeeded.name())
+        .bind(OperationKind::Removal.name())
         .execute(&mut *transaction)
         .await?;
         sqlx::query(

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use super::alert_records::AlertRecord;
 use super::records::{EdgeChange, NodeChange};
 use crate::ids::{BatchId, EdgeId, NodeId, OperationId, RouteId, TripId, VehicleId};
-use crate::model::OperationStatus;
 
 /// Which uploads are meant.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,27 +50,6 @@ pub struct RemovalResult {
     pub alerts: u64,
     /// How far the rest of the map moves, at most, metres.
     pub moved_m: f64,
-}
-
-/// Long work that somebody asked for.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OperationRecord {
-    /// By which it is asked for.
-    pub id: OperationId,
-    /// The route that it changes.
-    pub route_id: RouteId,
-    /// What is to be removed.
-    pub request: RemovalRequest,
-    /// How far it has come.
-    pub status: OperationStatus,
-    /// What was removed; `None` unless it succeeded.
-    pub result: Option<RemovalResult>,
-    /// Why it failed.
-    pub reason: Option<String>,
-    /// When it was asked for.
-    pub asked_at: Timestamp,
-    /// When it ended.
-    pub ended_at: Option<Timestamp>,
 }
 
 /// The uploads that a request means, with what they hold of the graph.

@@ -8,6 +8,7 @@ use super::columns::{json_text, micros, name};
 use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
 use super::inputs::{self, Input};
+use super::operation_records::OperationResult;
 use super::removal_records::{Meant, Removable, Removal};
 use super::request::Request;
 use super::results::count_blocks;
@@ -136,7 +137,7 @@ impl Request for ApplyRemoval {
             batches: removal.removable.batches.clone(),
         };
         inputs::note(transaction, route_key, removal.at, &input).await?;
-        let outcome = Ok(removal.result);
+        let outcome = Ok(OperationResult::Removal(removal.result));
         if !operations::end(transaction, removal.operation, &outcome, removal.at).await? {
             let what = format!("operation {} has ended already", removal.operation);
             return Err(StoreError::InvalidResult(what));

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
 
-use super::columns::{micros, name, text, time};
+use super::columns::{json_text, micros, name, text, time};
 use super::error::StoreError;
 use super::inputs::{self, Input};
 use super::records::{
@@ -55,7 +55,20 @@ impl Store {
         after: Option<&RouteId>,
         limit: u32,
     ) -> Result<Vec<RouteRecord>, StoreError> {
-        named(routes(&self.shared.readers, after, limit).await)
+        named(routes(&self.shared.readers, None, after, limit).await)
+    }
+
+    /// Those of some routes that are there, as [`Store::routes`] has them.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn routes_among(
+        &self,
+        among: &[RouteId],
+        after: Option<&RouteId>,
+        limit: u32,
+    ) -> Result<Vec<RouteRecord>, StoreError> {
+        named(routes(&self.shared.readers, Some(among), after, limit).await)
     }
 
     /// Deletes a route with its uploads, jobs and graph; where an edition is expected, only that.
@@ -259,14 +272,19 @@ pub(super) async fn route(
 /// Routes by id, after `after`.
 pub(super) async fn routes(
     readers: &SqlitePool,
+    among: Option<&[RouteId]>,
     after: Option<&RouteId>,
     limit: u32,
 ) -> Result<Vec<RouteRecord>, StoreError> {
-    let rows = sqlx::query(select_routes!("WHERE id > ? ORDER BY id LIMIT ?"))
-        .bind(after.map_or("", RouteId::as_str))
-        .bind(limit)
-        .fetch_all(readers)
-        .await?;
+    let rows = sqlx::query(select_routes!(
+        "WHERE id > ?1 AND (?3 IS NULL OR id IN (SELECT value FROM json_each(?3))) \
+         ORDER BY id LIMIT ?2"
+    ))
+    .bind(after.map_or("", RouteId::as_str))
+    .bind(limit)
+    .bind(among.map(json_text).transpose()?)
+    .fetch_all(readers)
+    .await?;
     rows.iter().map(route_of).collect()
 }
 

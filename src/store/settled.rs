@@ -38,6 +38,19 @@ impl Store {
         named(among(&self.shared.readers, route, nodes, edges).await)
     }
 
+    /// The loop closures among some edges that are not retired, whether their nodes are active or have
+    /// left, ascending.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn active_closures_among(
+        &self,
+        route: &RouteId,
+        edges: &[EdgeId],
+    ) -> Result<Vec<EdgeId>, StoreError> {
+        named(closures_among(&self.shared.readers, route, edges).await)
+    }
+
     /// Takes nodes back into the active graph, where they were, with their edges to other active
     /// nodes. The route's revision is raised if any had left.
     ///
@@ -140,6 +153,24 @@ pub(super) async fn among(
     .fetch_all(readers)
     .await?;
     Ok(ids.into_iter().map(NodeId).collect())
+}
+
+/// The closures among some edges that are optimised while their nodes are active.
+async fn closures_among(
+    readers: &SqlitePool,
+    route: &RouteId,
+    edges: &[EdgeId],
+) -> Result<Vec<EdgeId>, StoreError> {
+    let ids = sqlx::query_scalar(
+        "SELECT edge_id FROM routes JOIN edges USING (route_key) \
+         WHERE routes.id = ?1 AND edge_id IN (SELECT value FROM json_each(?2)) \
+         AND kind = 'loop_closure' AND status = 'active' ORDER BY edge_id",
+    )
+    .bind(route.as_str())
+    .bind(json_text(edges)?)
+    .fetch_all(readers)
+    .await?;
+    Ok(ids.into_iter().map(EdgeId).collect())
 }
 
 /// How many nodes take part in the optimisation.

@@ -55,31 +55,14 @@ pub(super) struct Happened {
     pub(super) route_key: i64,
     pub(super) alert_key: i64,
     pub(super) sequence: i64,
-    /// The alert's revision after it; 1 is the raising.
+    /// The revision of the alert after it, as clients see it.
     pub(super) revision: i64,
-    /// The revision with which it was first confirmed; `None` while it never was.
-    pub(super) confirmed_revision: Option<i64>,
+    /// What it is to a webhook that is sent tentative alerts as well; `None` if it is sent nothing.
+    pub(super) event: Option<AlertEventKind>,
+    /// What it is to a webhook for which an alert begins when it is confirmed: nothing before that. An
+    /// alert that was confirmed once goes on being sent, also if it is tentative again.
+    pub(super) event_if_confirmed: Option<AlertEventKind>,
     pub(super) at_us: i64,
-}
-
-impl Happened {
-    /// What it is to a webhook that is sent tentative alerts as well.
-    fn event(&self) -> AlertEventKind {
-        match self.revision {
-            1 => AlertEventKind::Raised,
-            _ => AlertEventKind::Updated,
-        }
-    }
-
-    /// What it is to a webhook for which an alert begins when it is confirmed: nothing before
-    /// that. An alert that was confirmed once goes on being sent, also if it is tentative again.
-    fn event_if_confirmed(&self) -> Option<AlertEventKind> {
-        let confirmed_revision = self.confirmed_revision?;
-        Some(match self.revision == confirmed_revision {
-            true => AlertEventKind::Raised,
-            false => AlertEventKind::Updated,
-        })
-    }
 }
 
 /// Queues a delivery for every active webhook that wants to know.
@@ -97,13 +80,13 @@ pub(super) async fn queue(
          WHERE happened IS NOT NULL \
          AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = happened) ORDER BY webhook_key",
     )
-    .bind(happened.event().name())
+    .bind(happened.event.map(AlertEventKind::name))
     .bind(happened.sequence)
     .bind(happened.alert_key)
     .bind(happened.at_us)
     .bind(happened.route_key)
     .bind(happened.revision)
-    .bind(happened.event_if_confirmed().map(AlertEventKind::name))
+    .bind(happened.event_if_confirmed.map(AlertEventKind::name))
     .execute(transaction)
     .await?;
     Ok(())

@@ -87,7 +87,20 @@ impl Store {
         after: Option<WebhookId>,
         limit: u32,
     ) -> Result<Vec<WebhookRecord>, StoreError> {
-        named(webhooks(&self.shared.readers, after, limit).await)
+        named(webhooks(&self.shared.readers, None, after, limit).await)
+    }
+
+    /// Those of one of some routes alone, as [`Store::webhooks`] has them.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn webhooks_among(
+        &self,
+        routes: &[RouteId],
+        after: Option<WebhookId>,
+        limit: u32,
+    ) -> Result<Vec<WebhookRecord>, StoreError> {
+        named(webhooks(&self.shared.readers, Some(routes), after, limit).await)
     }
 }
 
@@ -257,14 +270,18 @@ pub(super) async fn webhooks_of(
 
 async fn webhooks(
     readers: &SqlitePool,
+    among: Option<&[RouteId]>,
     after: Option<WebhookId>,
     limit: u32,
 ) -> Result<Vec<WebhookRecord>, StoreError> {
     let rows = sqlx::query(select_webhooks!(
-        "WHERE webhooks.id > ? ORDER BY webhooks.id LIMIT ?"
+        "WHERE webhooks.id > ?1 \
+         AND (?3 IS NULL OR routes.id IN (SELECT value FROM json_each(?3))) \
+         ORDER BY webhooks.id LIMIT ?2"
     ))
     .bind(after.map_or_else(String::new, |id| id.to_string()))
     .bind(limit)
+    .bind(among.map(json_text).transpose()?)
     .fetch_all(readers)
     .await?;
     rows.iter().map(webhook_of).collect()

@@ -49,7 +49,7 @@ pub(super) async fn message(
         None => (None, test_data(next)?),
         Some(id) => match store.alert(id).await? {
             None => return Ok(None),
-            Some(alert) => (Some(alert.revision), form(alert)?),
+            Some(alert) => (Some(alert.shown_revision()), form(alert)?),
         },
     };
     Ok(Some(Message {

@@ -1,5 +1,11 @@
 //! Alerts as clients see them, and what clients decide about them.
 
+use std::time::Duration;
+
+use mapshift::api::Limits;
+use mapshift::ids::OperationId;
+use mapshift::model::{Actor, AlertAction};
+use mapshift::store::{DecisionRequest, DecisionsRequest, OperationRequest, Store, StoreOptions};
 use serde_json::{Value, json};
 
 use crate::changed_hall::{self, APPEARED, DISAPPEARED};
@@ -40,6 +46,7 @@ async fn alerts_have_their_documented_form() {
     for (name, path) in [
         ("alert", path(APPEARED)),
         ("alerts", "/v1/alerts?limit=1".to_owned()),
+        ("alert_passes", format!("{}/passes", path(APPEARED))),
         ("alert_evidence", format!("{}/evidence", path(APPEARED))),
         (
             "batch_with_alerts",
@@ -61,6 +68,71 @@ async fn alerts_have_their_documented_form() {
     );
     let route = service.get("/v1/routes/hall").await.json();
     assert_eq!(route["counts"]["open_alerts"], 1);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn the_observations_show_both_sides_of_a_place() {
+    let service = changed_hall::start().await;
+    let path = format!("{}/observations", path(APPEARED));
+    let observations = service.get(&path).await;
+    insta::assert_json_snapshot!("alert_observations", rounded(observations.json()));
+    let tag = observations.header("etag").unwrap();
+    let again = Request::new("GET", &*path).header("if-none-match", tag);
+    assert_eq!(service.send(again).await.status, 304);
+    for show in ["", "?show=before", "?show=since", "?show=both"] {
+        let picture = service.get(&format!("{path}.svg{show}")).await;
+        assert_eq!(picture.status, 200, "{show}");
+        assert_eq!(picture.header("content-type"), Some("image/svg+xml"));
+        let policy = picture.header("content-security-policy").unwrap();
+        assert!(policy.contains("sandbox"));
+        assert_ne!(picture.header("etag"), Some(tag), "{show}");
+        let text = picture.text();
+        assert_eq!(text.contains("observations before"), show != "?show=since");
+        assert_eq!(text.contains("observation since"), show != "?show=before");
+    }
+    assert_eq!(
+        service.get(&format!("{path}.svg?show=now")).await.status,
+        400
+    );
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn an_alert_from_before_passes_were_kept_has_none() {
+    let service = changed_hall::start().await;
+    let alert = service.get(&path(DISAPPEARED)).await.json();
+    assert_eq!(
+        (&alert["passes"], &alert["blocking"]),
+        (&Value::Null, &Value::Null)
+    );
+    let passes = service.get(&format!("{}/passes", path(DISAPPEARED))).await;
+    assert_eq!(passes.json(), json!({"items": [], "next_cursor": null}));
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn a_list_that_is_as_it_was_is_not_sent_again() {
+    let service = changed_hall::start().await;
+    let list = "/v1/alerts?limit=1";
+    let first = service.get(list).await;
+    let tag = first.header("etag").unwrap().to_owned();
+    let ask = |path: &str| Request::new("GET", path).header("if-none-match", &tag);
+    assert_eq!(service.send(ask(list)).await.status, 304);
+    assert_eq!(
+        service.send(ask("/v1/alerts")).await.status,
+        200,
+        "another list"
+    );
+    let acknowledged = decide(&service, "acknowledge", "\"1\"", json!({})).await;
+    assert_eq!(acknowledged.status, 200);
+    assert_eq!(service.send(ask(list)).await.status, 304, "another alert");
+    let all = service.get("/v1/alerts?status=acknowledged").await;
+    let tag = all.header("etag").unwrap();
+    let ask = Request::new("GET", "/v1/alerts?status=acknowledged").header("if-none-match", tag);
+    let reopened = decide(&service, "reopen", "\"2\"", json!({})).await;
+    assert_eq!(reopened.status, 200);
+    assert_eq!(service.send(ask).await.status, 200);
     service.stop().await;
 }
 
@@ -147,6 +219,10 @@ async fn every_condition_of_a_list_holds() {
         ("?bbox=-10,-10,10,10", vec![DISAPPEARED, APPEARED]),
         ("?min_confidence=0.95", vec![APPEARED]),
         ("?min_confidence=1", vec![]),
+        ("?vehicle_id=agv-07", vec![DISAPPEARED, APPEARED]),
+        ("?vehicle_id=agv-08", vec![]),
+        ("?blocking=near", vec![APPEARED]),
+        ("?blocking=blocking", vec![]),
     ] {
         let page = service.get(&format!("/v1/alerts{query}")).await.json();
         let items = page["items"].as_array().unwrap().iter();
@@ -311,5 +387,159 @@ async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
     assert_eq!(edge["status"], "active");
     let route = service.get("/v1/routes/hall").await.json();
     assert_eq!(route["map_version"], 3);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn several_acceptances_are_one_operation_and_one_version() {
+    let service = changed_hall::start().await;
+    let reopen = Request::new("POST", format!("{}/reopen", path(DISAPPEARED)));
+    let reopened = service.send(reopen.header("if-match", "\"1\"")).await;
+    assert_eq!(reopened.status, 200, "{}", reopened.text());
+    let nobody = "00000000-0000-7000-8000-00000000ffff";
+    let accept = |id: &str| json!({"id": id, "action": "accept", "if_match": "*", "note": "so"});
+    let body =
+        json!({"decisions": [accept(APPEARED), accept(nobody), accept(DISAPPEARED)], "by": "kim"});
+    for expected in [
+        [
+            ("done", json!(2)),
+            ("unknown", json!(null)),
+            ("done", json!(2)),
+        ],
+        [
+            ("already_done", json!(null)),
+            ("unknown", json!(null)),
+            ("already_done", json!(null)),
+        ],
+    ] {
+        let request = Request::new("POST", "/v1/alerts/decisions").json(&body);
+        let answer = service.send(request).await;
+        assert_eq!(answer.status, 202, "{}", answer.text());
+        let operation = ended_operation(&service, answer.header("location").unwrap()).await;
+        assert_eq!(operation["kind"], "decisions");
+        assert_eq!(operation["route_id"], "hall");
+        assert_eq!(operation["status"], "succeeded", "{operation}");
+        assert_eq!(operation["progress"], 1.0);
+        let outcomes = operation["result"]["decisions"].as_array().unwrap();
+        for (outcome, (result, map_version)) in outcomes.iter().zip(expected) {
+            assert_eq!(
+                (&outcome["result"], &outcome["map_version"]),
+                (&json!(result), &map_version)
+            );
+        }
+        let problem = &outcomes[1]["problem"]["type"];
+        assert_eq!(problem, "/problems/not-found");
+    }
+    let route = service.get("/v1/routes/hall").await.json();
+    assert_eq!(route["map_version"], 2);
+    let accepted = service.get(&path(APPEARED)).await.json();
+    let last = &accepted["history"][1];
+    assert_eq!((&last["by"], &last["note"]), (&json!("kim"), &json!("so")));
+    service.stop().await;
+}
+
+/// Half of it had been carried out when the service stopped.
+#[tokio::test]
+async fn an_operation_is_resumed_after_a_restart() {
+    let service = changed_hall::start().await;
+    let reopen = Request::new("POST", format!("{}/reopen", path(DISAPPEARED)));
+    service.send(reopen.header("if-match", "\"1\"")).await;
+    let accepted = decide(&service, "accept", "\"1\"", json!({})).await;
+    assert_eq!(accepted.status, 200);
+    let directory = service.stop_keeping().await;
+    let data_dir = directory.path().join("data");
+    let store = Store::open(StoreOptions { data_dir }).await.unwrap();
+    let id = OperationId(uuid::Uuid::now_v7());
+    let accept = |alert: &str| DecisionRequest {
+        alert_id: alert.parse().unwrap(),
+        action: AlertAction::Accept,
+        decision_revisions: None,
+        note: None,
+        reason: None,
+    };
+    let decisions = OperationRequest::Decisions(DecisionsRequest {
+        decisions: vec![accept(APPEARED), accept(DISAPPEARED)],
+        by: "kim".to_owned(),
+        actor: Actor::System,
+    });
+    let now = jiff::Timestamp::now();
+    let asked = store
+        .ask_for(id, None, decisions, &Actor::System, now)
+        .await;
+    asked.unwrap();
+    store.close().await.unwrap();
+    let service = Service::start_in(directory, Limits::default()).await;
+    let operation = ended_operation(&service, &format!("/v1/operations/{id}")).await;
+    let outcomes = operation["result"]["decisions"].as_array().unwrap();
+    let results: Vec<&Value> = outcomes.iter().map(|one| &one["result"]).collect();
+    assert_eq!(results, ["already_done", "done"]);
+    service.stop().await;
+}
+
+/// Waits for an operation's end.
+async fn ended_operation(service: &Service, path: &str) -> Value {
+    let ended = async {
+        loop {
+            let operation = service.get(path).await.json();
+            if operation["status"] != "queued" {
+                return operation;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    let ended = tokio::time::timeout(Duration::from_secs(30), ended).await;
+    ended.expect("the operation ends")
+}
+
+#[tokio::test]
+async fn a_preview_changes_nothing_and_says_why_there_is_none() {
+    let service = changed_hall::start().await;
+    let before = service.get("/v1/routes/hall").await.json();
+    let preview = service.get(&format!("{}/preview", path(APPEARED))).await;
+    assert_eq!(preview.status, 200, "{}", preview.text());
+    let preview = preview.json();
+    assert_eq!(preview["map_version_next"], 2);
+    assert_eq!(
+        (&preview["edges_retired"], &preview["edge_ids"]),
+        (&json!(1), &json!([3]))
+    );
+    assert_eq!(
+        preview["region"],
+        service.get(&path(APPEARED)).await.json()["region"]
+    );
+    assert_eq!(service.get("/v1/routes/hall").await.json(), before);
+    let resolved = service.get(&format!("{}/preview", path(DISAPPEARED))).await;
+    assert_eq!(
+        (resolved.status, resolved.problem()),
+        (409, "transition-not-allowed".to_owned())
+    );
+    let detail = resolved.json()["detail"].to_string();
+    assert!(detail.contains("that is resolved"), "{detail}");
+    service.stop().await;
+}
+
+/// What the map shows waits for people: it changes when a change is accepted, and not before.
+#[tokio::test]
+async fn the_map_changes_by_acceptance_alone() {
+    let service = changed_hall::start().await;
+    let map = async || service.get("/v1/routes/hall/map.pgm").await.body;
+    let pending = map().await;
+    let observed = service.get("/v1/routes/hall/map.pgm?layer=observed").await;
+    assert!(observed.body != pending, "a pending change is left out");
+    let taken = |step: Answer| assert_eq!(step.status, 200, "{}", step.text());
+    taken(decide(&service, "acknowledge", "*", json!({})).await);
+    assert!(map().await == pending, "an acknowledgement changes nothing");
+    taken(decide(&service, "dismiss", "*", json!({})).await);
+    assert!(map().await == pending, "a dismissal changes nothing");
+    taken(decide(&service, "reopen", "*", json!({})).await);
+    taken(decide(&service, "accept", "*", json!({})).await);
+    assert!(map().await != pending, "an acceptance changes the map");
+    let first = service.get("/v1/routes/hall/versions/1/map.pgm").await;
+    assert!(first.body == pending, "and the version before stays");
+    taken(decide(&service, "undo", "*", json!({})).await);
+    assert!(
+        map().await == pending,
+        "an undo brings the first bytes back"
+    );
     service.stop().await;
 }

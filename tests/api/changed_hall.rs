@@ -6,16 +6,18 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use mapshift::api::Limits;
-use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
+use mapshift::change::{
+    AlertStatus, ChangeKind, Counterpart, Finding, JudgedPass, JudgedPasses, Tier,
+};
 use mapshift::geometry::{Information, Pose2, Vector2};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{AlertId, BatchId, EdgeId, NodeId, RouteId, StampNs, TripId, VehicleId};
-use mapshift::model::{Actor, BatchStatus, Stage};
+use mapshift::model::{Actor, BatchStatus, Clearance, PassOutcome, PassSide, Stage};
 use mapshift::scan::{LaserScan, Lidar, encode_scan};
 use mapshift::store::{
     AlertRecord, AlertResidual, Applied, BatchContent, BatchOutcome, ClosureRecord, EdgeRecord,
-    GeoAnchor, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate, SYSTEM,
-    Store, StoreOptions,
+    GeoAnchor, Handling, HistoryEntry, JobResult, NewBatch, NodeRecord, NodeWithScan, RouteUpdate,
+    SYSTEM, Store, StoreOptions,
 };
 use tempfile::TempDir;
 
@@ -246,6 +248,8 @@ fn appeared(route: &RouteId) -> AlertRecord {
         },
         first_seen: StampNs(START_NS + 3_000_000_000),
         vehicles: vec![VehicleId::new("agv-07").unwrap()],
+        passes: Some(passes()),
+        clearance: Some(Clearance::Near),
         residual: Some(AlertResidual {
             edge_id: EdgeId(3),
             delta_f: 0.75,
@@ -259,7 +263,27 @@ fn appeared(route: &RouteId) -> AlertRecord {
         raised_at,
         updated_at: raised_at,
         history: vec![by_system(AlertStatus::Open, raised_at, None)],
+        handling: Handling::default(),
     }
+}
+
+/// One before the box and one since; a third one could not see its place.
+fn passes() -> JudgedPasses {
+    let pass = |node, side, outcome| JudgedPass {
+        trip: TripId::new("trip-1").unwrap(),
+        vehicle: VehicleId::new("agv-07").unwrap(),
+        begins: StampNs(START_NS + node * 1_000_000_000),
+        ends: StampNs(START_NS + node * 1_000_000_000),
+        side,
+        outcome,
+        node: NodeId(node),
+    };
+    let passes = vec![
+        pass(1, PassSide::Before, PassOutcome::OldState),
+        pass(2, PassSide::Before, PassOutcome::CouldNotSee),
+        pass(3, PassSide::Since, PassOutcome::NewState),
+    ];
+    JudgedPasses::of(ChangeKind::Appeared, passes)
 }
 
 /// Told by nodes alone, without a closure.
@@ -285,6 +309,9 @@ fn disappeared(route: &RouteId) -> AlertRecord {
             until: Some(StampNs(START_NS + 3_600_000_000_000)),
             ..first.evidence.clone()
         },
+        // As alerts are that were raised before passes were kept.
+        passes: None,
+        clearance: None,
         residual: None,
         raised_at,
         updated_at: resolved_at,

@@ -46,7 +46,7 @@ impl Request {
 
     pub fn head(&self) -> Vec<u8> {
         let mut head = format!(
-            "{} {} HTTP/1.1\r\nhost: test\r\nconnection: close\r\n",
+            "{} {} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n",
             self.method, self.path
         );
         for (name, value) in &self.headers {

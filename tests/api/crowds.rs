@@ -10,7 +10,7 @@ use crate::client::{Answer, Connection, Request};
 use crate::service::Service;
 
 const PATH: &str = "/v1/routes/line-4/batches/b-1";
-const ALIVE: &[u8] = b"GET /livez HTTP/1.1\r\nhost: test\r\n\r\n";
+const ALIVE: &[u8] = b"GET /livez HTTP/1.1\r\nhost: localhost\r\n\r\n";
 const GRAPH: &str = "/v1/routes/hall/graph";
 
 fn upload() -> Request {
@@ -256,7 +256,7 @@ async fn who_does_not_take_an_export_is_cut_off() {
 async fn who_does_not_take_plain_answers_is_cut_off() {
     let service = Service::start_with(impatient()).await;
     let mut connection = Connection::open(service.address).await;
-    let many = b"GET /openapi.json HTTP/1.1\r\nhost: test\r\n\r\n".repeat(100);
+    let many = b"GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(100);
     connection.write(&many).await;
     connection.wait_until_cut_off().await;
     service.stop().await;

@@ -8,6 +8,7 @@
     clippy::print_stdout
 )]
 
+mod access;
 mod alert_stream;
 mod alerts;
 mod audit;
@@ -20,15 +21,21 @@ mod client;
 mod crowds;
 mod edge_batches;
 mod foreign_heads;
+mod handling;
 mod hooked;
+mod keys;
 mod lifecycle;
 mod limits;
+mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;
 mod resources;
+mod secrets;
 mod service;
+mod sessions;
 mod uploads;
 mod vehicles;
 mod webhook_attempts;
 mod webhook_events;
 mod webhooks;
+mod zones;

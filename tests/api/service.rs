@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use mapshift::api::{Limits, Pace};
+use mapshift::api::{AccessOptions, Limits, Pace};
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
 use mapshift::geometry::{Information, Pose2, PoseSigma};
@@ -62,14 +62,26 @@ impl Service {
         limits: Limits,
         delivery: DeliveryOptions,
     ) -> Self {
-        let config = AppConfig {
+        Self::start_changed(directory, |config| {
+            config.limits = limits;
+            config.delivery = delivery;
+        })
+        .await
+    }
+
+    /// With settings that differ from the usual ones.
+    pub async fn start_changed(directory: TempDir, change: impl FnOnce(&mut AppConfig)) -> Self {
+        let mut config = AppConfig {
             listen: "127.0.0.1:0".parse().unwrap(),
             data_dir: directory.path().join("data"),
             accept_lost_log: false,
-            limits,
+            limits: Limits::default(),
             pipeline: PipelineOptions::default(),
-            delivery,
+            delivery: DeliveryOptions::default(),
+            access: AccessOptions::default(),
+            insecure_open_to_network: false,
         };
+        change(&mut config);
         let app = app::start(config).await.unwrap();
         Self {
             address: app.local_addr(),

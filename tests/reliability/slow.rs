@@ -128,7 +128,7 @@ async fn slow_connections(
         let source = Ipv4Addr::new(127, 0, 3, 1 + (number / PER_ADDRESS) as u8);
         let says = match number < count / 10 {
             true => {
-                "PUT /v1/routes/line/batches/slow HTTP/1.1\r\nhost: test\r\n\
+                "PUT /v1/routes/line/batches/slow HTTP/1.1\r\nhost: localhost\r\n\
                   content-type: application/json\r\ncontent-length: 9000\r\n\r\n{"
             }
             false => "GET /livez HTTP/1.1\r\nhost: te",

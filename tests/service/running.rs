@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mapshift::api::Limits;
+use mapshift::api::{AccessOptions, Limits};
 use mapshift::app::{self, RunningApp};
 use mapshift::config::AppConfig;
 use mapshift::pipeline::PipelineOptions;
@@ -39,6 +39,8 @@ impl Running {
             limits: Limits::default(),
             pipeline: PipelineOptions::default(),
             delivery,
+            access: AccessOptions::default(),
+            insecure_open_to_network: false,
         };
         let app = app::start(config).await.unwrap();
         Self {

@@ -5,10 +5,10 @@ use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
 use mapshift::model::{Actor, AlertEventKind, AuditAction, BatchStatus, Detector, DismissReason};
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
-    Deleted, Edited, HistoryEntry, Meant, NewWebhook, NextDelivery, OperationRecord, Put,
-    Quarantine, Registered, Removal, RemovalRequest, RemovalResult, Retried, RouteEdition,
-    RouteRecord, RouteUpdate, SettingsUpdate, StoreError, WebhookRecord, WebhookSecret,
-    WebhookUpdate,
+    Deleted, Edited, HistoryEntry, Meant, NewWebhook, NextDelivery, OperationRecord,
+    OperationRequest, OperationResult, Put, Quarantine, Registered, Removal, RemovalRequest,
+    RemovalResult, Retried, RouteEdition, RouteRecord, RouteUpdate, SettingsUpdate, StoreError,
+    WebhookRecord, WebhookSecret, WebhookUpdate,
 };
 use serde_json::{Value, json};
 use uuid::Uuid;
@@ -97,7 +97,7 @@ async fn dismissal(fixture: &Fixture) -> Decision {
         base_revision: fixture.revision(&route()).await,
         action: AlertAction::Dismiss,
         actor: by().clone(),
-        alert: next,
+        alerts: vec![next],
         map: None,
     }
 }
@@ -123,7 +123,10 @@ async fn full() -> Fixture {
 
 async fn ask(fixture: &Fixture, number: u128, request: RemovalRequest) -> Result<(), StoreError> {
     let (id, route) = (operation_id(number), route());
-    let asked = fixture.store.ask_for(id, &route, request, by(), at(15));
+    let request = OperationRequest::Removal(request);
+    let asked = fixture
+        .store
+        .ask_for(id, Some(&route), request, by(), at(15));
     asked.await
 }
 
@@ -373,7 +376,7 @@ async fn a_decision_leaves_a_row_with_what_was_and_what_is() {
         assert_eq!(decided.unwrap(), became);
     }
     let before = json!({"status": "open", "by": "system", "note": null});
-    let after = json!({"status": "dismissed", "by": "kim", "note": "a parked lorry"});
+    let after = json!({"status": "dismissed", "by": "kim", "note": "a parked lorry", "reason": "temporary"});
     assert_eq!(
         told_since(&fixture, count, by()).await,
         [told(AuditAction::AlertDismissed, alert_id(), before, after)]
@@ -396,7 +399,11 @@ async fn a_removal_is_noted_when_it_is_asked_for_and_when_it_has_ended() {
         )]
     );
     ask(&fixture, 2, removal(true)).await.unwrap();
-    let dry = store.end_operation(operation_id(2), Ok(RESULT), at(16));
+    let dry = store.end_operation(
+        operation_id(2),
+        Ok(OperationResult::Removal(RESULT)),
+        at(16),
+    );
     dry.await.unwrap();
     assert_eq!(
         rows(&fixture).await.len(),

@@ -11,6 +11,7 @@ mod edges;
 mod graph;
 mod jobs;
 mod journal;
+mod keys;
 mod life;
 mod lost;
 mod rot;

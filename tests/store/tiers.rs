@@ -1,12 +1,16 @@
 //! Alerts that are tentative at first, what is kept of them, and whom they are sent to.
 
-use mapshift::change::{AlertStatus, ChangeKind, Counterpart, Finding, Tier};
+use mapshift::change::{
+    AlertStatus, ChangeKind, Counterpart, Finding, JudgedPass, JudgedPasses, Tier,
+};
 use mapshift::geometry::Vector2;
-use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId};
-use mapshift::model::{AlertEventKind, BatchStatus, WebhookEvent};
+use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId, ZoneId};
+use mapshift::model::{
+    AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent, ZonePurpose,
+};
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, HistoryEntry, NewWebhook, Registered, SYSTEM, Store,
-    StoreError, WebhookSecret, WebhookUpdate,
+    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    Store, StoreError, WebhookSecret, WebhookUpdate, ZoneEdit, ZoneMade,
 };
 use uuid::Uuid;
 
@@ -61,11 +65,14 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
         },
         first_seen: StampNs(1_000),
         vehicles: vec![VehicleId::new("v").unwrap()],
+        passes: Some(passes()),
+        clearance: Some(Clearance::Near),
         residual: None,
         map_version: 1,
         related: Vec::new(),
         raised_at: at(1),
         updated_at: at(1),
+        handling: Handling::default(),
         history: vec![HistoryEntry {
             status: AlertStatus::Open,
             at: at(1),
@@ -74,6 +81,23 @@ pub fn alert(number: u128, tier: Tier) -> AlertRecord {
             reason: None,
         }],
     }
+}
+
+fn passes() -> JudgedPasses {
+    let pass = |second: i64, side, outcome| JudgedPass {
+        trip: TripId::new("t").unwrap(),
+        vehicle: VehicleId::new("v").unwrap(),
+        begins: StampNs(second),
+        ends: StampNs(second + 1),
+        side,
+        outcome,
+        node: NodeId(1),
+    };
+    let passes = vec![
+        pass(500, PassSide::Before, PassOutcome::OldState),
+        pass(1_000, PassSide::Since, PassOutcome::NewState),
+    ];
+    JudgedPasses::of(ChangeKind::Appeared, passes)
 }
 
 fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
@@ -269,4 +293,54 @@ async fn what_was_raised_before_there_were_tiers_is_confirmed() {
         .await
         .unwrap();
     assert_eq!(sent(store, PLAIN).await, [(1, AlertEventKind::Updated)]);
+}
+
+/// What is withheld while a zone mutes an alert is made good when the zone is over, and nothing twice.
+#[tokio::test]
+async fn a_webhook_is_sent_what_it_missed_once_a_zone_is_over() {
+    use AlertEventKind::{Raised, Updated};
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, PLAIN, false).await;
+    register(store, WITH_TENTATIVE, true).await;
+    let zone = ZoneId(Uuid::from_u128(7));
+    let edit = ZoneEdit {
+        polygon: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(Vector2::from)
+            .to_vec(),
+        purpose: ZonePurpose::Mute,
+        kinds: None,
+        until: Some(at(100)),
+        note: None,
+    };
+    let made = store.create_zone(&route(), zone, edit, by(), at(0)).await;
+    assert_eq!(made.unwrap(), ZoneMade::Created);
+    let raised = alert(1, Tier::Tentative);
+    write(&fixture, "b0", &raised).await.unwrap();
+    let confirmed = next(&raised, Tier::Confirmed);
+    write(&fixture, "b1", &confirmed).await.unwrap();
+    let open = async || {
+        let record = store.route(&route()).await.unwrap();
+        record.unwrap().counts.open_alerts
+    };
+    assert_eq!(
+        (sent(store, PLAIN).await, sent(store, WITH_TENTATIVE).await),
+        (vec![], vec![])
+    );
+    assert_eq!(
+        (open().await, store.end_zones(at(99)).await.unwrap()),
+        (0, 0)
+    );
+    assert_eq!(store.end_zones(at(100)).await.unwrap(), 1);
+    assert_eq!(store.end_zones(at(101)).await.unwrap(), 0);
+    assert_eq!(open().await, 1);
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        assert_eq!(sent(store, webhook).await, [(1, Raised)]);
+    }
+    write(&fixture, "b2", &next(&confirmed, Tier::Confirmed))
+        .await
+        .unwrap();
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        assert_eq!(sent(store, webhook).await, [(1, Raised), (1, Updated)]);
+    }
 }

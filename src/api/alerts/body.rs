@@ -4,11 +4,14 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::passes::PassCountsBody;
+use super::sentence::{summary, title};
+use super::size::Size;
 use super::suspect_body::SuspectBody;
 use crate::api::types::timestamp;
 use crate::change::Counterpart;
 use crate::geometry::Vector2;
-use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, Tier};
+use crate::model::{AlertAction, AlertStatus, ChangeKind, Clearance, DismissReason, Tier};
 use crate::pipeline::is_allowed;
 use crate::scan::HeightBand;
 use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
@@ -18,6 +21,9 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
 #[schema(as = Alert, example = json!({
     "id": "019aa000-0000-7000-8000-000000000001", "route_id": "line-4", "revision": 17, "decision_revision": 3,
     "kind": "appeared", "status": "open", "tier": "confirmed", "actions": ["acknowledge", "accept", "dismiss"],
+    "title": "Appeared: about 0.4 × 0.4 m", "summary": "Something about 0.4 × 0.4 m stands where 7 earlier passes saw free space, since 06:00; seen by agv-07 in 2 of 2 passes.",
+    "size": {"length": 0.4, "width": 0.4}, "blocking": "near",
+    "passes": {"before": {"saw_free": 7, "saw_occupied": 0, "could_not_see": 1}, "since": {"saw_free": 0, "saw_occupied": 2, "could_not_see": 0}},
     "confidence": 0.998, "location": {"x": 12.31, "y": 4.02, "sigma": 0.06},
     "region": [[12.1, 3.8], [12.5, 3.8], [12.5, 4.2], [12.1, 4.2]], "counterpart": null, "shift": null, "suspect": null, "bands": [],
     "edge_ids": [881, 882], "node_ids": [41, 612], "vehicle_ids": ["agv-07"], "trip_ids": ["2026-11-20-a"],
@@ -25,6 +31,7 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "residual": {"edge_id": 881, "delta_f": 0.031, "threshold": 0.0022, "ratio": 14.1, "p_value": 1e-9, "seed_rule": true},
     "first_seen": "2026-11-20T06:00:00Z", "since": "2026-11-20T06:00:00Z", "last_seen": "2026-11-20T07:30:00Z", "until": null,
     "raised_at": "2026-11-20T06:00:09Z", "updated_at": "2026-11-20T07:30:08Z", "map_version": 1, "related": [],
+    "assignee": null, "comments": 0, "muted": false, "muted_until": null,
     "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null, "reason": null}]
 }))]
 pub(super) struct AlertBody {
@@ -33,7 +40,7 @@ pub(super) struct AlertBody {
     pub id: String,
     /// The route.
     pub route_id: String,
-    /// Raised by every change of the alert.
+    /// Raised by every change of the alert, and of `assignee`, `comments` and `muted`.
     revision: i64,
     /// Raised when that changes which a decision is about: status, tier, or the region by more than
     /// 0.25 m; not by further evidence. In quotes it is the ETag that `If-Match` is compared with.
@@ -46,6 +53,20 @@ pub(super) struct AlertBody {
     tier: Tier,
     /// What can be done with it now.
     actions: Vec<AlertAction>,
+    /// What happened, in a few words for people.
+    title: String,
+    /// What happened, where, since when and who saw it, in one sentence for people. Times are UTC.
+    summary: String,
+    /// How large its region is; null without a region.
+    #[schema(required)]
+    size: Option<Size>,
+    /// How near it is to the way that vehicles took before it; null for alerts that are about no change
+    /// of a place, and for those that have not changed since the service computes it.
+    #[schema(required)]
+    blocking: Option<Clearance>,
+    /// How many passes by the place saw what, before and since; null as `blocking`.
+    #[schema(required)]
+    passes: Option<PassCountsBody>,
     /// Probability that it is true.
     #[schema(minimum = 0, maximum = 1)]
     confidence: f64,
@@ -79,7 +100,7 @@ pub(super) struct AlertBody {
     trip_ids: Vec<String>,
     /// Scans that show the new state.
     views: u64,
-    /// Passes by the place that saw the new state.
+    /// Passes since the change: those by the place that saw the new state.
     laps: u64,
     /// What the residual of its strongest closure says; null without a closure.
     #[schema(required)]
@@ -106,6 +127,16 @@ pub(super) struct AlertBody {
     map_version: i64,
     /// Alerts that tell of the same place.
     related: Vec<String>,
+    /// Who sees to it; null if nobody does.
+    #[schema(required)]
+    assignee: Option<String>,
+    /// How many comments there are.
+    comments: i64,
+    /// Whether a zone mutes it: webhooks are not sent it, and it does not count among the open alerts.
+    muted: bool,
+    /// When that ends by itself; null if it does not, or if it is not muted.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    muted_until: Option<Timestamp>,
     /// Every status that it had, the first one first.
     history: Vec<HistoryBody>,
 }
@@ -198,7 +229,7 @@ pub(super) fn etag(alert: &AlertRecord) -> String {
 }
 
 /// What can be done with an alert now.
-pub(super) fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
+fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
     let all = AlertAction::ALL.into_iter();
     all.filter(|action| is_allowed(alert, *action)).collect()
 }
@@ -222,16 +253,24 @@ impl From<AlertRecord> for AlertBody {
     fn from(alert: AlertRecord) -> Self {
         let actions = allowed_actions(&alert);
         let location = LocationBody::of(&alert);
+        let size = Size::of(&alert.evidence.region);
+        let (title, summary) = (title(&alert, size), summary(&alert, size));
+        let revision = alert.shown_revision();
         let evidence = alert.evidence;
         Self {
             id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
-            revision: alert.revision,
+            revision,
             decision_revision: alert.decision_revision,
             kind: evidence.kind,
             status: alert.status,
             tier: evidence.tier,
             actions,
+            title,
+            summary,
+            size,
+            blocking: alert.clearance,
+            passes: alert.passes.as_ref().map(PassCountsBody::from),
             confidence: evidence.confidence,
             location,
             region: corners(&evidence.region),
@@ -254,6 +293,10 @@ impl From<AlertRecord> for AlertBody {
             updated_at: alert.updated_at,
             map_version: alert.map_version,
             related: alert.related.iter().map(ToString::to_string).collect(),
+            assignee: alert.handling.assignee,
+            comments: alert.handling.comments,
+            muted: alert.handling.muted.is_some(),
+            muted_until: alert.handling.muted.and_then(|muted| muted.until),
             history: alert.history.into_iter().map(HistoryBody::from).collect(),
         }
     }

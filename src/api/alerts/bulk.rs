@@ -6,34 +6,39 @@ use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
+use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::AlertBody;
-use super::decisions::{Why, carry_out, checked_name};
+use super::decisions::{Why, decider};
 use crate::api::ApiState;
+use crate::api::access::Identity;
 use crate::api::extract::NoQuery;
+use crate::api::operation::{OperationBody, taken_on};
 use crate::api::problem::{Problem, ProblemBody, ProblemKind};
 use crate::api::problem_responses::DecisionsProblems;
 use crate::api::upload::small_json;
 use crate::change::AlertAction;
-use crate::ids::AlertId;
-use crate::model::{Actor, DismissReason};
+use crate::ids::{AlertId, RouteId};
+use crate::model::{Actor, DecisionResult, DismissReason};
+use crate::store::{DecisionOutcome, DecisionRequest, DecisionsRequest, OperationRequest};
 
 const DECISIONS_MAX: usize = 200;
 /// Each begins a version of a map and takes up to seconds.
-const MAP_CHANGES_MAX: usize = 10;
+const UNDOS_MAX: usize = 10;
 
 /// Decisions about several alerts.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"decisions": [{"id": "019aa000-0000-7000-8000-000000000001", "action": "dismiss", "if_match": "\"3\"", "reason": "people"}], "by": "J. Kovács"}))]
 pub(in crate::api) struct DecisionsPost {
-    /// Carried out in this order, each on its own; no alert twice, and at most 10 of them `accept` or
+    /// First those that accept nothing are carried out, in this order, each on its own; then what is
+    /// accepted, which makes one version of the map of each route. No alert twice, and at most 10 of them
     /// `undo`.
     #[schema(min_items = 1, max_items = 200)]
     decisions: Vec<DecisionPost>,
-    /// Who decided; `anonymous` if left out.
+    /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in.
     #[schema(min_length = 1, max_length = 100, nullable = false)]
     by: Option<String>,
 }
@@ -68,11 +73,17 @@ enum IfMatch {
 }
 
 impl IfMatch {
-    fn tag(&self) -> String {
-        match self {
-            Self::Revision(revision) => format!("\"{revision}\""),
-            Self::Tag(tag) => tag.clone(),
+    /// The decision revisions that it names; `None` for `*`, which matches all.
+    fn decision_revisions(&self) -> Option<Vec<i64>> {
+        let tags = match self {
+            Self::Revision(revision) => return Some(vec![*revision]),
+            Self::Tag(tags) => tags.split(',').map(str::trim),
+        };
+        if tags.clone().any(|tag| tag == "*") {
+            return None;
         }
+        let quoted = |tag: &str| tag.strip_prefix('"')?.strip_suffix('"')?.parse().ok();
+        Some(tags.filter_map(quoted).collect())
     }
 }
 
@@ -83,50 +94,58 @@ pub(in crate::api) struct DecisionsAnswer {
     items: Vec<DecisionAnswer>,
 }
 
-/// What became of a decision.
+/// What became of a decision, and the alert.
 #[derive(Debug, Serialize, ToSchema)]
 struct DecisionAnswer {
+    #[serde(flatten)]
+    outcome: DecisionOutcomeBody,
+    /// The alert as it is now; null if there is none.
+    #[schema(required)]
+    alert: Option<AlertBody>,
+}
+
+/// What became of a decision.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = DecisionOutcome)]
+pub(in crate::api) struct DecisionOutcomeBody {
     /// The alert.
     #[schema(format = "uuid")]
     id: String,
-    /// Whether it was carried out.
+    /// What was to be done.
+    action: AlertAction,
+    /// Whether it was.
     result: DecisionResult,
-    /// The alert as it is now; null if there is none, or if it could not be read.
+    /// The version of the map that began with an `accept`; null if none did.
     #[schema(required)]
-    alert: Option<AlertBody>,
+    map_version: Option<i64>,
     /// Why it was not carried out; null if it was, or had been before.
     #[schema(required)]
     problem: Option<ProblemBody>,
 }
 
-/// Whether a decision was carried out: `done`; `already_done`, the alert has that status; `changed`, it is
-/// not as `if_match` says; `not_allowed` for its status or kind; `unknown`, there is no such alert;
-/// `failed`, the same may succeed later.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-enum DecisionResult {
-    Done,
-    AlreadyDone,
-    Changed,
-    NotAllowed,
-    Unknown,
-    Failed,
-}
-
-impl DecisionResult {
-    fn of(kind: ProblemKind) -> Self {
-        match kind {
-            ProblemKind::PreconditionFailed => Self::Changed,
-            ProblemKind::TransitionNotAllowed => Self::NotAllowed,
-            ProblemKind::NotFound => Self::Unknown,
-            _ => Self::Failed,
+impl From<DecisionOutcome> for DecisionOutcomeBody {
+    fn from(outcome: DecisionOutcome) -> Self {
+        let kind = match outcome.result {
+            DecisionResult::Done | DecisionResult::AlreadyDone => None,
+            DecisionResult::Changed => Some(ProblemKind::PreconditionFailed),
+            DecisionResult::NotAllowed => Some(ProblemKind::TransitionNotAllowed),
+            DecisionResult::Unknown => Some(ProblemKind::NotFound),
+            DecisionResult::Failed => Some(ProblemKind::Overloaded),
+        };
+        let detail = outcome.detail.unwrap_or_default();
+        Self {
+            id: outcome.alert_id.to_string(),
+            action: outcome.action,
+            result: outcome.result,
+            map_version: outcome.map_version,
+            problem: kind.map(|kind| Problem::new(kind, detail).body("")),
         }
     }
 }
 
 impl DecisionsPost {
     /// All of it, before anything is carried out.
-    fn check(self) -> Result<Vec<(DecisionPost, Why)>, Problem> {
+    fn check(self, identity: &Identity, actor: Actor) -> Result<DecisionsRequest, Problem> {
         let refuse =
             |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/decisions"));
         if !(1..=DECISIONS_MAX).contains(&self.decisions.len()) {
@@ -136,68 +155,89 @@ impl DecisionsPost {
         if ids.len() < self.decisions.len() {
             return refuse("an alert is decided about once in a request");
         }
-        let changes_map =
-            |one: &&DecisionPost| matches!(one.action, AlertAction::Accept | AlertAction::Undo);
-        if self.decisions.iter().filter(changes_map).count() > MAP_CHANGES_MAX {
-            return refuse(
-                "accept and undo make a new map each: send at most 10 of them at a time",
-            );
+        if count(&self.decisions, AlertAction::Undo) > UNDOS_MAX {
+            return refuse("each undo makes a new map: send at most 10 of them at a time");
         }
-        let by = checked_name(self.by)?;
+        let by = decider(&actor, self.by)?;
         let decisions = self.decisions.into_iter().enumerate();
-        let checked = decisions.map(|(k, mut one)| {
-            let why = Why::checked(one.action, by.clone(), one.note.take(), one.reason);
+        let checked = decisions.map(|(k, one)| {
+            let why = Why::checked(one.action, by.clone(), one.note, one.reason);
             let why = why.map_err(|problem| problem.below(&format!("/decisions/{k}")))?;
-            Ok((one, why))
+            Ok(DecisionRequest {
+                alert_id: one.id,
+                action: one.action,
+                decision_revisions: one.if_match.decision_revisions(),
+                note: why.note,
+                reason: why.reason,
+            })
         });
-        checked.collect()
+        Ok(DecisionsRequest {
+            decisions: checked.collect::<Result<_, Problem>>()?,
+            by,
+            actor,
+            routes: identity.routes.clone(),
+        })
     }
+}
+
+fn count(decisions: &[DecisionPost], action: AlertAction) -> usize {
+    decisions.iter().filter(|one| one.action == action).count()
 }
 
 /// Decide about several alerts.
 ///
-/// Each decision is carried out or not on its own. One that has been made before is answered
-/// `already_done`, so that the same request can be sent again.
+/// Each decision is carried out or not on its own; what is accepted on one route makes one version of its
+/// map. A decision that has been made before is answered `already_done`, so that the same request can be
+/// sent again. With more than one `accept` the answer is 202 and names an operation, whose result says what
+/// became of each; it goes on if the service is restarted meanwhile.
 #[utoipa::path(
     post, path = "/v1/alerts/decisions", tag = "alerts",
     request_body(content = DecisionsPost, description = "The decisions"),
-    responses((status = 200, description = "What became of each", body = DecisionsAnswer), DecisionsProblems)
+    responses(
+        (status = 200, description = "What became of each", body = DecisionsAnswer),
+        (status = 202, description = "They will be carried out", body = OperationBody, headers(("Location" = String, description = "The operation"))),
+        DecisionsProblems,
+    )
 )]
 pub(in crate::api) async fn decide_alerts(
     State(state): State<ApiState>,
     _: NoQuery,
+    identity: Identity,
     actor: Actor,
     headers: HeaderMap,
     body: Body,
-) -> Result<Json<DecisionsAnswer>, Problem> {
+) -> Result<Response, Problem> {
     let post: DecisionsPost = small_json(&state, &headers, body).await?;
-    let mut items = Vec::new();
-    for (one, why) in post.check()? {
-        items.push(answer(&state, &one, why, actor.clone()).await?);
+    let is_long = count(&post.decisions, AlertAction::Accept) > 1;
+    let request = post.check(&identity, actor.clone())?;
+    if is_long {
+        let route = the_route(&state, &request).await?;
+        let request = OperationRequest::Decisions(request);
+        let id = state.operations.ask_for(route.as_ref(), request, &actor);
+        return taken_on(&state, id.await?).await;
     }
-    Ok(Json(DecisionsAnswer { items }))
+    let mut items = Vec::new();
+    for outcome in state.decisions.decide_all(request).await? {
+        let alert = state.store.alert(outcome.alert_id).await?;
+        let alert = alert.filter(|alert| identity.sees(&alert.route_id));
+        items.push(DecisionAnswer {
+            outcome: outcome.into(),
+            alert: alert.map(AlertBody::from),
+        });
+    }
+    Ok(Json(DecisionsAnswer { items }).into_response())
 }
 
-async fn answer(
+/// The route of the alerts that are decided about, if it is one.
+async fn the_route(
     state: &ApiState,
-    one: &DecisionPost,
-    why: Why,
-    actor: Actor,
-) -> Result<DecisionAnswer, Problem> {
-    let before = state.store.alert(one.id).await?;
-    let is_made = |status| one.action.leads_to() == Some(status);
-    let (result, problem) = match before {
-        Some(alert) if is_made(alert.status) => (DecisionResult::AlreadyDone, None),
-        _ => match carry_out(state, one.id, one.action, actor, &one.if_match.tag(), why).await {
-            Ok(()) => (DecisionResult::Done, None),
-            Err(problem) => (DecisionResult::of(problem.kind()), Some(problem.body(""))),
-        },
-    };
-    let alert = state.store.alert(one.id).await?;
-    Ok(DecisionAnswer {
-        id: one.id.to_string(),
-        result,
-        alert: alert.map(AlertBody::from),
-        problem,
-    })
+    request: &DecisionsRequest,
+) -> Result<Option<RouteId>, Problem> {
+    let mut routes = BTreeSet::new();
+    for decision in &request.decisions {
+        let alert = state.store.alert(decision.alert_id).await?;
+        let alert = alert.filter(|alert| request.covers(&alert.route_id));
+        routes.extend(alert.map(|alert| alert.route_id));
+    }
+    Ok(routes.pop_first().filter(|_| routes.is_empty()))
 }

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::body::{allowed_actions, etag};
+use super::body::etag;
 use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
@@ -18,11 +18,11 @@ use crate::api::parameters::{AlertParam, IfAlertMatches};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::DecisionProblems;
 use crate::api::upload::small_json;
-use crate::change::{AlertAction, ChangeKind};
+use crate::change::AlertAction;
 use crate::ids::AlertId;
 use crate::model::{Actor, DismissReason};
 use crate::pipeline::{DecisionError, Order};
-use crate::store::{AlertRecord, SYSTEM};
+use crate::store::SYSTEM;
 
 const NAME_CHARS_MAX: usize = 100;
 /// Who decided, where nobody says so.
@@ -39,16 +39,17 @@ pub(in crate::api) struct AlertDecision {
     /// Why it is dismissed; with `dismiss` alone.
     #[schema(nullable = false)]
     reason: Option<DismissReason>,
-    /// Who decided; `anonymous` if left out.
+    /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in: their
+    /// own name stands in the history.
     #[schema(min_length = 1, max_length = 100)]
     by: Option<String>,
 }
 
 /// Who decides, and why.
 pub(super) struct Why {
-    by: String,
-    note: Option<String>,
-    reason: Option<DismissReason>,
+    pub by: String,
+    pub note: Option<String>,
+    pub reason: Option<DismissReason>,
 }
 
 impl Why {
@@ -67,9 +68,17 @@ impl Why {
     }
 }
 
-/// Who decides, as they say.
-pub(super) fn checked_name(by: Option<String>) -> Result<String, Problem> {
-    let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/by"));
+/// Who decides: who has signed in, whatever they say; else as they say.
+pub(super) fn decider(actor: &Actor, by: Option<String>) -> Result<String, Problem> {
+    match actor.signed_in() {
+        Some(name) => Ok(name.to_owned()),
+        None => checked_name("/by", by),
+    }
+}
+
+/// A name at a JSON pointer, as people say it; without one they are anonymous.
+pub(super) fn checked_name(pointer: &str, by: Option<String>) -> Result<String, Problem> {
+    let refuse = |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer));
     let by = by.unwrap_or_else(|| UNNAMED.to_owned());
     let length = by.chars().count();
     if !(1..=NAME_CHARS_MAX).contains(&length) || by.chars().any(char::is_control) {
@@ -91,47 +100,19 @@ fn wanted(headers: &HeaderMap) -> Result<&str, Problem> {
     Ok(wanted.to_str().unwrap_or_default())
 }
 
-/// What a decision is about has changed since; more evidence alone never comes here.
-fn stale(alert: &AlertRecord) -> Problem {
-    let last = alert.history.last().map(|last| (&last.by, last.at));
-    let since = last.map_or_else(String::new, |(by, at)| format!(" since {at:.0} by {by}"));
-    let detail = format!(
-        "the alert is not as If-Match says: it is {} ({}){since}, its decision_revision is {}; look \
-         at its status, tier and region, and decide again",
-        alert.status.name(),
-        alert.evidence.tier.name(),
-        alert.decision_revision,
-    );
-    Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
-}
-
-/// The problem of an action that the alert's status does not allow, or that takes into the map what
-/// is no change of the world.
-fn refused(alert: &AlertRecord, action: AlertAction) -> Problem {
-    let allowed = allowed_actions(alert).into_iter().map(AlertAction::name);
-    let allowed: Vec<&str> = allowed.collect();
-    let possible = match allowed.as_slice() {
-        [] => "nothing can be done with it".to_owned(),
-        names => format!("what is possible now: {}", names.join(", ")),
-    };
-    let reason = match alert.status.allows(action) {
-        true if alert.evidence.kind == ChangeKind::MapMismatch => {
-            "of kind map_mismatch: the map is wrong there, not the world, and there is nothing to \
-             take into it; it is mended, and the alert resolved, once scans prove where the segment \
-             belongs"
-                .to_owned()
+/// The problem of a decision that was not taken.
+pub(super) fn refused(error: DecisionError, action: AlertAction) -> Problem {
+    let detail = error.detail(action);
+    match error {
+        DecisionError::UnknownAlert => unknown_alert(),
+        DecisionError::Changed(_) => {
+            Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
         }
-        true => format!(
-            "of kind {}: no change of the world",
-            alert.evidence.kind.name()
-        ),
-        false => format!("that is {}", alert.status.name()),
-    };
-    let detail = format!(
-        "{} is not possible with an alert {reason}; {possible}",
-        action.name()
-    );
-    Problem::new(ProblemKind::TransitionNotAllowed, detail)
+        DecisionError::NotAllowed(_) => Problem::new(ProblemKind::TransitionNotAllowed, detail),
+        DecisionError::Busy => Problem::new(ProblemKind::Overloaded, detail),
+        DecisionError::Store(error) => error.into(),
+        DecisionError::Failed(_) => Problem::internal(error),
+    }
 }
 
 async fn decide(
@@ -143,7 +124,7 @@ async fn decide(
     body: Body,
 ) -> Result<Response, Problem> {
     let decision: AlertDecision = small_json(state, headers, body).await?;
-    let by = checked_name(decision.by)?;
+    let by = decider(&actor, decision.by)?;
     let why = Why::checked(action, by, decision.note, decision.reason)?;
     known_alert(state, id).await?;
     carry_out(state, id, action, actor, wanted(headers)?, why).await?;
@@ -151,7 +132,7 @@ async fn decide(
 }
 
 /// Carries a decision out if the alert is as one of the wanted ETags says.
-pub(super) async fn carry_out(
+async fn carry_out(
     state: &ApiState,
     id: AlertId,
     action: AlertAction,
@@ -161,7 +142,7 @@ pub(super) async fn carry_out(
 ) -> Result<(), Problem> {
     let alert = known_alert(state, id).await?;
     if !is_among(wanted, &etag(&alert)) {
-        return Err(stale(&alert));
+        return Err(refused(DecisionError::Changed(Box::new(alert)), action));
     }
     let order = Order {
         alert_id: id,
@@ -173,18 +154,8 @@ pub(super) async fn carry_out(
         reason: why.reason,
         at: Timestamp::now(),
     };
-    match state.decisions.decide(order).await {
-        Ok(_) => Ok(()),
-        Err(DecisionError::UnknownAlert) => Err(unknown_alert()),
-        Err(DecisionError::Changed(alert)) => Err(stale(&alert)),
-        Err(DecisionError::NotAllowed(alert)) => Err(refused(&alert, action)),
-        Err(DecisionError::Busy) => {
-            let detail = "the route changes too quickly; send the same again later";
-            Err(Problem::new(ProblemKind::Overloaded, detail))
-        }
-        Err(DecisionError::Store(error)) => Err(error.into()),
-        Err(error @ DecisionError::Failed(_)) => Err(Problem::internal(error)),
-    }
+    let decided = state.decisions.decide(order).await;
+    decided.map(|_| ()).map_err(|error| refused(error, action))
 }
 
 /// Take an alert up.

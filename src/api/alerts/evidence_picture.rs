@@ -8,6 +8,7 @@ use super::evidence::{Evidence, LookBack, gather};
 use super::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
+use crate::api::if_match::is_known;
 use crate::api::parameters::AlertParam;
 use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertProblems;
@@ -16,7 +17,7 @@ use crate::ids::AlertId;
 use crate::render::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
 
 /// A picture is opened on its own, too: nothing in it may run or load.
-const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
+pub(super) const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
 
 /// Read the evidence behind an alert as an SVG picture.
 ///
@@ -48,9 +49,7 @@ pub(in crate::api) async fn get_evidence_svg(
         (header::CACHE_CONTROL, "no-cache".to_owned()),
         (header::CONTENT_SECURITY_POLICY, PICTURE_POLICY.to_owned()),
     ];
-    let known = request.get(header::IF_NONE_MATCH);
-    let known = known.and_then(|v| v.to_str().ok()).unwrap_or_default();
-    if known.split(',').any(|other| other.trim() == tag) {
+    if is_known(&request, &tag) {
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
     let evidence = gather(&state, alert, &route).await?;

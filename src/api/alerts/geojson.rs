@@ -12,15 +12,18 @@ use utoipa::ToSchema;
 use super::body::{AlertBandBody, ShiftBody};
 use super::page;
 use super::query::AlertQuery;
+use super::sentence::{summary, title};
+use super::size::Size;
 use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
+use crate::api::access::Identity;
 use crate::api::extract::{ApiQuery, PageQuery};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::AlertMapProblems;
 use crate::api::types::timestamp;
 use crate::geometry::Vector2;
 use crate::ids::RouteId;
-use crate::model::{AlertStatus, ChangeKind, Tier};
+use crate::model::{AlertStatus, ChangeKind, Clearance, Tier};
 use crate::store::{AlertRecord, RouteRecord};
 
 /// Alerts as GeoJSON (RFC 7946).
@@ -77,6 +80,16 @@ struct Properties {
     status: AlertStatus,
     /// How far it is to be believed.
     tier: Tier,
+    /// What happened, in a few words for people.
+    title: String,
+    /// The same in one sentence. Times are UTC.
+    summary: String,
+    /// How large its region is; null without a region.
+    #[schema(required)]
+    size: Option<Size>,
+    /// How near it is to the way that vehicles took before it; null if that is not known.
+    #[schema(required)]
+    blocking: Option<Clearance>,
     /// The other side of the same event; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartProperty>,
@@ -120,12 +133,14 @@ struct CounterpartProperty {
 )]
 pub(in crate::api) async fn list_alerts_geojson(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
 ) -> Result<Response, Problem> {
     if let Some(route) = query.filter()?.route_id {
+        identity.check_route(&route)?;
         required_plane(&state.known_route(&route).await?)?;
     }
-    let (alerts, next_cursor) = page(&state, &query).await?;
+    let (alerts, next_cursor) = page(&state, &identity, &query).await?;
     let mut planes: BTreeMap<RouteId, Option<TangentPlane>> = BTreeMap::new();
     let mut features = Vec::with_capacity(alerts.len());
     for alert in &alerts {
@@ -183,6 +198,7 @@ impl Feature {
     fn new(alert: &AlertRecord, plane: &TangentPlane) -> Self {
         let evidence = &alert.evidence;
         let counterpart = evidence.counterpart.as_ref();
+        let size = Size::of(&evidence.region);
         Self {
             kind: "Feature",
             id: alert.id.to_string(),
@@ -192,6 +208,10 @@ impl Feature {
                 kind: evidence.kind,
                 status: alert.status,
                 tier: evidence.tier,
+                title: title(alert, size),
+                summary: summary(alert, size),
+                size,
+                blocking: alert.clearance,
                 counterpart: counterpart.map(|counterpart| CounterpartProperty {
                     kind: counterpart.kind,
                     region: Polygon::of(&counterpart.region, plane),

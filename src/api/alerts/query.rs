@@ -3,10 +3,10 @@
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use crate::api::filters::{checked_route, checked_time};
+use crate::api::filters::{checked_route, checked_time, checked_vehicle};
 use crate::api::graph::BoundingBox;
 use crate::api::problem::Problem;
-use crate::model::{AlertStatus, ChangeKind, Tier};
+use crate::model::{AlertStatus, ChangeKind, Clearance, Tier};
 use crate::store::AlertFilter;
 
 /// Which alerts to list; every condition that is given holds.
@@ -35,6 +35,15 @@ pub(in crate::api) struct AlertQuery {
     /// Only at least this confident.
     #[param(minimum = 0, maximum = 1, nullable = false)]
     min_confidence: Option<f64>,
+    /// Only with a new state that this vehicle saw.
+    #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
+    vehicle_id: Option<String>,
+    /// Only this near to the way that vehicles took before the change.
+    #[param(nullable = false, inline)]
+    blocking: Option<Clearance>,
+    /// Only muted by a zone (`true`), or only others (`false`).
+    #[param(nullable = false)]
+    muted: Option<bool>,
     /// As `PageQuery` declares it.
     #[param(ignore)]
     pub limit: Option<u32>,
@@ -59,12 +68,16 @@ impl AlertQuery {
         }
         Ok(AlertFilter {
             route_id: checked_route(self.route_id.as_deref())?,
+            among: None,
             status: self.status,
             kind: self.kind,
             tier: self.tier,
             since: checked_time("since", self.since.as_deref())?,
             bbox: bbox.map(|bbox| bbox.bounds()),
             min_confidence: self.min_confidence,
+            vehicle_id: checked_vehicle(self.vehicle_id.as_deref())?,
+            blocking: self.blocking,
+            muted: self.muted,
         })
     }
 }

@@ -15,6 +15,7 @@ use utoipa::IntoParams;
 
 use super::body::AlertBody;
 use crate::api::ApiState;
+use crate::api::access::Identity;
 use crate::api::client_address::ClientAddress;
 use crate::api::extract::ApiQuery;
 use crate::api::filters::checked_route;
@@ -49,8 +50,8 @@ pub(in crate::api) struct StreamQuery {
 /// client that was away misses nothing. Events of an alert that follow each other quickly may
 /// carry the same state: compare `revision`.
 ///
-/// A stream ends after half an hour, with the `id` to come back with, so that nobody holds one who is
-/// no longer there.
+/// A stream ends after half an hour, and when a key is revoked, with the `id` to come back with, so that
+/// nobody holds one who is no longer there.
 #[utoipa::path(
     get, path = "/v1/alerts/stream", tag = "alerts",
     params(
@@ -62,11 +63,13 @@ pub(in crate::api) struct StreamQuery {
 pub(in crate::api) async fn stream_alerts(
     State(state): State<ApiState>,
     client: ClientAddress,
+    identity: Identity,
     ApiQuery(query): ApiQuery<StreamQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let route = checked_route(query.route_id.as_deref())?;
     if let Some(route) = &route {
+        identity.check_route(route)?;
         state.known_route(route).await?;
     }
     let after = match last_event_id(&headers)? {
@@ -77,6 +80,8 @@ pub(in crate::api) async fn stream_alerts(
     let reader = Reader {
         ends_at: Instant::now() + state.limits.stream_time,
         ended: false,
+        revocations: state.store.revocations(),
+        identity,
         state,
         route,
         after,
@@ -110,6 +115,10 @@ fn last_event_id(headers: &HeaderMap) -> Result<Option<i64>, Problem> {
 /// Where a stream stands.
 struct Reader {
     state: ApiState,
+    /// Whose stream it is.
+    identity: Identity,
+    /// How many keys were revoked when it began.
+    revocations: u64,
     route: Option<RouteId>,
     after: i64,
     pending: VecDeque<AlertEvent>,
@@ -138,7 +147,9 @@ impl Reader {
             while let Some(event) = self.pending.pop_front() {
                 self.after = event.sequence;
                 // Gone only if its route was deleted a moment ago.
-                if let Some(alert) = self.state.store.alert(event.alert_id).await? {
+                if let Some(alert) = self.state.store.alert(event.alert_id).await?
+                    && self.identity.sees(&alert.route_id)
+                {
                     return Ok(sent(&event, &AlertBody::from(alert)));
                 }
             }
@@ -153,7 +164,9 @@ impl Reader {
                     () = self.state.draining.cancelled() => return Ok(None),
                     () = tokio::time::sleep(POLL) => {}
                 }
-                if Instant::now() >= self.ends_at {
+                // Whose key was revoked does not come back.
+                let revoked = self.state.store.revocations() != self.revocations;
+                if revoked || Instant::now() >= self.ends_at {
                     self.ended = true;
                     return Ok(Some(self.last()));
                 }

@@ -13,13 +13,13 @@ use crate::change::pass::Standpoint;
 const NATS_PER_OBSERVATION: f64 = 2.0;
 /// What a pass can say about a cluster at most, in nats: enough that one pass against one pays for
 /// a change.
-const NATS_PER_PASS: f64 = 12.0;
+pub const NATS_PER_PASS: f64 = 12.0;
 /// An observation of fewer cells weighs less.
 const CELLS_FOR_FULL_WEIGHT: f64 = 2.0;
 /// How much the share of hits must differ between the two states.
 const CONTRAST_MIN: f64 = 0.75;
 /// A cell whose shares differ by less has not changed with its cluster.
-const CELL_CONTRAST_MIN: f64 = 0.5;
+pub const CELL_CONTRAST_MIN: f64 = 0.5;
 /// As much may be hidden by observations whose pose is wrong.
 const PROMISING_CONTRAST_MIN: f64 = 0.55;
 /// How much better the change must explain the passes, in nats, where [`FALSE_ALERTS_PER_LAP`] is allowed:
@@ -42,6 +42,14 @@ const SUPPORT_SURE: f64 = 20.0;
 /// allowed: a tenth of them asks for ten times the odds.
 pub fn support_min(false_alerts_per_lap: f64) -> f64 {
     (SUPPORT_MIN + support_for_rate(false_alerts_per_lap)).max(SUPPORT_LEAST)
+}
+
+/// What an observation says that hits and misses so many cells, some at least, in nats for "occupied" over
+/// "free".
+pub fn nats_of(hits: f64, misses: f64) -> f64 {
+    let cells = hits + misses;
+    let weight = (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
+    weight * NATS_PER_OBSERVATION * (hits - misses) / cells
 }
 
 /// Clusters with what is said of each, without cells that have another history than the rest of
@@ -122,12 +130,8 @@ impl Pooled {
             .iter()
             .map(|&k| answers.standpoints[k as usize]);
         let standpoints: Vec<Standpoint> = standpoints.collect();
-        let nats = counts.values().map(|(hits, misses)| {
-            let cells = hits + misses;
-            let weight = (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
-            weight * NATS_PER_OBSERVATION * (hits - misses) / cells
-        });
-        let nats: Vec<f64> = nats.collect();
+        let nats = counts.values();
+        let nats: Vec<f64> = nats.map(|(hits, misses)| nats_of(*hits, *misses)).collect();
         let Timeline { passes, history } = Timeline::of(&standpoints, &nats, NATS_PER_PASS);
         let change = history.last_change()?;
         let baseline = history.baseline().filter(|b| *b == cluster.baseline)?;

@@ -1,3 +1,5 @@
+mod passes_by;
+
 use std::sync::Arc;
 
 use rand::SeedableRng;

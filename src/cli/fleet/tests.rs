@@ -64,7 +64,7 @@ async fn a_fleet_drives_and_tells_what_was_left_out() {
     })
     .await;
     let fleet = Fleet::new(&plan(2), now()).unwrap();
-    let gateway = Gateway::new(&service.url, say).unwrap();
+    let gateway = Gateway::new(&service.url, None, say).unwrap();
     let route = RouteId::new("demo-hall").unwrap();
     assert!(gateway.ensure_route(&route, Some("Hall")).await.unwrap());
     fleet.drive(&gateway, &route, Duration::ZERO).await.unwrap();
@@ -95,7 +95,7 @@ async fn a_fleet_drives_and_tells_what_was_left_out() {
 #[tokio::test]
 async fn every_alert_is_told_once() {
     let service = Pretend::start(Faults::default()).await;
-    let gateway = Gateway::new(&service.url, say).unwrap();
+    let gateway = Gateway::new(&service.url, None, say).unwrap();
     let route = RouteId::new("demo-hall").unwrap();
     let mut watch = AlertWatch::default();
     assert!(watch.news(&gateway, &route).await.unwrap().is_empty());

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::cli::key_arg::KeyArg;
 use crate::cli::recording;
 use crate::geometry::Pose2;
 use crate::ids::{RouteId, TripId, VehicleId};
@@ -24,6 +25,8 @@ pub struct Args {
     /// The service.
     #[arg(long, default_value = "http://127.0.0.1:8080")]
     pub(super) url: String,
+    #[command(flatten)]
+    pub(super) key: KeyArg,
     /// Scans in a batch.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=1_000))]
     pub(super) batch_scans: u16,

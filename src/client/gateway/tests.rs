@@ -53,7 +53,8 @@ async fn temporary_failures_are_repeated_with_the_same_bytes() {
     let (url, requests) = scripted(&[BUSY, TOO_MANY, ACCEPTED]).await;
     let told = Arc::new(Mutex::new(Vec::new()));
     let tell = told.clone();
-    let gateway = Gateway::new(&url, move |t| tell.lock().unwrap().push(t.to_owned())).unwrap();
+    let gateway =
+        Gateway::new(&url, None, move |t| tell.lock().unwrap().push(t.to_owned())).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
     assert_eq!(outcome, Outcome::Stored);
     assert_eq!(told.lock().unwrap().len(), 2);
@@ -69,7 +70,7 @@ async fn temporary_failures_are_repeated_with_the_same_bytes() {
 #[tokio::test]
 async fn a_body_that_was_damaged_on_its_way_is_sent_again() {
     let (url, requests) = scripted(&[DAMAGED, ACCEPTED]).await;
-    let gateway = Gateway::new(&url, |_| ()).unwrap();
+    let gateway = Gateway::new(&url, None, |_| ()).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
     assert_eq!(outcome, Outcome::Stored);
     let requests = requests.lock().unwrap();
@@ -82,7 +83,7 @@ async fn a_body_that_was_damaged_on_its_way_is_sent_again() {
 #[tokio::test]
 async fn a_cut_connection_is_repeated_and_a_replay_is_told() {
     let (url, requests) = scripted(&["", REPLAYED]).await;
-    let gateway = Gateway::new(&url, |_| ()).unwrap();
+    let gateway = Gateway::new(&url, None, |_| ()).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
     assert_eq!(outcome, Outcome::Replayed);
     assert_eq!(requests.lock().unwrap().len(), 2);
@@ -91,7 +92,7 @@ async fn a_cut_connection_is_repeated_and_a_replay_is_told() {
 #[tokio::test]
 async fn a_refusal_is_final_and_in_the_services_words() {
     let (url, requests) = scripted(&[REFUSED, ACCEPTED]).await;
-    let gateway = Gateway::new(&url, |_| ()).unwrap();
+    let gateway = Gateway::new(&url, None, |_| ()).unwrap();
     let error = gateway.put_batch(&route(), &batch()).await.unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -106,13 +107,13 @@ async fn a_wrong_address_is_told_at_once() {
     let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", free.local_addr().unwrap());
     drop(free);
-    let gateway = Gateway::new(&url, |_| ()).unwrap();
+    let gateway = Gateway::new(&url, None, |_| ()).unwrap();
     let error = gateway.route(&route()).await.unwrap_err();
     assert!(
         matches!(error, GatewayError::Unreachable { .. }),
         "{error:?}"
     );
-    let gateway = Gateway::new("nonsense", |_| ()).unwrap();
+    let gateway = Gateway::new("nonsense", None, |_| ()).unwrap();
     let error = gateway.route(&route()).await.unwrap_err();
     assert!(matches!(error, GatewayError::Url { .. }), "{error:?}");
 }

@@ -363,13 +363,18 @@ pub fn upload_spaced(
     }
 }
 
-/// What a detector would say of the box: nodes within 3 m, the closures between those before and
-/// those after.
+/// What a detector would say of the box.
 pub fn box_finding(workspace: &Workspace) -> Finding {
+    finding_at(workspace, BOX_AT)
+}
+
+/// What a detector would say of a box at a place: nodes within 3 m, the closures between those before
+/// and those after.
+pub fn finding_at(workspace: &Workspace, place: Vector2<f64>) -> Finding {
     let graph = workspace.map.graph();
     let is_near = |node: NodeId| {
         let pose = graph.node(node).unwrap().pose;
-        (pose.translation() - BOX_AT).norm() < 3.0
+        (pose.translation() - place).norm() < 3.0
     };
     let near = workspace.map.keyframes().iter().filter(|k| is_near(k.node));
     let near: Vec<_> = near.collect();
@@ -391,9 +396,9 @@ pub fn box_finding(workspace: &Workspace) -> Finding {
         suspect: None,
         bands: Vec::new(),
         kind: ChangeKind::Appeared,
-        location: BOX_AT,
+        location: place,
         sigma_m: 0.03,
-        region: corners.map(|c| BOX_AT + Vector2::from(c)).to_vec(),
+        region: corners.map(|c| place + Vector2::from(c)).to_vec(),
         edges: edges.map(|edge| edge.id).collect(),
         nodes: near.iter().map(|k| k.node).collect(),
         laps: trips.len(),

@@ -161,7 +161,7 @@ async fn half_a_decision_is_none() {
         base_revision: record.revision,
         action: AlertAction::Undo,
         actor: Actor::System,
-        alert: next,
+        alerts: vec![next],
         map: Some(map),
     };
     for _ in 0..2 {

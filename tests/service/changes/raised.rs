@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use jiff::{SignedDuration, Timestamp};
+use mapshift::geometry::{Vector2, distance_to_polygon};
 use mapshift::sim::Shape;
 use serde_json::{Value, json};
 
@@ -53,6 +54,8 @@ async fn one_change_is_told_once(shop: &Shop, kind: &str, shape: &Shape) {
         assert!((laps..=2 * laps).contains(&passes), "{passes} passes");
         parts_are_sound(client, &alert, lap).await;
         evidence_is_there(client, &alert).await;
+        passes_are_those_driven(client, &alert, lap).await;
+        observations_are_there(client, &alert).await;
         eprintln!("{kind}, lap {lap}: {}, {beyond_m:.2} m", brief(&alert));
     }
     service.stop().await;
@@ -140,6 +143,98 @@ async fn evidence_is_there(client: &Client, alert: &Value) {
             .unwrap()
             .is_empty()
     );
+}
+
+/// Every lap before saw the old state, every one since the new state, as often as the detector counts.
+async fn passes_are_those_driven(client: &Client, alert: &Value, lap: usize) {
+    let id = alert["id"].as_str().unwrap();
+    let passes = client.json(&format!("/v1/alerts/{id}/passes")).await;
+    let passes = passes["items"].as_array().unwrap();
+    let trips = |side: &str, outcome: &str| {
+        let such = passes.iter();
+        let such = such.filter(|pass| pass["side"] == side && pass["outcome"] == outcome);
+        let trips: Vec<String> = such
+            .map(|pass| pass["trip_id"].as_str().unwrap().to_owned())
+            .collect();
+        trips
+    };
+    let laps = |laps: std::ops::Range<usize>| laps.map(trip_name).collect::<BTreeSet<_>>();
+    let (old, new) = (trips("before", "old_state"), trips("since", "new_state"));
+    assert_eq!(
+        BTreeSet::from_iter(old.clone()),
+        laps(0..CHANGED_LAP),
+        "{passes:#?}"
+    );
+    assert_eq!(
+        BTreeSet::from_iter(new.clone()),
+        laps(CHANGED_LAP..lap + 1),
+        "{passes:#?}"
+    );
+    assert!(trips("before", "new_state").is_empty(), "{passes:#?}");
+    assert!(trips("since", "old_state").is_empty(), "{passes:#?}");
+    assert_eq!(alert["laps"], new.len(), "{passes:#?}");
+
+    let (was, is) = match alert["kind"].as_str() {
+        Some("appeared") => ("saw_free", "saw_occupied"),
+        _ => ("saw_occupied", "saw_free"),
+    };
+    let (before, since) = (&alert["passes"]["before"], &alert["passes"]["since"]);
+    assert_eq!((&before[was], &before[is]), (&json!(old.len()), &json!(0)));
+    assert_eq!((&since[was], &since[is]), (&json!(0), &json!(new.len())));
+    let summary = alert["summary"].as_str().unwrap();
+    assert!(
+        summary.contains(&format!("{} earlier pass", old.len())),
+        "{summary}"
+    );
+    assert!(
+        summary.contains(&format!("in {0} of {0} pass", new.len())),
+        "{summary}"
+    );
+    assert!(alert["blocking"].is_string(), "{alert}");
+}
+
+/// In the region cells were hit on one side and missed on the other.
+async fn observations_are_there(client: &Client, alert: &Value) {
+    let path = format!("/v1/alerts/{}/observations", alert["id"].as_str().unwrap());
+    let observations = client.json(&path).await;
+    let region = alert["region"].as_array().unwrap();
+    let corner =
+        |corner: &Value| Vector2::new(corner[0].as_f64().unwrap(), corner[1].as_f64().unwrap());
+    let region: Vec<Vector2<f64>> = region.iter().map(corner).collect();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let (resolution, width) = (
+        number(&observations["resolution"]),
+        number(&observations["width"]),
+    );
+    let origin = &observations["origin"];
+    let in_region = |side: &str, what: &str| {
+        let (cells, counts) = (&observations[side]["cells"], &observations[side][what]);
+        let cells = cells
+            .as_array()
+            .unwrap()
+            .iter()
+            .zip(counts.as_array().unwrap());
+        let inside = cells.filter(|(cell, _)| {
+            let (row, column) = ((number(cell) / width).floor(), number(cell) % width);
+            let middle = Vector2::new(
+                number(&origin["x"]) + resolution * (column + 0.5),
+                number(&origin["y"]) + resolution * (row + 0.5),
+            );
+            distance_to_polygon(&middle, &region) == 0.0
+        });
+        inside.map(|(_, count)| number(count)).sum::<f64>()
+    };
+    let share =
+        |side| in_region(side, "hits") / (in_region(side, "hits") + in_region(side, "misses"));
+    let (before, since) = (share("before"), share("since"));
+    match alert["kind"].as_str() {
+        Some("appeared") => assert!(before < 0.02 && since > 0.3, "{before} {since}"),
+        _ => assert!(since < 0.02 && before > 0.3, "{before} {since}"),
+    }
+    for show in ["before", "since", "both"] {
+        let svg = client.text(&format!("{path}.svg?show={show}")).await;
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -19,6 +19,10 @@ impl Ink {
         anchor: "start",
         rim: false,
     };
+    pub(super) const LARGE: Self = Self {
+        size_px: 16.0,
+        ..Self::PLAIN
+    };
     pub(super) const QUIET: Self = Self {
         colour: "#5a6472",
         ..Self::PLAIN

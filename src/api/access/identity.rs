@@ -1,0 +1,154 @@
+//! Whose request it is, and what they may see.
+
+use std::convert::Infallible;
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use jiff::Timestamp;
+
+use crate::api::client_address::ClientAddress;
+use crate::api::problem::{Problem, ProblemKind};
+use crate::ids::{KeyId, RouteId, VehicleId};
+use crate::model::{Actor, Role};
+use crate::store::{KeyRecord, SessionRecord};
+
+/// Whose request it is. The layer `admit` states it; without that it is nobody's.
+#[derive(Debug, Clone)]
+pub(in crate::api) struct Identity {
+    who: Who,
+    /// What they may do; `None` for nobody, and for somebody without a role.
+    pub role: Option<Role>,
+    /// The routes that they are limited to; `None` for all.
+    pub routes: Option<Vec<RouteId>>,
+    /// From then on they are nobody.
+    pub expires_at: Option<Timestamp>,
+    /// The vehicle that they upload for; `None` for any.
+    vehicle_id: Option<VehicleId>,
+}
+
+#[derive(Debug, Clone)]
+enum Who {
+    Nobody,
+    Local,
+    Key { id: KeyId, name: String },
+    Proxy { name: String },
+}
+
+impl Identity {
+    /// Somebody who has shown nothing.
+    pub(super) fn nobody() -> Self {
+        Self::new(Who::Nobody, None)
+    }
+
+    /// Anybody, of a service that is open.
+    pub(super) fn local() -> Self {
+        Self::new(Who::Local, Some(Role::Admin))
+    }
+
+    /// Somebody whom a trusted proxy has signed in.
+    pub(super) fn of_proxy(name: String, role: Option<Role>) -> Self {
+        Self::new(Who::Proxy { name }, role)
+    }
+
+    /// The holder of a key.
+    pub(in crate::api) fn of_key(key: KeyRecord) -> Self {
+        let (id, name) = (key.id, key.name);
+        Self {
+            vehicle_id: key.vehicle_id,
+            routes: key.routes,
+            expires_at: key.expires_at,
+            ..Self::new(Who::Key { id, name }, Some(key.role))
+        }
+    }
+
+    /// The holder of a key who has signed in with it.
+    pub(in crate::api) fn of_session(session: SessionRecord) -> Self {
+        Self {
+            expires_at: Some(session.expires_at()),
+            ..Self::of_key(session.key)
+        }
+    }
+
+    fn new(who: Who, role: Option<Role>) -> Self {
+        Self {
+            who,
+            role,
+            routes: None,
+            expires_at: None,
+            vehicle_id: None,
+        }
+    }
+
+    /// Their name, if they have signed in.
+    pub(in crate::api) fn name(&self) -> Option<&str> {
+        match &self.who {
+            Who::Nobody | Who::Local => None,
+            Who::Key { name, .. } | Who::Proxy { name } => Some(name),
+        }
+    }
+
+    /// Whether they may see what belongs to a route.
+    pub(in crate::api) fn sees(&self, route: &RouteId) -> bool {
+        let routes = self.routes.as_ref();
+        routes.is_none_or(|routes| routes.contains(route))
+    }
+
+    /// Refuses a route that they may not see just as one that is not there.
+    ///
+    /// # Errors
+    /// The [`Problem`] of an unknown route.
+    pub(in crate::api) fn check_route(&self, route: &RouteId) -> Result<(), Problem> {
+        match self.sees(route) {
+            true => Ok(()),
+            false => Err(Problem::unknown_route()),
+        }
+    }
+
+    /// The one vehicle whose uploads they may see; `None` for all.
+    pub(in crate::api) fn own_vehicle(&self) -> Option<&VehicleId> {
+        self.vehicle_id.as_ref()
+    }
+
+    /// Refuses uploads of other vehicles than their own.
+    ///
+    /// # Errors
+    /// A [`Problem`] that names the vehicle.
+    pub(in crate::api) fn check_upload(&self, vehicle: &VehicleId) -> Result<(), Problem> {
+        match &self.vehicle_id {
+            Some(own) if own != vehicle => {
+                let detail = format!("this key uploads for vehicle {own} alone, not for {vehicle}");
+                Err(Problem::new(ProblemKind::Forbidden, detail).at("/vehicle_id"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// As the audit has them.
+    fn actor(&self, address: ClientAddress) -> Actor {
+        let address = address.to_string();
+        match self.who.clone() {
+            Who::Nobody | Who::Local => Actor::Local { address },
+            Who::Key { id, name } => Actor::Key { id, name, address },
+            Who::Proxy { name } => Actor::Proxy { name, address },
+        }
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Identity {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let stated = parts.extensions.get::<Self>().cloned();
+        Ok(stated.unwrap_or_else(Self::nobody))
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Actor {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Infallible> {
+        let address = ClientAddress::from_request_parts(parts, state).await?;
+        let identity = Identity::from_request_parts(parts, state).await?;
+        Ok(identity.actor(address))
+    }
+}

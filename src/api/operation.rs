@@ -1,0 +1,161 @@
+//! Long work that somebody asked for, and how far it has come.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::ApiState;
+use super::alerts::DecisionOutcomeBody;
+use super::extract::{ApiPath, NoQuery};
+use super::parameters::OperationParam;
+use super::problem::{Problem, ProblemKind};
+use super::problem_responses::OperationProblems;
+use crate::ids::OperationId;
+use crate::model::{OperationKind, OperationStatus};
+use crate::store::{OperationRecord, OperationResult};
+
+/// Long work that somebody asked for.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Operation)]
+pub(super) struct OperationBody {
+    /// By which it is asked for.
+    id: String,
+    /// What it does.
+    kind: OperationKind,
+    /// The route that it changes; null if it is about alerts of several routes.
+    #[schema(required)]
+    route_id: Option<String>,
+    /// How far it has come.
+    status: OperationStatus,
+    /// From 0 to 1.
+    #[schema(minimum = 0, maximum = 1)]
+    progress: f64,
+    /// Whether it only says what it would do.
+    dry_run: bool,
+    /// What was done, or would be; null until it has succeeded.
+    #[schema(required)]
+    result: Option<OperationResultBody>,
+    /// Why it failed; null unless it did.
+    #[schema(required)]
+    reason: Option<String>,
+    /// When it was asked for.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// When it ended.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    ended_at: Option<Timestamp>,
+}
+
+/// What an operation has done: a `removal` has all fields but `decisions`, `decisions` have that one alone.
+#[derive(Debug, Default, Serialize, ToSchema)]
+#[schema(as = OperationResult)]
+struct OperationResultBody {
+    /// Uploads that were removed, or would be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    batches: Option<u64>,
+    /// Nodes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    nodes: Option<u64>,
+    /// Edges, those of others that ended at the nodes among them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    edges: Option<u64>,
+    /// Alerts that change by it: raised, resolved, or resting on less.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    alerts: Option<u64>,
+    /// How far the rest of the map moves, at most, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    moved_m: Option<f64>,
+    /// What became of each decision, in the order of the request.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    decisions: Option<Vec<DecisionOutcomeBody>>,
+}
+
+impl From<OperationResult> for OperationResultBody {
+    fn from(result: OperationResult) -> Self {
+        match result {
+            OperationResult::Removal(result) => Self {
+                batches: Some(result.batches),
+                nodes: Some(result.nodes),
+                edges: Some(result.edges),
+                alerts: Some(result.alerts),
+                moved_m: Some(result.moved_m),
+                decisions: None,
+            },
+            OperationResult::Decisions(outcomes) => {
+                let outcomes = outcomes.into_iter().map(DecisionOutcomeBody::from);
+                Self {
+                    decisions: Some(outcomes.collect()),
+                    ..Self::default()
+                }
+            }
+        }
+    }
+}
+
+impl From<OperationRecord> for OperationBody {
+    fn from(operation: OperationRecord) -> Self {
+        Self {
+            id: operation.id.to_string(),
+            kind: operation.request.kind(),
+            route_id: operation.route_id.map(|route| route.to_string()),
+            status: operation.status,
+            progress: match operation.status {
+                OperationStatus::Queued => 0.0,
+                OperationStatus::Succeeded | OperationStatus::Failed => 1.0,
+            },
+            dry_run: operation.request.is_dry_run(),
+            result: operation.result.map(Into::into),
+            reason: operation.reason,
+            created_at: operation.asked_at,
+            ended_at: operation.ended_at,
+        }
+    }
+}
+
+/// Read an operation.
+///
+/// How far long work has come, and what came of it.
+#[utoipa::path(
+    get, path = "/v1/operations/{operation}", tag = "batches",
+    params(OperationParam),
+    responses((status = 200, description = "The operation", body = OperationBody), OperationProblems)
+)]
+pub(super) async fn get_operation(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<OperationId>,
+    _: NoQuery,
+) -> Result<Json<OperationBody>, Problem> {
+    let operation = known_operation(&state, id).await?;
+    Ok(Json(operation.into()))
+}
+
+/// Says where to ask for an operation that was taken on.
+pub(super) async fn taken_on(state: &ApiState, id: OperationId) -> Result<Response, Problem> {
+    let operation = known_operation(state, id).await?;
+    let location = format!("/v1/operations/{id}");
+    let body = Json(OperationBody::from(operation));
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], body).into_response())
+}
+
+pub(super) async fn known_operation(
+    state: &ApiState,
+    id: OperationId,
+) -> Result<OperationRecord, Problem> {
+    let operation = state.store.operation(id).await?;
+    operation.ok_or_else(unknown_operation)
+}
+
+pub(super) fn unknown_operation() -> Problem {
+    let detail = "there is no such operation, or its route was deleted";
+    Problem::new(ProblemKind::NotFound, detail)
+}

@@ -1,0 +1,284 @@
+//! Keys: made, revoked, recognised.
+
+use std::sync::atomic::Ordering;
+
+use jiff::{SignedDuration, Timestamp};
+use serde_json::json;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
+
+use super::audit::{self, Change};
+use super::columns::{
+    corrupt, json_text, micros, optional_json, optional_name, optional_time, text, time,
+};
+use super::error::StoreError;
+use super::key_records::{KeyRecord, NewKey};
+use super::request::Request;
+use super::secrets::KeyText;
+use super::{Store, named};
+use crate::ids::KeyId;
+use crate::model::{Actor, AuditAction};
+
+/// How exactly the last use of keys and sessions is known: each note is a write.
+const USE_NOTED_EVERY: SignedDuration = SignedDuration::from_mins(5);
+
+impl Store {
+    /// Whether a key was ever made: since then, nothing is open.
+    pub fn has_keys(&self) -> bool {
+        self.shared.has_keys.load(Ordering::Acquire)
+    }
+
+    /// Grows whenever a key is revoked: whoever serves somebody for long asks for the key again then.
+    pub fn revocations(&self) -> u64 {
+        self.shared.revocations.load(Ordering::Acquire)
+    }
+
+    /// Makes a key.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn create_key(&self, key: NewKey, by: &Actor) -> Result<(), StoreError> {
+        let by = by.clone();
+        self.work(Create { key, by }).await?;
+        self.shared.has_keys.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// Ends a key and the sessions that were begun with it; one that has ended stays as it is. False if
+    /// there is no such key.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn revoke_key(
+        &self,
+        id: KeyId,
+        by: &Actor,
+        now: Timestamp,
+    ) -> Result<bool, StoreError> {
+        let by = by.clone();
+        let is_known = self.work(Revoke { id, by, now }).await?;
+        self.shared.revocations.fetch_add(1, Ordering::AcqRel);
+        Ok(is_known)
+    }
+
+    /// One key.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn key(&self, id: KeyId) -> Result<Option<KeyRecord>, StoreError> {
+        named(key(&self.shared.readers, id).await)
+    }
+
+    /// By id, that is the oldest first, after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn keys(
+        &self,
+        after: Option<KeyId>,
+        limit: u32,
+    ) -> Result<Vec<KeyRecord>, StoreError> {
+        named(keys(&self.shared.readers, after, limit).await)
+    }
+
+    /// The key whose secret somebody has shown, if it is live; notes its use from time to time.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn key_shown(
+        &self,
+        shown: &KeyText,
+        now: Timestamp,
+    ) -> Result<Option<KeyRecord>, StoreError> {
+        let found = named(key_shown(&self.shared.readers, shown).await)?;
+        let key = found.filter(|key| key.is_live(now));
+        if let Some(key) = &key
+            && is_worth_noting(key.last_used_at, now)
+        {
+            let id = key.id;
+            // Whoever shows a key is not refused because its use cannot be written down.
+            let _ = self.work(NoteUse { id, now }).await;
+        }
+        Ok(key)
+    }
+}
+
+/// Whether a use is written down.
+pub(super) fn is_worth_noting(last: Option<Timestamp>, now: Timestamp) -> bool {
+    last.is_none_or(|last| now.duration_since(last) >= USE_NOTED_EVERY)
+}
+
+/// Whether a key was ever made.
+pub(super) async fn any(reader: &mut SqliteConnection) -> Result<bool, StoreError> {
+    let any = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM keys)");
+    Ok(any.fetch_one(reader).await?)
+}
+
+struct Create {
+    key: NewKey,
+    by: Actor,
+}
+
+impl Request for Create {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let new = &self.key;
+        let id = new.id.to_string();
+        sqlx::query(
+            "INSERT INTO keys (id, name, role, vehicle_id, routes, secret_sha256, created_at_us, \
+             created_by, expires_at_us) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(&id)
+        .bind(&new.name)
+        .bind(new.role.name())
+        .bind(new.vehicle_id.as_ref().map(|vehicle| vehicle.as_str()))
+        .bind(new.routes.as_ref().map(json_text).transpose()?)
+        .bind(new.secret.digest().as_slice())
+        .bind(micros(new.created_at))
+        .bind(self.by.name())
+        .bind(new.expires_at.map(micros))
+        .execute(&mut *transaction)
+        .await?;
+        let made = key(&mut *transaction, new.id).await?;
+        let change = Change {
+            at: new.created_at,
+            actor: &self.by,
+            action: AuditAction::KeyCreated,
+            route_id: None,
+            subject: &id,
+            before: None,
+            after: made.as_ref().map(audited),
+        };
+        audit::write(transaction, change).await
+    }
+}
+
+struct Revoke {
+    id: KeyId,
+    by: Actor,
+    now: Timestamp,
+}
+
+impl Request for Revoke {
+    type Outcome = bool;
+    const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+        let id = self.id.to_string();
+        let Some(before) = key(&mut *transaction, self.id).await? else {
+            return Ok(false);
+        };
+        if before.revoked_at.is_some() {
+            return Ok(true);
+        }
+        sqlx::query("UPDATE keys SET revoked_at_us = ? WHERE id = ?")
+            .bind(micros(self.now))
+            .bind(&id)
+            .execute(&mut *transaction)
+            .await?;
+        sqlx::query("DELETE FROM sessions WHERE key_key = (SELECT key_key FROM keys WHERE id = ?)")
+            .bind(&id)
+            .execute(&mut *transaction)
+            .await?;
+        let after = key(&mut *transaction, self.id).await?;
+        let change = Change {
+            at: self.now,
+            actor: &self.by,
+            action: AuditAction::KeyRevoked,
+            route_id: None,
+            subject: &id,
+            before: Some(audited(&before)),
+            after: after.as_ref().map(audited),
+        };
+        audit::write(transaction, change).await?;
+        Ok(true)
+    }
+}
+
+struct NoteUse {
+    id: KeyId,
+    now: Timestamp,
+}
+
+impl Request for NoteUse {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        sqlx::query("UPDATE keys SET last_used_at_us = ? WHERE id = ?")
+            .bind(micros(self.now))
+            .bind(self.id.to_string())
+            .execute(transaction)
+            .await?;
+        Ok(())
+    }
+}
+
+/// A key as the audit has it.
+fn audited(key: &KeyRecord) -> String {
+    json!({
+        "name": key.name,
+        "role": key.role,
+        "vehicle_id": key.vehicle_id,
+        "routes": key.routes,
+        "expires_at": key.expires_at,
+        "revoked_at": key.revoked_at,
+    })
+    .to_string()
+}
+
+async fn key(reader: impl SqliteExecutor<'_>, id: KeyId) -> Result<Option<KeyRecord>, StoreError> {
+    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
+        .bind(id.to_string())
+        .fetch_optional(reader)
+        .await?;
+    row.as_ref().map(key_of).transpose()
+}
+
+async fn key_shown(readers: &SqlitePool, shown: &KeyText) -> Result<Option<KeyRecord>, StoreError> {
+    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
+        .bind(shown.id.to_string())
+        .fetch_optional(readers)
+        .await?;
+    let Some(row) = row else {
+        return Ok(None);
+    };
+    match shown.secret.has_digest(row.try_get("secret_sha256")?) {
+        true => key_of(&row).map(Some),
+        false => Ok(None),
+    }
+}
+
+async fn keys(
+    readers: &SqlitePool,
+    after: Option<KeyId>,
+    limit: u32,
+) -> Result<Vec<KeyRecord>, StoreError> {
+    let rows = sqlx::query("SELECT * FROM keys WHERE id > ? ORDER BY id LIMIT ?")
+        .bind(after.map_or_else(String::new, |id| id.to_string()))
+        .bind(limit)
+        .fetch_all(readers)
+        .await?;
+    rows.iter().map(key_of).collect()
+}
+
+/// The key of a row that has all columns of the table.
+pub(super) fn key_of(row: &SqliteRow) -> Result<KeyRecord, StoreError> {
+    let id: &str = row.try_get("id")?;
+    Ok(KeyRecord {
+        id: id.parse().map_err(|_| corrupt("id"))?,
+        name: row.try_get("name")?,
+        role: text(row, "role")?,
+        vehicle_id: optional_name(row, "vehicle_id")?,
+        routes: optional_json(row, "routes")?,
+        created_at: time(row, "created_at_us")?,
+        created_by: row.try_get("created_by")?,
+        last_used_at: optional_time(row, "last_used_at_us")?,
+        expires_at: optional_time(row, "expires_at_us")?,
+        revoked_at: optional_time(row, "revoked_at_us")?,
+    })
+}
