@@ -30,7 +30,7 @@ macro_rules! console {
 }
 
 /// The maintainers' console, but `/words.js`.
-pub(super) const CONSOLE: [(&str, &str, &str); 43] = [
+pub(super) const CONSOLE: [(&str, &str, &str); 44] = [
     console!("/", HTML, "index.html"),
     console!("/console.css", STYLE, "console.css"),
     console!("/views.css", STYLE, "views.css"),
@@ -53,6 +53,7 @@ pub(super) const CONSOLE: [(&str, &str, &str); 43] = [
     console!("/map.js", SCRIPT, "map.js"),
     console!("/map_input.js", SCRIPT, "map_input.js"),
     console!("/map_layers.js", SCRIPT, "map_layers.js"),
+    console!("/map_lines.js", SCRIPT, "map_lines.js"),
     console!("/map_marks.js", SCRIPT, "map_marks.js"),
     console!("/map_overlay.js", SCRIPT, "map_overlay.js"),
     console!("/map_scan.js", SCRIPT, "map_scan.js"),

@@ -7,14 +7,15 @@ import path from "node:path";
 
 const LAPS = "4";
 
-/** Runs to its end. */
+/** Runs to its end, and returns what it printed. */
 function run(program, args) {
   return new Promise((resolve, reject) => {
-    const child = spawn(program, args, { stdio: ["ignore", "ignore", "pipe"] });
-    let said = "";
+    const child = spawn(program, args, { stdio: ["ignore", "pipe", "pipe"] });
+    let [printed, said] = ["", ""];
+    child.stdout.on("data", (part) => { printed += part; });
     child.stderr.on("data", (part) => { said += part; });
     child.on("error", reject);
-    child.on("close", (code) => (code === 0 ? resolve() : reject(new Error(program + " " + args[0] + " ended with " + code + ": " + said))));
+    child.on("close", (code) => (code === 0 ? resolve(printed) : reject(new Error(program + " " + args[0] + " ended with " + code + ": " + said))));
   });
 }
 
@@ -34,17 +35,34 @@ function listening(child) {
   });
 }
 
-/** @param {string} program the path of mapshift */
-export async function startService(program) {
+/**
+ * Drives the demonstration, and returns the directory of its data.
+ * @param {string} program the path of mapshift
+ */
+export async function demonstrate(program) {
   const data = fs.mkdtempSync(path.join(os.tmpdir(), "mapshift-console-"));
   await run(program, ["demo", "--exit", "--laps", LAPS, "--listen", "127.0.0.1:0", "--data", data]);
+  return data;
+}
+
+/**
+ * @param {string} program
+ * @param {string} data
+ */
+export async function serve(program, data) {
   const child = spawn(program, ["serve", "--data", data, "--listen", "127.0.0.1:0"], { stdio: ["ignore", "pipe", "pipe"] });
   const port = await listening(child);
   const stop = async () => {
+    if (child.exitCode !== null) return;
     const ended = new Promise((resolve) => { child.on("close", resolve); });
     child.kill("SIGTERM");
     await ended;
-    fs.rmSync(data, { recursive: true, force: true });
   };
   return { port, stop };
+}
+
+/** Makes a key while no service holds the data, and returns it. */
+export async function makeKey(program, data, name, role) {
+  const printed = await run(program, ["keys", "create", "--data", data, "--name", name, "--role", role]);
+  return /ms_[\w.-]+/.exec(printed)[0];
 }

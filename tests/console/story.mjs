@@ -6,7 +6,7 @@ import { findChromium, launch, openPage } from "./browser.mjs";
 import { check, equal, holds, sum, until } from "./checks.mjs";
 import { decidingStory } from "./deciding.mjs";
 import { Relay } from "./relay.mjs";
-import { startService } from "./service.mjs";
+import { demonstrate, makeKey, serve } from "./service.mjs";
 
 const FIRST_VIEW_MAX = 300_000;
 const IDLE_MAX_PER_S = 5_000;
@@ -18,7 +18,9 @@ if (!chromium) {
   console.log("SKIPPED: no Chromium (set CHROMIUM to the path of one)");
   process.exit(0);
 }
-const service = await startService(process.argv[2]);
+const program = process.argv[2];
+const data = await demonstrate(program);
+const service = await serve(program, data);
 const relay = new Relay(service.port);
 const base = await relay.listen();
 const browser = await launch(chromium);
@@ -145,6 +147,35 @@ async function phoneAndDark() {
   }
 }
 
+/** With keys the page asks for one, and a viewer cannot decide. */
+async function signingIn() {
+  const key = await makeKey(program, data, "Kim", "viewer");
+  const guarded = await serve(program, data);
+  const address = "http://127.0.0.1:" + guarded.port;
+  const { page } = await openPage(browser, address);
+  await check("a wrong key is refused in place", async () => {
+    await page.goto(address + "/");
+    await page.locator("#key").fill("ms_wrong");
+    await axe(page, "the sign-in");
+    await page.keyboard.press("Enter");
+    await until(async () => (await page.locator(".refusal").textContent()) !== "", "the refusal");
+  });
+  await check("a viewer sees all and cannot decide", async () => {
+    await page.locator("#key").fill(key);
+    await page.keyboard.press("Enter");
+    await page.waitForSelector(".card");
+    await page.locator(".card a").first().click();
+    await page.waitForSelector(".actions button");
+    equal(await page.locator(".actions button:not(:disabled)").count(), 0, "the number of unlocked buttons");
+    holds((await page.locator("#access").textContent()).includes("Kim"), "the page says who is signed in");
+  });
+  await check("who signs out is asked for a key again", async () => {
+    await page.locator("#access button").click();
+    await page.waitForSelector("#key");
+  });
+  await guarded.stop();
+}
+
 try {
   const { page, faults } = await opening();
   await check("axe accepts the page", () => axe(page, "the inbox"));
@@ -154,11 +185,14 @@ try {
   await check("no error and no foreign request", () => equal(faults.join("\n"), "", "what went wrong"));
   await connectionLost(page);
   await phoneAndDark();
+  await service.stop();
+  await signingIn();
 } catch (error) {
   await check("the story goes on to its end", () => { throw error; });
 } finally {
   await browser.close();
   relay.close();
   await service.stop();
+  fs.rmSync(data, { recursive: true, force: true });
 }
 process.exit(sum());

@@ -63,6 +63,7 @@ function showConnection() {
 }
 
 function show() {
+  if (!byId("sign-in").hidden) return;
   const isReport = address.at === "report";
   byId("report").hidden = !isReport;
   byId("console").hidden = isReport;

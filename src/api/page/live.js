@@ -1,6 +1,6 @@
 // Alerts as they happen. The browser comes back by itself, with the last event that it has seen.
 
-import { alertPath, getIfThere, list } from "./http.js";
+import { alertPath, get, getIfThere, list } from "./http.js";
 import { changed, keep, state } from "./state.js";
 
 const RETRY_MS = 3000;
@@ -36,8 +36,10 @@ export function follow() {
   for (const kind of ["alert.raised", "alert.updated"]) opened.addEventListener(kind, (event) => keep(JSON.parse(event.data)));
   opened.addEventListener("error", () => {
     setLive(false);
-    // A closed source does not come back by itself.
-    if (opened.readyState === EventSource.CLOSED && source === opened) setTimeout(follow, RETRY_MS);
+    if (opened.readyState !== EventSource.CLOSED || source !== opened) return;
+    // A closed source does not come back by itself, and does not say why: another request finds out.
+    get("/v1/routes?limit=1").catch(() => {});
+    setTimeout(() => { if (source === opened) follow(); }, RETRY_MS);
   });
 }
 

@@ -4,8 +4,10 @@ import { alertAddress, placeAddress } from "./address.js";
 import { button, check, choice, iconButton, make, mark, say } from "./dom.js";
 import { get, list, routePath } from "./http.js";
 import { hearMap, ZOOM_STEP } from "./map_input.js";
-import { dropLayers, isShown, LAYERS, overlay, readLayers, showLayer } from "./map_layers.js";
+import { isTooMuch, keepLayersRead, LAYERS, setLayerSource, showLayer } from "./map_layers.js";
+import { paintLayers } from "./map_lines.js";
 import { alertAt, drawMarks, drawScale } from "./map_marks.js";
+import { Overlay } from "./map_overlay.js";
 import { drawScan } from "./map_scan.js";
 import { drawTiles, dropTiles, readTiles } from "./map_tiles.js";
 import { fitTo, moved, moveTo, toMap, view, whenMoved, zoomBy, zoomLevel } from "./map_view.js";
@@ -49,16 +51,16 @@ export async function readMap() {
     picture = "accepted";
     draft = 0;
     dropTiles();
-    dropLayers();
+    setLayerSource(null);
   }
-  const { map_version } = await get(routePath(route));
+  const { map_version, counts } = await get(routePath(route));
   if (map_version !== draft) { draft = map_version; await offerVersions(route); }
   const info = await readTiles(route, picture, picture === "observed" ? "?layer=observed" : "?version=" + (picture === "accepted" ? draft : picture));
   if (reading !== route) return;
   bounds = info?.bounds ?? null;
+  setLayerSource(info && { route, tag: info.tag ?? "", nodes: counts.nodes, bounds: info.bounds });
   say(parts.empty, info ? "" : TEXTS.noMap);
   if (bounds && placed !== route) { placed = route; fit(); }
-  await readLayers(route);
 }
 
 /** @param {string} route */
@@ -90,6 +92,8 @@ export function showPlace(place, z) {
   moveTo(place, z ?? Math.max(zoomLevel(), ALERT_ZOOM));
 }
 
+const overlay = new Overlay(paintLayers);
+
 /** Draws in the next frame. */
 function draw() {
   if (!frame && parts) frame = requestAnimationFrame(paint);
@@ -111,6 +115,7 @@ function paint() {
   drawScan(pen, state.route);
   drawMarks(pen);
   drawScale(pen);
+  say(parts.hint, isTooMuch() ? TEXTS.zoomForLayers : "");
   keepAddress();
 }
 
@@ -124,14 +129,7 @@ function keepAddress() {
 }
 
 function layerChoice() {
-  const checks = LAYERS.map((layer) => {
-    const { box, label } = check(TEXTS.layers[layer], (checked) => {
-      showLayer(layer, checked);
-      if (checked && state.route) readLayers(state.route).catch(() => {});
-    });
-    box.checked = isShown(layer);
-    return label;
-  });
+  const checks = LAYERS.map((layer) => check(TEXTS.layers[layer], (checked) => showLayer(layer, checked)).label);
   return make("details", "layers", make("summary", "", TEXTS.layersTitle), ...checks);
 }
 
@@ -142,9 +140,9 @@ function build() {
   const pen = canvas.getContext("2d", { alpha: false });
   if (!pen) throw new Error(TEXTS.noCanvas);
   const pictures = choice(TEXTS.picture, Object.entries(TEXTS.pictures), (value) => showVersion(value));
-  const [pointer, empty] = [make("span", "pointer"), make("p", "quiet nothing")];
+  const [pointer, hint, empty] = [make("span", "pointer"), make("p", "hint"), make("p", "quiet nothing")];
   const tools = make("div", "tools", pictures, layerChoice(), iconButton("+", TEXTS.zoomIn, () => zoomBy(ZOOM_STEP)), iconButton("−", TEXTS.zoomOut, () => zoomBy(1 / ZOOM_STEP)), button(TEXTS.fit, fit));
-  return { canvas, pen, pictures, pointer, empty, element: make("div", "map", canvas, tools, pointer, empty) };
+  return { canvas, pen, pictures, pointer, hint, empty, element: make("div", "map", canvas, tools, hint, pointer, empty) };
 }
 
 /** The map's element, made once. */
@@ -158,6 +156,7 @@ export function mapElement() {
     onPoint: (px, py) => { const { x, y } = toMap(px, py); say(made.pointer, "x " + x.toFixed(2) + "  y " + y.toFixed(2)); },
   });
   whenMoved(draw);
+  keepLayersRead(() => overlay.drop());
   dark.addEventListener("change", () => overlay.drop());
   new ResizeObserver(() => {
     Object.assign(view, { width: Math.max(made.canvas.clientWidth, 1), height: Math.max(made.canvas.clientHeight, 1) });

@@ -1,41 +1,64 @@
-// Trajectories, residuals and last poses over the map: reading them into flat arrays, painting what is seen.
+// Trajectories, edges and references of the part of the map that is seen, as flat arrays.
 
 import { get, routePath } from "./http.js";
-import { Overlay } from "./map_overlay.js";
-import { palette, vehicleColour } from "./palette.js";
+import { moved, view, whenMoved } from "./map_view.js";
 
 /**
- * @typedef {import("./map_view.js").Window} Window
- * @typedef {{vehicle: string, xy: Float32Array, bounds: [number, number, number, number]}} Piece
+ * @typedef {[number, number, number, number]} Box x0, y0, x1, y1, metres
+ * @typedef {{vehicle: string, xy: Float32Array, bounds: Box}} Piece
+ * @typedef {{id: number, pose: import("./types").Pose, vehicle_id: string, trip_id: string, stamp: string, reference: boolean}} Node
+ * @typedef {{from: number, to: number, kind: string, residual: number}} Edge
  */
 
-const POINTS_MAX = 20000;
-/** As many as show where the vehicles are. */
-const POINTS_FOR_POSES = 500;
-const EDGES_MAX = 5000;
+/** A larger part of the graph is not read at once: its lines would cover the map anyway. */
+const NODES_MAX = 4000;
+/** More than the window is read, so that one can move before it is read anew. */
+const OVERSIZE = 1.5;
+const REST_MS = 400;
 /** Points of a trajectory that are painted or left out together. */
 const PIECE = 128;
-const SEGMENTS_A_TURN = 2000;
-/** Residuals are compared by their decade. */
-const RAMP = ["#5b8db8", "#8f9a4a", "#c9962c", "#d0661f", "#b3261e"];
-
+/** Keyframes of a trip that lie farther apart are not joined by a line, metres. */
+const GAP_M = 4;
+/** Residuals are compared by their decade: the colour of the least first. */
+export const RAMP = ["#5b8db8", "#8f9a4a", "#c9962c", "#d0661f", "#b3261e"];
 export const LAYERS = ["trajectories", "residuals", "references", "vehicles"];
+
 /** @type {Set<string>} */
-const shown = new Set(["vehicles"]);
-
-/** @type {Piece[]} */
-let pieces = [];
-/** @type {{vehicle: string, x: number, y: number, towards: number, at: string}[]} */
-let last = [];
-/** Two ends each, the least residual first. */
-let edges = new Float32Array(0);
-/** @type {Uint8Array} the colour of each edge */
-let decades = new Uint8Array(0);
-let references = new Float32Array(0);
-
-export const overlay = new Overlay(paint);
+const shown = new Set();
 /** @param {string} layer */
 export const isShown = (layer) => shown.has(layer);
+
+export const found = {
+  /** @type {Piece[]} */
+  pieces: [],
+  /** @type {{vehicle: string, x: number, y: number, towards: number}[]} */
+  last: [],
+  /** two ends each, the least residual first */
+  edges: new Float32Array(0),
+  /** the place in `RAMP` of each edge */
+  decades: new Uint8Array(0),
+  references: new Float32Array(0),
+};
+
+/** @type {{route: string, tag: string, nodes: number, bounds: Box} | null} whose graph it is */
+let source = null;
+/** @type {{tag: string, box: Box} | null} what of it was read */
+let known = null;
+/** @type {ReturnType<typeof setTimeout> | undefined} */
+let due;
+let onRead = () => {};
+
+/**
+ * Reads again whenever another part is seen, and calls `listener` when something was read.
+ * @param {() => void} listener
+ */
+export function keepLayersRead(listener) {
+  onRead = listener;
+  whenMoved(() => {
+    clearTimeout(due);
+    if (shown.size > 0) due = setTimeout(() => { read().catch(() => {}); }, REST_MS);
+  });
+}
 
 /**
  * @param {string} layer
@@ -43,171 +66,96 @@ export const isShown = (layer) => shown.has(layer);
  */
 export function showLayer(layer, on) {
   if (on) shown.add(layer); else shown.delete(layer);
-  overlay.drop();
+  onRead();
+  moved();
 }
 
 /**
- * Reads what the layers that are shown need; what the service does not have stays empty.
- * @param {string} route
+ * Says whose layers they are, and when they have changed.
+ * @param {typeof source} now
  */
-export async function readLayers(route) {
-  const base = routePath(route) + "/map/layers/";
-  const points = shown.has("trajectories") || shown.has("references") ? POINTS_MAX : shown.has("vehicles") ? POINTS_FOR_POSES : 0;
-  const [tracks, residuals] = await Promise.all([
-    points > 0 ? get(base + "trajectories?max_points=" + points).catch(() => null) : null,
-    shown.has("residuals") ? get(base + "residuals?limit=" + EDGES_MAX).catch(() => null) : null,
-  ]);
-  if (tracks) takeTracks(tracks.items ?? []);
-  if (residuals) takeEdges(residuals.items ?? []);
-  overlay.drop();
+export function setLayerSource(now) {
+  if (now?.route !== source?.route) take([], []);
+  source = now;
+  if (shown.size > 0) read().catch(() => {});
 }
 
-export function dropLayers() {
-  [pieces, last, edges, references] = [[], [], new Float32Array(0), new Float32Array(0)];
-  overlay.drop();
-}
+/** Whether what is seen is too much to read. */
+export const isTooMuch = () => shown.size > 0 && source !== null && share() * source.nodes > NODES_MAX;
 
-/** @param {(import("./types").Track & {references?: number[], last_stamp?: string})[]} tracks the oldest first */
-function takeTracks(tracks) {
-  pieces = tracks.flatMap(({ vehicle_id, points }) => piecesOf(vehicle_id, points));
-  references = Float32Array.from(tracks.flatMap(({ points, references: marks }) => (marks ?? []).flatMap((k) => points[k] ?? [])));
-  const newest = new Map();
-  for (const { vehicle_id, points } of tracks) {
-    const [end, before] = [points.at(-1), points.at(-2)];
-    if (end) newest.set(vehicle_id, { vehicle: vehicle_id, x: end[0], y: end[1], towards: before ? Math.atan2(end[1] - before[1], end[0] - before[0]) : 0, at: "" });
-  }
-  last = [...newest.values()];
+/** The part of the map that is read, as a share of its area. */
+function share() {
+  if (!source) return 0;
+  const [x0, y0, x1, y1] = boxToRead(source.bounds);
+  const whole = (source.bounds[2] - source.bounds[0]) * (source.bounds[3] - source.bounds[1]);
+  return Math.max(x1 - x0, 0) * Math.max(y1 - y0, 0) / Math.max(whole, 1);
 }
 
 /**
- * @param {string} vehicle
- * @param {import("./types").Corner[]} points
+ * @param {Box} bounds
+ * @returns {Box}
+ */
+function boxToRead(bounds) {
+  const [dx, dy] = [OVERSIZE * view.width / view.scale / 2, OVERSIZE * view.height / view.scale / 2];
+  return [Math.max(view.x - dx, bounds[0]), Math.max(view.y - dy, bounds[1]), Math.min(view.x + dx, bounds[2]), Math.min(view.y + dy, bounds[3])];
+}
+
+/** Whether what was read still holds, and reaches over what is seen. */
+function isKnown() {
+  if (!known || !source || known.tag !== source.tag) return false;
+  const [dx, dy] = [view.width / view.scale / 2, view.height / view.scale / 2];
+  const [x0, y0, x1, y1] = source.bounds;
+  return known.box[0] <= Math.max(view.x - dx, x0) && known.box[2] >= Math.min(view.x + dx, x1) && known.box[1] <= Math.max(view.y - dy, y0) && known.box[3] >= Math.min(view.y + dy, y1);
+}
+
+async function read() {
+  if (!source || isKnown() || isTooMuch()) return;
+  const [asked, box] = [source, boxToRead(source.bounds)];
+  known = { tag: asked.tag, box };
+  const graph = await get(routePath(asked.route) + "/graph?bbox=" + box.map((value) => value.toFixed(2)).join(","));
+  if (asked.route === source?.route) take(graph.nodes, graph.edges);
+}
+
+/**
+ * @param {Node[]} nodes
+ * @param {Edge[]} edges
+ */
+function take(nodes, edges) {
+  const inTime = [...nodes].sort((a, b) => a.stamp.localeCompare(b.stamp) || a.id - b.id);
+  const trips = Map.groupBy(inTime, (node) => node.trip_id);
+  found.pieces = [...trips.values()].flatMap(piecesOf);
+  found.last = [...new Map(inTime.map((node) => [node.vehicle_id, node])).values()].map(({ vehicle_id, pose }) => ({ vehicle: vehicle_id, x: pose.x, y: pose.y, towards: pose.theta }));
+  found.references = Float32Array.from(nodes.filter((node) => node.reference).flatMap(({ pose }) => [pose.x, pose.y]));
+  const at = new Map(nodes.map((node) => [node.id, node.pose]));
+  const closures = edges.filter((edge) => edge.kind !== "odometry").sort((a, b) => a.residual - b.residual);
+  const ends = closures.flatMap((edge) => {
+    const [from, to] = [at.get(edge.from), at.get(edge.to)];
+    return from && to ? [{ residual: edge.residual, xy: [from.x, from.y, to.x, to.y] }] : [];
+  });
+  found.edges = Float32Array.from(ends.flatMap(({ xy }) => xy));
+  const top = Math.log10(Math.max(ends.at(-1)?.residual ?? 1, 1e-12));
+  found.decades = Uint8Array.from(ends, ({ residual }) => Math.max(0, RAMP.length - 1 - Math.floor(top - Math.log10(Math.max(residual, 1e-12)))));
+  onRead();
+}
+
+/**
+ * A trip's nodes in pieces that are painted together; where it leaves the part that was read, one ends.
+ * @param {Node[]} nodes
  * @returns {Piece[]}
  */
-function piecesOf(vehicle, points) {
-  const made = [];
-  for (let from = 0; from < points.length - 1; from += PIECE) {
-    const part = points.slice(from, from + PIECE + 1);
-    const [xs, ys] = [part.map((corner) => corner[0]), part.map((corner) => corner[1])];
-    /** @type {Piece["bounds"]} */
-    const bounds = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
-    made.push({ vehicle, xy: Float32Array.from(part.flat()), bounds });
+function piecesOf(nodes) {
+  /** @type {import("./types").Pose[][]} */
+  const lines = [];
+  for (const { pose } of nodes) {
+    const line = lines.at(-1);
+    const end = line?.at(-1);
+    const isNear = end && Math.hypot(pose.x - end.x, pose.y - end.y) < GAP_M;
+    if (!line || !end || !isNear) lines.push([pose]);
+    else if (line.length > PIECE) lines.push([end, pose]);
+    else line.push(pose);
   }
-  return made;
-}
-
-/** @param {{from: number[], to: number[], residual: number}[]} items */
-function takeEdges(items) {
-  const sorted = [...items].sort((a, b) => a.residual - b.residual);
-  edges = Float32Array.from(sorted.flatMap(({ from, to }) => [...from.slice(0, 2), ...to.slice(0, 2)]));
-  const top = Math.log10(Math.max(sorted.at(-1)?.residual ?? 1, 1e-12));
-  decades = Uint8Array.from(sorted, ({ residual }) => Math.max(0, RAMP.length - 1 - Math.floor(top - Math.log10(Math.max(residual, 1e-12)))));
-}
-
-/**
- * @param {CanvasRenderingContext2D} pen
- * @param {Window} window
- */
-function* paint(pen, window) {
-  if (shown.has("residuals")) yield* paintEdges(pen, window);
-  if (shown.has("trajectories")) yield* paintTracks(pen, window);
-  if (shown.has("references")) paintReferences(pen, window);
-  if (shown.has("vehicles")) paintVehicles(pen, window);
-}
-
-/**
- * What metres of the map lie in a window.
- * @param {Window} window
- */
-function seenBy({ x, y, scale, width, height }) {
-  const [dx, dy] = [width / 2 / scale, height / 2 / scale];
-  return { x0: x - dx, x1: x + dx, y0: y - dy, y1: y + dy };
-}
-
-/**
- * @param {CanvasRenderingContext2D} pen
- * @param {Window} window
- */
-function* paintTracks(pen, window) {
-  const seen = seenBy(window);
-  const [ox, oy, scale] = [window.width / 2 - window.x * window.scale, window.height / 2 + window.y * window.scale, window.scale];
-  pen.lineWidth = 1.5;
-  pen.lineJoin = "round";
-  let since = 0;
-  for (const { vehicle, xy, bounds } of pieces) {
-    if (bounds[0] > seen.x1 || bounds[2] < seen.x0 || bounds[1] > seen.y1 || bounds[3] < seen.y0) continue;
-    pen.strokeStyle = vehicleColour(vehicle);
-    pen.beginPath();
-    for (let k = 0; k < xy.length; k += 2) pen.lineTo(ox + xy[k] * scale, oy - xy[k + 1] * scale);
-    pen.stroke();
-    since += xy.length / 2;
-    if (since > SEGMENTS_A_TURN) { since = 0; yield; }
-  }
-}
-
-/**
- * @param {CanvasRenderingContext2D} pen
- * @param {Window} window
- */
-function* paintEdges(pen, window) {
-  const seen = seenBy(window);
-  const [ox, oy, scale] = [window.width / 2 - window.x * window.scale, window.height / 2 + window.y * window.scale, window.scale];
-  pen.lineWidth = 1;
-  let since = 0;
-  let decade = -1;
-  for (let k = 0; k < decades.length; k += 1) {
-    const [x0, y0, x1, y1] = [edges[4 * k], edges[4 * k + 1], edges[4 * k + 2], edges[4 * k + 3]];
-    if (Math.max(x0, x1) < seen.x0 || Math.min(x0, x1) > seen.x1 || Math.max(y0, y1) < seen.y0 || Math.min(y0, y1) > seen.y1) continue;
-    if (decades[k] !== decade || since > SEGMENTS_A_TURN) {
-      if (decade >= 0) pen.stroke();
-      if (since > SEGMENTS_A_TURN) { since = 0; yield; }
-      decade = decades[k];
-      pen.strokeStyle = RAMP[decade];
-      pen.beginPath();
-    }
-    pen.moveTo(ox + x0 * scale, oy - y0 * scale);
-    pen.lineTo(ox + x1 * scale, oy - y1 * scale);
-    since += 1;
-  }
-  if (decade >= 0) pen.stroke();
-}
-
-/**
- * @param {CanvasRenderingContext2D} pen
- * @param {Window} window
- */
-function paintReferences(pen, window) {
-  pen.fillStyle = palette().ink;
-  for (let k = 0; k < references.length; k += 2) {
-    pen.fillRect(window.width / 2 + (references[k] - window.x) * window.scale - 2, window.height / 2 - (references[k + 1] - window.y) * window.scale - 2, 4, 4);
-  }
-}
-
-/**
- * A triangle at each vehicle's last pose, with its name.
- * @param {CanvasRenderingContext2D} pen
- * @param {Window} window
- */
-function paintVehicles(pen, window) {
-  pen.font = "12px system-ui, sans-serif";
-  pen.textBaseline = "middle";
-  for (const { vehicle, x, y, towards } of last) {
-    const [px, py] = [window.width / 2 + (x - window.x) * window.scale, window.height / 2 - (y - window.y) * window.scale];
-    pen.save();
-    pen.translate(px, py);
-    pen.rotate(-towards);
-    pen.beginPath();
-    pen.moveTo(10, 0);
-    pen.lineTo(-7, 7);
-    pen.lineTo(-7, -7);
-    pen.closePath();
-    pen.fillStyle = vehicleColour(vehicle);
-    pen.fill();
-    pen.restore();
-    pen.lineWidth = 3;
-    pen.strokeStyle = palette().paper;
-    pen.strokeText(vehicle, px + 12, py);
-    pen.fillStyle = palette().ink;
-    pen.fillText(vehicle, px + 12, py);
-  }
+  return lines.filter((poses) => poses.length > 1).map((poses) => {
+    const [xs, ys] = [poses.map((pose) => pose.x), poses.map((pose) => pose.y)];
+    return { vehicle: nodes[0].vehicle_id, xy: Float32Array.from(poses.flatMap((pose) => [pose.x, pose.y])), bounds: [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] };
+  });
 }

@@ -7,7 +7,7 @@ import { byId, choice, link, make, mark, say } from "./dom.js";
 import { mapElement, readMap, refreshMap } from "./map.js";
 import { residuals } from "./residuals.js";
 import { settings } from "./settings.js";
-import { state } from "./state.js";
+import { may, state } from "./state.js";
 import { TEXTS } from "./texts.js";
 import { vehicles } from "./vehicles.js";
 import { versions } from "./versions.js";
@@ -63,6 +63,7 @@ export function showRoute() {
   for (const tab of parts.tabs) {
     const name = tab.id.slice("tab-".length);
     mark(tab, "href", routeAddress(state.route ?? "", name));
+    tab.hidden = name === "audit" && !may("maintainer");
     mark(tab, "aria-current", name === state.tab ? "page" : null);
   }
   if (!state.route) {

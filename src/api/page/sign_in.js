@@ -40,7 +40,8 @@ export function showAccess(beforeSigningOut) {
 
 /** Asks for a key in place of the console. */
 export function showSignIn() {
-  byId("console").hidden = true;
+  if (!byId("sign-in").hidden) return;
+  for (const id of ["console", "report", "banner"]) byId(id).hidden = true;
   const field = make("input");
   Object.assign(field, { type: "password", autocomplete: "current-password", required: true, id: "key" });
   const refusal = make("p", "refusal");

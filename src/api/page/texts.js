@@ -65,7 +65,7 @@ export const TEXTS = {
   noRoute: "No route yet. A vehicle's first upload needs one: PUT /v1/routes/{route}.",
   routeSummary: (/** @type {import("./types").Route} */ route) => "map version " + route.map_version + (route.pending_batches ? ", " + plural(route.pending_batches, "batch waits", "batches wait") : ""),
   picture: "Map shown", pictures: /** @type {Words} */ ({ accepted: "Accepted map", observed: "With pending changes" }), versionNumber: (/** @type {number} */ version, /** @type {string} */ state) => "Version " + version + (state ? ", " + state : ""),
-  layersTitle: "Layers", layers: /** @type {Words} */ ({ trajectories: "Trajectories by vehicle", residuals: "Edges by residual", references: "Reference keyframes", vehicles: "Last poses" }),
+  layersTitle: "Layers", zoomForLayers: "Zoom in to see these layers", layers: /** @type {Words} */ ({ trajectories: "Trajectories by vehicle", residuals: "Edges by residual", references: "Reference keyframes", vehicles: "Last poses" }),
   fit: "Fit", zoomIn: "Zoom in", zoomOut: "Zoom out", noMap: "No map yet: nothing has been merged.", noCanvas: "This browser cannot draw the map.",
   mapLabel: (/** @type {string} */ route) => "Map of the route " + route + " with the places of its alerts, which the list has too",
 

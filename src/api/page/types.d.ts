@@ -164,6 +164,3 @@ export interface Report {
   counts: Record<string, number>;
   truncated: boolean;
 }
-
-/** One polyline of a trip. */
-export interface Track { trip_id: string; vehicle_id: string; points: Corner[] }

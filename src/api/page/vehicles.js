@@ -30,13 +30,14 @@ function known(vehicle) {
  */
 function change(route, vehicle, again) {
   if (!may("maintainer")) return null;
-  const action = vehicle.state === "trusted" ? "quarantine" : "release";
+  const isTrusted = vehicle.state === "trusted";
+  const action = isTrusted ? "quarantine" : "release";
   return button(T.actions[action], async () => {
     const { area, field } = noteField(TEXTS.note, "");
     const isSure = await ask(T.asks[action](vehicle.id), [make("p", "", T.says[action]), field], [[TEXTS.cancel, null], [T.actions[action], true, "main"]]);
     if (!isSure) return;
     const note = area.value.trim();
-    const body = action === "quarantine" ? (note ? { note } : {}) : undefined;
+    const body = isTrusted ? (note ? { note } : {}) : undefined;
     send("POST", routePath(route) + "/vehicles/" + encodeURIComponent(vehicle.id) + "/" + action, body).then(again, toastError);
   });
 }
