@@ -50,33 +50,28 @@ pub(super) struct OperationBody {
     ended_at: Option<Timestamp>,
 }
 
-/// What an operation has done: a `removal` has all fields but `decisions`, `decisions` have that one alone.
+/// What an operation has done: of a `removal` all fields but `decisions`, of `decisions` that one alone;
+/// the others are null.
 #[derive(Debug, Default, Serialize, ToSchema)]
 #[schema(as = OperationResult)]
 struct OperationResultBody {
     /// Uploads that were removed, or would be.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     batches: Option<u64>,
     /// Nodes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     nodes: Option<u64>,
     /// Edges, those of others that ended at the nodes among them.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     edges: Option<u64>,
     /// Alerts that change by it: raised, resolved, or resting on less.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     alerts: Option<u64>,
     /// How far the rest of the map moves, at most, metres.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     moved_m: Option<f64>,
     /// What became of each decision, in the order of the request.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
+    #[schema(required)]
     decisions: Option<Vec<DecisionOutcomeBody>>,
 }
 
