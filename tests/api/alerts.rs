@@ -461,6 +461,7 @@ async fn an_operation_is_resumed_after_a_restart() {
         decisions: vec![accept(APPEARED), accept(DISAPPEARED)],
         by: "kim".to_owned(),
         actor: Actor::System,
+        routes: None,
     });
     let now = jiff::Timestamp::now();
     let asked = store

@@ -36,6 +36,7 @@ async fn decide(bench: &Bench, decisions: Vec<DecisionRequest>) -> Vec<DecisionO
         actor: Actor::Local {
             address: "192.0.2.7".to_owned(),
         },
+        routes: None,
     };
     bench.decisions.decide_all(request).await.unwrap()
 }

@@ -4,6 +4,7 @@ use crate::change::testing::finding;
 use crate::change::{AlertStatus, SilencedChange, SuspectEvidence, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, RouteId, TripId, VehicleId};
+use crate::store::Handling;
 
 /// 2026-11-20T06:12:30Z, in seconds.
 const SINCE_S: i64 = 1_795_155_150;
@@ -46,6 +47,7 @@ fn alert(kind: ChangeKind) -> AlertRecord {
         raised_at: Timestamp::UNIX_EPOCH,
         updated_at: Timestamp::UNIX_EPOCH,
         history: Vec::new(),
+        handling: Handling::default(),
         evidence,
     }
 }
