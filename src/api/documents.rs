@@ -30,7 +30,7 @@ macro_rules! console {
 }
 
 /// The maintainers' console, but `/words.js`.
-pub(super) const CONSOLE: [(&str, &str, &str); 44] = [
+pub(super) const CONSOLE: [(&str, &str, &str); 45] = [
     console!("/", HTML, "index.html"),
     console!("/console.css", STYLE, "console.css"),
     console!("/views.css", STYLE, "views.css"),
@@ -51,6 +51,7 @@ pub(super) const CONSOLE: [(&str, &str, &str); 44] = [
     console!("/keys.js", SCRIPT, "keys.js"),
     console!("/live.js", SCRIPT, "live.js"),
     console!("/map.js", SCRIPT, "map.js"),
+    console!("/map_colours.js", SCRIPT, "map_colours.js"),
     console!("/map_input.js", SCRIPT, "map_input.js"),
     console!("/map_layers.js", SCRIPT, "map_layers.js"),
     console!("/map_lines.js", SCRIPT, "map_lines.js"),

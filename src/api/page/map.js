@@ -23,7 +23,7 @@ const ALERT_ZOOM = 9;
 
 /** @type {ReturnType<typeof build> | null} */
 let parts = null;
-/** What the picture shows: accepted, observed, or a version's number. */
+/** What the picture shows, as `showPicture` has it. */
 let picture = "accepted";
 /** @type {string | null} the route that was fitted or moved to */
 let placed = null;
@@ -55,7 +55,8 @@ export async function readMap() {
   }
   const { map_version, counts } = await get(routePath(route));
   if (map_version !== draft) { draft = map_version; await offerVersions(route); }
-  const info = await readTiles(route, picture, picture === "observed" ? "?layer=observed" : "?version=" + (picture === "accepted" ? draft : picture));
+  const { query, against } = meaning();
+  const info = await readTiles(route, picture, query, against);
   if (reading !== route) return;
   bounds = info?.bounds ?? null;
   setLayerSource(info && { route, tag: info.tag ?? "", nodes: counts.nodes, bounds: info.bounds });
@@ -63,22 +64,33 @@ export async function readMap() {
   if (bounds && placed !== route) { placed = route; fit(); }
 }
 
+/** Which maps the chosen picture means: a version, or two of them. */
+function meaning() {
+  if (picture === "observed") return { query: "?layer=observed", against: null };
+  const [version, before] = picture === "accepted" ? [String(draft)] : picture.split("-");
+  return { query: "?version=" + version, against: before ? "?version=" + before : null };
+}
+
 /** @param {string} route */
 async function offerVersions(route) {
   const versions = /** @type {import("./types").Version[]} */ (await list(routePath(route) + "/versions", VERSIONS_MAX));
-  const past = versions.filter((version) => !version.current).sort((a, b) => b.version - a.version);
-  const options = [...Object.entries(TEXTS.pictures), ...past.map((version) => [String(version.version), TEXTS.versionNumber(version.version, TEXTS.versions.states[version.state ?? ""] ?? "")])];
+  const newestFirst = versions.sort((a, b) => b.version - a.version);
+  const options = newestFirst.flatMap(({ version, current, state: life }) => [
+    ...(current ? [] : [[String(version), TEXTS.versionNumber(version, TEXTS.versions.states[life ?? ""] ?? "")]]),
+    ...(version > 1 ? [[version + "-" + (version - 1), TEXTS.versionsCompared(version, version - 1)]] : []),
+  ]);
+  options.unshift(...Object.entries(TEXTS.pictures));
   parts?.pictures.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
   if (parts) parts.pictures.value = picture;
 }
 
 /**
- * Shows a version's map in place of the accepted one.
- * @param {string} version
+ * Shows another map: `accepted`, `observed`, a version's number, or two with what differs, as `3-2`.
+ * @param {string} chosen
  */
-export function showVersion(version) {
-  picture = version;
-  if (parts) parts.pictures.value = version;
+export function showPicture(chosen) {
+  picture = chosen;
+  if (parts) parts.pictures.value = chosen;
   readMap().catch(() => {});
 }
 
@@ -115,7 +127,7 @@ function paint() {
   drawScan(pen, state.route);
   drawMarks(pen);
   drawScale(pen);
-  say(parts.hint, isTooMuch() ? TEXTS.zoomForLayers : "");
+  say(parts.hint, isTooMuch() ? TEXTS.zoomForLayers : picture.includes("-") ? TEXTS.differenceHint : "");
   keepAddress();
 }
 
@@ -139,7 +151,7 @@ function build() {
   canvas.setAttribute("role", "application");
   const pen = canvas.getContext("2d", { alpha: false });
   if (!pen) throw new Error(TEXTS.noCanvas);
-  const pictures = choice(TEXTS.picture, Object.entries(TEXTS.pictures), (value) => showVersion(value));
+  const pictures = choice(TEXTS.picture, Object.entries(TEXTS.pictures), showPicture);
   const [pointer, hint, empty] = [make("span", "pointer"), make("p", "hint"), make("p", "quiet nothing")];
   const tools = make("div", "tools", pictures, layerChoice(), iconButton("+", TEXTS.zoomIn, () => zoomBy(ZOOM_STEP)), iconButton("−", TEXTS.zoomOut, () => zoomBy(1 / ZOOM_STEP)), button(TEXTS.fit, fit));
   return { canvas, pen, pictures, pointer, hint, empty, element: make("div", "map", canvas, tools, hint, pointer, empty) };

@@ -1,8 +1,9 @@
 // The map's picture in tiles: which are seen, reading them, keeping them by version, and drawing them.
 
 import { getBlob, getTagged, Refused, routePath } from "./http.js";
+import { difference, inPageColours } from "./map_colours.js";
 import { moved, view } from "./map_view.js";
-import { dark, palette } from "./palette.js";
+import { dark } from "./palette.js";
 
 /**
  * @typedef {{image: ImageBitmap | HTMLCanvasElement | null, tag: string, used: number}} Tile
@@ -10,6 +11,7 @@ import { dark, palette } from "./palette.js";
  * @property {string} route
  * @property {string} picture what is shown, by the name that it keeps while the map grows
  * @property {string} query which map that is now
+ * @property {string | null} against the map that it is compared with
  * @property {import("./types").TilesInfo} info
  * @property {string} tag changes with the map
  */
@@ -39,9 +41,10 @@ dark.addEventListener("change", () => { tiles.clear(); moved(); });
  * @param {string} route
  * @param {string} picture
  * @param {string} query
+ * @param {string | null} against
  * @returns {Promise<import("./types").TilesInfo | null>} null while there is no map
  */
-export async function readTiles(route, picture, query) {
+export async function readTiles(route, picture, query, against) {
   let answer;
   try {
     answer = await getTagged(routePath(route) + "/map/tiles.json" + query);
@@ -50,7 +53,7 @@ export async function readTiles(route, picture, query) {
     answer = null;
   }
   if (source?.route !== route || source.picture !== picture) tiles.clear();
-  source = answer && { route, picture, query, info: answer.body, tag: String(answer.body.tag ?? answer.tag) };
+  source = answer && { route, picture, query, against, info: answer.body, tag: String(answer.body.tag ?? answer.tag) };
   moved();
   return source?.info ?? null;
 }
@@ -151,8 +154,8 @@ async function read(from, z, x, y, key) {
   /** @type {Tile["image"]} */
   let image = tiles.get(key)?.image ?? null;
   try {
-    const blob = await getBlob(routePath(from.route) + "/map/tiles/" + key + ".png" + from.query);
-    image = blob.size > 0 ? recoloured(await createImageBitmap(blob)) : null;
+    const [after, before] = await Promise.all([readOne(from.route, key, from.query), from.against === null ? null : readOne(from.route, key, from.against)]);
+    image = before ? difference(before, after) : inPageColours(after);
   } catch {
     // A tile that cannot be read now stays as it is until the map changes.
   } finally {
@@ -163,34 +166,16 @@ async function read(from, z, x, y, key) {
   moved();
 }
 
+/**
+ * @param {string} route
+ * @param {string} key
+ * @param {string} query
+ */
+const readOne = async (route, key, query) => createImageBitmap(await getBlob(routePath(route) + "/map/tiles/" + key + ".png" + query));
+
 /** Drops the tiles that were not seen for the longest time. */
 function forget() {
   if (tiles.size <= KEPT_MAX) return;
   const oldest = [...tiles].sort(([, a], [, b]) => a.used - b.used).slice(0, tiles.size - KEPT_MAX);
   for (const [key] of oldest) tiles.delete(key);
 }
-
-/**
- * The tile in the colours of a dark page: free cells dark, occupied ones light.
- * @param {ImageBitmap} bitmap
- */
-function recoloured(bitmap) {
-  if (!dark.matches) return bitmap;
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
-  const pen = canvas.getContext("2d");
-  if (!pen) return bitmap;
-  pen.drawImage(bitmap, 0, 0);
-  const picture = pen.getImageData(0, 0, canvas.width, canvas.height);
-  const [free, occupied] = [rgb(palette().free), rgb(palette().occupied)];
-  const { data } = picture;
-  for (let k = 0; k < data.length; k += 4) {
-    const light = data[k] / 255;
-    for (let c = 0; c < 3; c += 1) data[k + c] = occupied[c] + (free[c] - occupied[c]) * light;
-  }
-  pen.putImageData(picture, 0, 0);
-  return canvas;
-}
-
-/** @param {string} hex as #rrggbb */
-const rgb = (hex) => [1, 3, 5].map((k) => Number.parseInt(hex.slice(k, k + 2), 16));

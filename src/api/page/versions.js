@@ -4,8 +4,8 @@ import { alertAddress, routeAddress } from "./address.js";
 import { ask, toast, toastError } from "./dialog.js";
 import { button, facts, link, make, noteField } from "./dom.js";
 import { time } from "./format.js";
-import { get, list, routePath, send } from "./http.js";
-import { showVersion } from "./map.js";
+import { list, routePath, send } from "./http.js";
+import { showPicture } from "./map.js";
 import { may } from "./state.js";
 import { TEXTS } from "./texts.js";
 
@@ -52,28 +52,16 @@ function changeButton(route, version, action, again) {
 }
 
 /**
- * What differs from the version before, read when it is opened.
+ * A link to the map that shows that picture of it.
  * @param {string} route
- * @param {Version} version
+ * @param {string} text
+ * @param {string} picture
  */
-function difference(route, version) {
-  const fold = make("details", "", make("summary", "", T.difference(version.version - 1)));
-  fold.addEventListener("toggle", async () => {
-    if (!fold.open || fold.childElementCount > 1) return;
-    const base = routePath(route) + "/versions/" + version.version + "/diff";
-    const from = "?from=" + (version.version - 1);
-    try {
-      /** @type {import("./types").VersionDifference} */
-      const found = await get(base + from);
-      const rows = Object.entries(found.cells).map(([name, count]) => /** @type {[string, string]} */ ([T.cells[name] ?? name, String(count)]));
-      const picture = make("img", "difference");
-      Object.assign(picture, { src: base + ".png" + from, alt: T.differenceAlt(version.version) });
-      fold.append(facts(rows), picture);
-    } catch (error) {
-      fold.append(make("p", "refusal", error instanceof Error ? error.message : String(error)));
-    }
-  });
-  return fold;
+function onMap(route, text, picture) {
+  const made = link(text, routeAddress(route, "map"));
+  // The map of the route is there once the address has been followed.
+  made.addEventListener("click", () => addEventListener("hashchange", () => setTimeout(() => showPicture(picture)), { once: true }));
+  return made;
 }
 
 /**
@@ -86,8 +74,6 @@ function item(route, version, again) {
   const why = cause?.alert_id ? link(T.causes[cause.action] ?? cause.action, alertAddress(cause.alert_id)) : T.causes[cause?.action ?? ""] ?? cause?.action;
   const state = stateOf(version);
   const title = make("h3", "", T.title(version.version), " ", make("span", "state state-" + state, T.states[state] ?? state), version.current ? make("span", "quiet", " " + T.current) : null);
-  const onMap = link(T.onMap, routeAddress(route, "map"));
-  onMap.addEventListener("click", () => { if (!version.current) setTimeout(() => showVersion(String(version.version))); });
   const mayRelease = may("maintainer") && version.current && state === "draft";
   const mayRetire = may("maintainer") && state === "released";
   return make("li", "version", title, facts([
@@ -101,8 +87,8 @@ function item(route, version, again) {
     [T.moved, typeof version.max_displacement_m === "number" ? TEXTS.preview.atMost(version.max_displacement_m) : null],
     [T.hash, version.sha256],
     [T.files, files(route, version)],
-  ]), make("div", "row", onMap, mayRelease ? changeButton(route, version, "release", again) : null, mayRetire ? changeButton(route, version, "retire", again) : null),
-  version.version > 1 ? difference(route, version) : null);
+  ]), make("div", "row", onMap(route, T.onMap, version.current ? "accepted" : String(version.version)),
+    version.version > 1 ? onMap(route, T.difference(version.version - 1), version.version + "-" + (version.version - 1)) : null, mayRelease ? changeButton(route, version, "release", again) : null, mayRetire ? changeButton(route, version, "retire", again) : null));
 }
 
 /**
