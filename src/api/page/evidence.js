@@ -13,6 +13,8 @@ export class Evidence {
   constructor(id) {
     this.path = alertPath(id);
     this.show = "both";
+    /** @type {AbortController | undefined} */
+    this.reading = undefined;
     /** @type {ReturnType<typeof setInterval> | undefined} */
     this.timer = undefined;
     /** @type {Map<string, HTMLImageElement>} */
@@ -36,25 +38,33 @@ export class Evidence {
     this.choose("both");
   }
 
-  /** Reads the pictures, which have changed; those on show stay until the new ones are there. */
+  /** Reads the pictures, which have changed, one after the other; those on show stay until the new ones are there. */
   async bring() {
-    const shows = ["both", "before", "since"];
-    const results = await Promise.allSettled(shows.map((show) => this.read(show)));
-    if (!results.some((result) => result.status !== "rejected")) await this.fallBack();
+    this.stop();
+    const reading = new AbortController();
+    this.reading = reading;
+    try {
+      for (const show of ["both", "before", "since"]) await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show, reading.signal);
+    } catch {
+      if (!reading.signal.aborted && !this.pictures.get("both")?.src) await this.fallBack(reading.signal);
+    }
   }
 
-  /** @param {string} show */
-  async read(show) {
-    await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show);
+  /** Ends what is being read: another alert is shown, or this one has changed. */
+  stop() {
+    this.reading?.abort();
   }
 
-  /** Where not all observations are known: two scans that disagree. */
-  async fallBack() {
+  /**
+   * Where not all observations are known: two scans that disagree.
+   * @param {AbortSignal} signal
+   */
+  async fallBack(signal) {
     this.choices.hidden = true;
     this.stack.hidden = true;
     const shown = picture(TEXTS.scans);
     try {
-      await load(shown, this.path + "/evidence.svg");
+      await load(shown, this.path + "/evidence.svg", signal);
       this.scans.replaceChildren(shown);
     } catch {
       this.scans.replaceChildren(make("p", "quiet", TEXTS.noEvidence));
@@ -108,9 +118,10 @@ function picture(alt) {
 /**
  * @param {HTMLImageElement | undefined} shown
  * @param {string} path
+ * @param {AbortSignal} signal
  */
-async function load(shown, path) {
-  const address = URL.createObjectURL(await getBlob(path));
+async function load(shown, path, signal) {
+  const address = URL.createObjectURL(await getBlob(path, signal));
   if (!shown) return;
   if (shown.src) URL.revokeObjectURL(shown.src);
   shown.src = address;
