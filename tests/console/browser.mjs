@@ -27,6 +27,6 @@ export async function openPage(browser, base, options = {}) {
     const url = request.url();
     if (!url.startsWith(base) && !url.startsWith("data:") && !url.startsWith("blob:")) faults.push("foreign: " + url);
   });
-  page.setDefaultTimeout(15000);
+  page.setDefaultTimeout(30000);
   return { page, faults };
 }

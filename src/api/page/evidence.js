@@ -5,6 +5,8 @@ import { alertPath, getBlob } from "./http.js";
 import { TEXTS } from "./texts.js";
 
 const BLINK_MS = 700;
+/** The view of the pictures that leaves out title and legend, which the page has itself. */
+const PLACE_ALONE = "#place";
 const SHOWS = ["before", "since", "both"];
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -30,9 +32,11 @@ export class Evidence {
     this.fader.setAttribute("aria-label", TEXTS.fade);
     this.fader.addEventListener("input", () => { this.stopBlinking(); this.fade(Number(this.fader.value) / 100); });
     this.choices = make("div", "row shows", ...this.buttons, this.blinker, this.fader);
-    this.stack = make("div", "stack", ...this.pictures.values());
+    this.waiting = make("p", "quiet", TEXTS.reading);
+    this.stack = make("div", "stack", this.waiting, ...this.pictures.values());
+    this.legend = legend();
     this.scans = make("div", "scans");
-    this.element = make("section", "", this.choices, this.stack, this.scans);
+    this.element = make("section", "", this.choices, this.stack, this.legend, this.scans);
     this.element.setAttribute("aria-label", TEXTS.evidence);
     mark(this.blinker, "aria-pressed", "false");
     this.choose("both");
@@ -44,7 +48,7 @@ export class Evidence {
     const reading = new AbortController();
     this.reading = reading;
     try {
-      for (const show of ["both", "before", "since"]) await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show, reading.signal);
+      for (const show of ["both", "before", "since"]) await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show, reading.signal).then(() => { this.waiting.hidden = true; });
     } catch {
       if (!reading.signal.aborted && !this.pictures.get("both")?.src) await this.fallBack(reading.signal);
     }
@@ -60,8 +64,7 @@ export class Evidence {
    * @param {AbortSignal} signal
    */
   async fallBack(signal) {
-    this.choices.hidden = true;
-    this.stack.hidden = true;
+    for (const part of [this.choices, this.stack, this.legend]) part.hidden = true;
     const shown = picture(TEXTS.scans);
     try {
       await load(shown, this.path + "/evidence.svg", signal);
@@ -112,6 +115,7 @@ export class Evidence {
 function picture(alt) {
   const made = make("img", "evidence");
   made.alt = alt;
+  made.hidden = true;
   return made;
 }
 
@@ -123,6 +127,13 @@ function picture(alt) {
 async function load(shown, path, signal) {
   const address = URL.createObjectURL(await getBlob(path, signal));
   if (!shown) return;
-  if (shown.src) URL.revokeObjectURL(shown.src);
-  shown.src = address;
+  if (shown.src) URL.revokeObjectURL(shown.src.split("#")[0]);
+  shown.src = address + PLACE_ALONE;
+  shown.hidden = false;
+}
+
+/** What the colours of the pictures mean. */
+function legend() {
+  const entries = Object.entries(TEXTS.evidenceLegend).map(([name, text]) => make("span", "legend", make("span", "swatch hit-" + name), text));
+  return make("p", "quiet legends", ...entries);
 }
