@@ -45,8 +45,8 @@ pub struct PlacePicture<'a> {
     pub shown: ShownSide,
 }
 
-/// Draws the picture: 900 pixels wide, light background, y upwards. The same observations make the same
-/// bytes.
+/// Draws the picture: 900 pixels wide, light background, y upwards. Its view `#place` is the place alone,
+/// for pages that have the words elsewhere. The same observations make the same bytes.
 pub fn to_svg(picture: &PlacePicture<'_>) -> String {
     let place = Place::of(picture.grid);
     let height_px = PLACE_TOP_PX + place.height_px + LEGEND_HEIGHT_PX;
@@ -57,6 +57,7 @@ pub fn to_svg(picture: &PlacePicture<'_>) -> String {
     ));
     svg.push_str(&format!("<title>{}</title>\n", escaped(picture.title)));
     svg.push_str(&format!("<desc>{}</desc>\n", escaped(picture.summary)));
+    place.declare_view(&mut svg);
     svg.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n");
     label(&mut svg, MARGIN_PX, 40.0, picture.title, Ink::TITLE);
     for (line, words) in (0..).zip(lines(picture.summary)) {
@@ -140,6 +141,16 @@ impl Place {
             self.left_px + cells.x * self.px_per_cell,
             PLACE_TOP_PX + self.height_px - cells.y * self.px_per_cell,
         )
+    }
+
+    fn declare_view(&self, svg: &mut String) {
+        svg.push_str(&format!(
+            "<view id=\"place\" viewBox=\"{} {} {} {}\"/>\n",
+            px(self.left_px),
+            px(PLACE_TOP_PX),
+            px(self.width_px),
+            px(self.height_px)
+        ));
     }
 
     fn draw(&self, svg: &mut String, picture: &PlacePicture<'_>) {
@@ -242,7 +253,7 @@ impl Place {
                 px(x + metre_px)
             ));
         }
-        label(svg, x + 6.0, y - 10.0, "1 m", Ink::ON_MAP);
+        label(svg, x + 6.0, y - 10.0, "1 m", Ink::SCALE);
     }
 }
 

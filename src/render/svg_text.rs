@@ -42,6 +42,11 @@ impl Ink {
         rim: true,
         ..Self::PLAIN
     };
+    /// Beside a scale bar: still read when the picture is half as wide.
+    pub(super) const SCALE: Self = Self {
+        size_px: 20.0,
+        ..Self::ON_MAP
+    };
     pub(super) const TICK: Self = Self {
         size_px: 11.0,
         ..Self::QUIET

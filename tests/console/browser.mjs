@@ -13,7 +13,7 @@ export const findChromium = () => PLACES.find((place) => place && fs.existsSync(
 export const launch = (executablePath) => chromium.launch({ executablePath, args: ARGS });
 
 /**
- * A page; `faults` has its errors, and requests to other hosts.
+ * A page; `faults` has its errors, and requests to other hosts. A busy service that is asked again is none.
  * @param {import("playwright-core").Browser} browser
  * @param {string} base
  */
@@ -22,11 +22,11 @@ export async function openPage(browser, base, options = {}) {
   const page = await context.newPage();
   const faults = [];
   page.on("pageerror", (error) => faults.push("error: " + error.message));
-  page.on("console", (message) => { if (message.type() === "error") faults.push("console: " + message.text() + " " + message.location().url); });
+  page.on("console", (message) => { if (message.type() === "error" && !/status of (429|503)/.test(message.text())) faults.push("console: " + message.text() + " " + message.location().url); });
   page.on("request", (request) => {
     const url = request.url();
     if (!url.startsWith(base) && !url.startsWith("data:") && !url.startsWith("blob:")) faults.push("foreign: " + url);
   });
-  page.setDefaultTimeout(15000);
+  page.setDefaultTimeout(30000);
   return { page, faults };
 }

@@ -67,7 +67,7 @@ export async function decidingStory({ page, api, axe, base }) {
     await page.goto(base + "/#/alerts/" + alert.id);
     await page.waitForSelector(".actions button.main:not(:disabled)");
     await page.keyboard.press("a");
-    await page.waitForSelector("dialog .preview dl");
+    await page.waitForSelector("dialog .preview dl", { timeout: 60000 });
     await axe(page, "the acceptance");
     const next = await page.locator("dialog .preview dd").first().textContent();
     await page.locator("dialog button.main").click();

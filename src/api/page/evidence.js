@@ -5,6 +5,8 @@ import { alertPath, getBlob } from "./http.js";
 import { TEXTS } from "./texts.js";
 
 const BLINK_MS = 700;
+/** The view of the pictures that leaves out title and legend, which the page has itself. */
+const PLACE_ALONE = "#place";
 const SHOWS = ["before", "since", "both"];
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -13,6 +15,8 @@ export class Evidence {
   constructor(id) {
     this.path = alertPath(id);
     this.show = "both";
+    /** @type {AbortController | undefined} */
+    this.reading = undefined;
     /** @type {ReturnType<typeof setInterval> | undefined} */
     this.timer = undefined;
     /** @type {Map<string, HTMLImageElement>} */
@@ -28,33 +32,42 @@ export class Evidence {
     this.fader.setAttribute("aria-label", TEXTS.fade);
     this.fader.addEventListener("input", () => { this.stopBlinking(); this.fade(Number(this.fader.value) / 100); });
     this.choices = make("div", "row shows", ...this.buttons, this.blinker, this.fader);
-    this.stack = make("div", "stack", ...this.pictures.values());
+    this.waiting = make("p", "quiet", TEXTS.reading);
+    this.stack = make("div", "stack", this.waiting, ...this.pictures.values());
+    this.legend = legend();
     this.scans = make("div", "scans");
-    this.element = make("section", "", this.choices, this.stack, this.scans);
+    this.element = make("section", "", this.choices, this.stack, this.legend, this.scans);
     this.element.setAttribute("aria-label", TEXTS.evidence);
     mark(this.blinker, "aria-pressed", "false");
     this.choose("both");
   }
 
-  /** Reads the pictures, which have changed; those on show stay until the new ones are there. */
+  /** Reads the pictures, which have changed, one after the other; those on show stay until the new ones are there. */
   async bring() {
-    const shows = ["both", "before", "since"];
-    const results = await Promise.allSettled(shows.map((show) => this.read(show)));
-    if (!results.some((result) => result.status !== "rejected")) await this.fallBack();
+    this.stop();
+    const reading = new AbortController();
+    this.reading = reading;
+    try {
+      for (const show of ["both", "before", "since"]) await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show, reading.signal).then(() => { this.waiting.hidden = true; });
+    } catch {
+      if (!reading.signal.aborted && !this.pictures.get("both")?.src) await this.fallBack(reading.signal);
+    }
   }
 
-  /** @param {string} show */
-  async read(show) {
-    await load(this.pictures.get(show), this.path + "/observations.svg?show=" + show);
+  /** Ends what is being read: another alert is shown, or this one has changed. */
+  stop() {
+    this.reading?.abort();
   }
 
-  /** Where not all observations are known: two scans that disagree. */
-  async fallBack() {
-    this.choices.hidden = true;
-    this.stack.hidden = true;
+  /**
+   * Where not all observations are known: two scans that disagree.
+   * @param {AbortSignal} signal
+   */
+  async fallBack(signal) {
+    for (const part of [this.choices, this.stack, this.legend]) part.hidden = true;
     const shown = picture(TEXTS.scans);
     try {
-      await load(shown, this.path + "/evidence.svg");
+      await load(shown, this.path + "/evidence.svg", signal);
       this.scans.replaceChildren(shown);
     } catch {
       this.scans.replaceChildren(make("p", "quiet", TEXTS.noEvidence));
@@ -102,16 +115,25 @@ export class Evidence {
 function picture(alt) {
   const made = make("img", "evidence");
   made.alt = alt;
+  made.hidden = true;
   return made;
 }
 
 /**
  * @param {HTMLImageElement | undefined} shown
  * @param {string} path
+ * @param {AbortSignal} signal
  */
-async function load(shown, path) {
-  const address = URL.createObjectURL(await getBlob(path));
+async function load(shown, path, signal) {
+  const address = URL.createObjectURL(await getBlob(path, signal));
   if (!shown) return;
-  if (shown.src) URL.revokeObjectURL(shown.src);
-  shown.src = address;
+  if (shown.src) URL.revokeObjectURL(shown.src.split("#")[0]);
+  shown.src = address + PLACE_ALONE;
+  shown.hidden = false;
+}
+
+/** What the colours of the pictures mean. */
+function legend() {
+  const entries = Object.entries(TEXTS.evidenceLegend).map(([name, text]) => make("span", "legend", make("span", "swatch hit-" + name), text));
+  return make("p", "quiet legends", ...entries);
 }

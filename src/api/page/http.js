@@ -2,6 +2,10 @@
 
 import { TEXTS } from "./texts.js";
 
+const BUSY = [429, 503];
+const READ_ATTEMPTS = 5;
+const RETRY_MAX_S = 5;
+
 /** Where one signs in and out, and asks who one is. */
 export const SESSION = "/v1/session";
 
@@ -27,15 +31,29 @@ export const whenSignedOut = (listener) => { onSignedOut = listener; };
  * @param {string} path
  * @param {RequestInit} [options]
  */
-async function ask(path, options) {
-  let response;
+async function askOnce(path, options) {
   try {
-    response = await fetch(path, options);
+    return await fetch(path, options);
   } catch (cause) {
+    if (options?.signal?.aborted) throw cause;
     throw new Error(TEXTS.unreachable, { cause });
   }
-  if (response.status === 401 && path !== SESSION) onSignedOut();
-  return response;
+}
+
+/**
+ * A read that a busy service turns away is sent again when it says so.
+ * @param {string} path
+ * @param {RequestInit} [options]
+ */
+async function ask(path, options = {}) {
+  const attempts = options.method ? 1 : READ_ATTEMPTS;
+  for (let attempt = 1; ; attempt += 1) {
+    const response = await askOnce(path, options);
+    if (response.status === 401 && path !== SESSION) onSignedOut();
+    if (!BUSY.includes(response.status) || attempt === attempts) return response;
+    const seconds = Math.min(Number(response.headers.get("Retry-After") ?? 1), RETRY_MAX_S);
+    await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+  }
 }
 
 /** @param {Response} response */
@@ -65,10 +83,11 @@ export async function getTagged(path) {
 /**
  * Whatever it is, such as a picture.
  * @param {string} path
+ * @param {AbortSignal} [signal] ends the request
  * @returns {Promise<Blob>}
  */
-export async function getBlob(path) {
-  const response = await ask(path);
+export async function getBlob(path, signal) {
+  const response = await ask(path, { signal });
   if (!response.ok) await bodyOf(response);
   return response.blob();
 }

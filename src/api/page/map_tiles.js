@@ -6,7 +6,7 @@ import { moved, view } from "./map_view.js";
 import { dark } from "./palette.js";
 
 /**
- * @typedef {{image: ImageBitmap | HTMLCanvasElement | null, tag: string, used: number}} Tile
+ * @typedef {{image: ImageBitmap | HTMLCanvasElement | null, tag: string, used: number, notBefore: number}} Tile
  * @typedef {object} Source
  * @property {string} route
  * @property {string} picture what is shown, by the name that it keeps while the map grows
@@ -20,7 +20,10 @@ const TILE_PX = 256;
 /** Zoom 8 is 5 cm a pixel. */
 const TILE_AT_8_M = 0.05 * TILE_PX;
 const KEPT_MAX = 300;
-const AT_ONCE = 6;
+/** The service draws as many at once. */
+const AT_ONCE = 2;
+/** A tile that could not be read is asked for again after so long. */
+const RETRY_MS = 10000;
 /** A missing tile is stood in for by one up to so many levels above it. */
 const STAND_INS = 5;
 
@@ -118,7 +121,7 @@ function clip(x0, x1, y0, y1, tile_m) {
 function drawTile(pen, z, x, y, left, top, right, bottom) {
   const key = z + "/" + x + "/" + y;
   const tile = tiles.get(key);
-  if (!tile || tile.tag !== source?.tag) wanted.push({ z, x, y, key });
+  if (!tile || (tile.tag !== source?.tag && performance.now() > tile.notBefore)) wanted.push({ z, x, y, key });
   if (tile) {
     tile.used = frame;
     if (tile.image) pen.drawImage(tile.image, left, top, right - left, bottom - top);
@@ -153,15 +156,16 @@ async function read(from, z, x, y, key) {
   underWay.add(key);
   /** @type {Tile["image"]} */
   let image = tiles.get(key)?.image ?? null;
+  let isRead = true;
   try {
     const [after, before] = await Promise.all([readOne(from.route, key, from.query), from.against === null ? null : readOne(from.route, key, from.against)]);
     image = before ? difference(before, after) : inPageColours(after);
   } catch {
-    // A tile that cannot be read now stays as it is until the map changes.
+    isRead = false;
   } finally {
     underWay.delete(key);
   }
-  if (source?.route === from.route && source.picture === from.picture) tiles.set(key, { image, tag: from.tag, used: frame });
+  if (source?.route === from.route && source.picture === from.picture) tiles.set(key, { image, tag: isRead ? from.tag : "", used: frame, notBefore: isRead ? 0 : performance.now() + RETRY_MS });
   forget();
   moved();
 }

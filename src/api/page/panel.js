@@ -109,6 +109,7 @@ export const typedNote = () => view?.note.value.trim() ?? "";
 function open(alert) {
   const hadFocus = view !== null && (document.activeElement === document.body || byId("panel").contains(document.activeElement));
   hideScan();
+  view?.evidence.stop();
   view = new View(alert);
   if (hadFocus) view.title.focus({ preventScroll: true });
 }

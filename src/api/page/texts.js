@@ -33,7 +33,8 @@ export const TEXTS = {
   // One alert
   panel: "Alert", noneChosen: "Choose an alert to see what changed.", back: "‹ All alerts", unknownAlert: "There is no such alert.",
   evidence: "What was observed", shows: /** @type {Words} */ ({ before: "Before", since: "Since", both: "Both" }), blink: "Blink", fade: "Fade from before to since",
-  evidenceAlt: (/** @type {string} */ show) => "Observations at the place: " + show, scans: "Two scans that disagree", noEvidence: "There is no picture of it.",
+  evidenceAlt: (/** @type {string} */ show) => "Observations at the place: " + show, scans: "Two scans that disagree", noEvidence: "There is no picture of it.", reading: "Reading the observations …",
+  evidenceLegend: /** @type {Words} */ ({ before: "hit before", since: "hit since", both: "hit before and since", eye: "where the lidar was" }),
   passesTitle: "Passes by the place", passHint: "Choose a pass to see its scan on the map.", noScan: "No scan of this pass is kept.",
   outcomes: /** @type {Words} */ ({ old_state: "saw the old state", new_state: "saw the new state", could_not_see: "could not see it" }),
   passCounts: (/** @type {import("./types").PassCounts} */ counts) => counts.saw_free + " saw it free, " + counts.saw_occupied + " occupied, " + counts.could_not_see + " could not see it",
