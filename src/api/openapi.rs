@@ -142,6 +142,7 @@ mod tests {
                 "Decision",
                 "Registration",
                 "Change",
+                "Edit",
                 "Post",
             ];
             let is_request = sent_by_clients.iter().any(|end| name.ends_with(end));
