@@ -27,7 +27,7 @@ const TRIPS_MAX: usize = 40;
 const CLOSURES: u32 = 500;
 const CLOSURES_MAX: u32 = 5_000;
 /// Reference keyframes; of more only every so many.
-const KEYFRAMES_MAX: usize = 10_000;
+const KEYFRAMES_MAX: usize = 5_000;
 
 /// How much of trajectories to send.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -101,7 +101,7 @@ struct ClosureBody {
 /// Where the reference keyframes are.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct KeyframeLayer {
-    /// x and y, metres, map frame, rounded to centimetres; by id. Of more than 10,000 as many, evenly
+    /// x and y, metres, map frame, rounded to centimetres; by id. Of more than 5,000 as many, evenly
     /// thinned.
     points: Vec<[f64; 2]>,
 }

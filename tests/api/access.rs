@@ -146,7 +146,7 @@ fn expected(operation: &str) -> &'static str {
 }
 
 /// The operations: id, method, path.
-fn operations() -> Vec<(String, &'static str, String)> {
+pub fn operations() -> Vec<(String, &'static str, String)> {
     let document = mapshift::api::openapi_document().unwrap();
     let mut operations = Vec::new();
     for (path, item) in document["paths"].as_object().unwrap() {
