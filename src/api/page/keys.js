@@ -15,6 +15,8 @@ function step(by) {
   const place = shown.findIndex((alert) => alert.id === state.chosen);
   const next = shown[Math.min(Math.max(place + by, 0), shown.length - 1)];
   if (!next) return;
+  // The address is followed a little later: a key that is pressed at once goes on from here.
+  state.chosen = next.id;
   location.hash = alertAddress(next.id);
   document.querySelector('.card a[href="' + alertAddress(next.id) + '"]')?.scrollIntoView({ block: "nearest" });
 }
