@@ -62,10 +62,13 @@ struct MapKey {
 /// drawn once.
 type RoutePictures = tokio::sync::Mutex<Option<(MapKey, Arc<MapFiles>)>>;
 
+/// Pictures of a route, by what of it they show.
+type CacheEntry = ((RouteId, Shown), Arc<RoutePictures>);
+
 /// Pictures, the latest used last.
 #[derive(Default)]
 pub(super) struct MapCache {
-    kept: Mutex<Vec<((RouteId, Shown), Arc<RoutePictures>)>>,
+    kept: Mutex<Vec<CacheEntry>>,
 }
 
 impl MapCache {

@@ -199,7 +199,7 @@ pub(super) async fn get_tile(
         return Ok(unchanged);
     }
     let files = map_files(&state, &route, shown).await?;
-    let draw = move || Ok(raster(&files)?.tile(z, x, y.0).map_err(Problem::internal)?);
-    let tile: Result<_, Problem> = state.rendering.run(draw).await?;
+    let draw = move || raster(&files)?.tile(z, x, y.0).map_err(Problem::internal);
+    let tile = state.rendering.run(draw).await?;
     Ok(kept.answer("image/png", tile?.into()))
 }

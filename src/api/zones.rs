@@ -129,7 +129,7 @@ impl ZonePut {
             return refuse("/polygon", "a polygon has 3 to 100 corners");
         }
         let mut values = polygon.iter().flat_map(|corner| corner.iter());
-        if values.any(|value| !(value.abs() <= REACH_M)) {
+        if values.any(|value| value.is_nan() || value.abs() > REACH_M) {
             return refuse(
                 "/polygon",
                 "corners are metres in the map frame, at most 1e6",
