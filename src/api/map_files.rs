@@ -215,6 +215,15 @@ impl Kept {
         }
     }
 
+    /// Of what is made of two pictures.
+    pub(super) fn of_both(first: &Self, second: &Self) -> Self {
+        let [a, b] = [&first.tag, &second.tag].map(|tag| tag.trim_matches('"'));
+        Self {
+            tag: format!("\"{a}-{b}\""),
+            for_ever: first.for_ever && second.for_ever,
+        }
+    }
+
     /// The answer that the client's copy is still right, if it has one.
     pub(super) fn unchanged(&self, request: &HeaderMap) -> Option<Response> {
         let known = is_known(request, &self.tag);

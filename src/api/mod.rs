@@ -22,6 +22,7 @@ mod keys;
 mod layers;
 mod limits;
 mod map_files;
+mod map_layers;
 mod maps;
 mod nodes;
 mod note;
@@ -55,6 +56,7 @@ mod types;
 mod upload;
 mod vda5050;
 mod vehicles;
+mod version_diff;
 mod version_maps;
 mod versions;
 mod webhooks;
@@ -164,6 +166,11 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(maps::get_map_yaml))
         .routes(routes!(tiles::get_tiles))
         .routes(routes!(tiles::get_tile))
+        .routes(routes!(map_layers::get_trajectory_layer))
+        .routes(routes!(map_layers::get_residual_layer))
+        .routes(routes!(map_layers::get_keyframe_layer))
+        .routes(routes!(version_diff::get_version_diff))
+        .routes(routes!(version_diff::get_version_diff_png))
         .routes(routes!(version_maps::get_version_png))
         .routes(routes!(version_maps::get_version_pgm))
         .routes(routes!(version_maps::get_version_yaml))

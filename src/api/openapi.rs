@@ -7,6 +7,7 @@ use utoipa::OpenApi;
 
 use super::access::add_security;
 use super::problem::{FieldError, ProblemBody};
+use super::traffic::document_names;
 use super::webhooks::add_calls;
 
 #[derive(OpenApi)]
@@ -34,7 +35,8 @@ use super::webhooks::add_calls;
 )]
 pub(super) struct Document;
 
-/// The document with what no handler declares: the calls that webhooks make, and who may use what.
+/// The document with what no handler declares: the calls that webhooks make, who may use what, and which
+/// answers need not be sent again.
 ///
 /// # Errors
 /// If the document does not serialise.
@@ -42,6 +44,7 @@ pub(super) fn complete(document: &utoipa::openapi::OpenApi) -> Result<Value, ser
     let mut document = serde_json::to_value(document)?;
     add_calls(&mut document);
     add_security(&mut document);
+    document_names(&mut document);
     Ok(document)
 }
 
@@ -139,6 +142,7 @@ mod tests {
                 "Decision",
                 "Registration",
                 "Change",
+                "Edit",
                 "Post",
             ];
             let is_request = sent_by_clients.iter().any(|end| name.ends_with(end));

@@ -112,7 +112,8 @@ async fn asked(state: &ApiState, route: &RouteId, query: &TileQuery) -> Result<A
     Ok(Asked { route, shown, kept })
 }
 
-fn raster(files: &MapFiles) -> Result<MapRaster<'_>, Problem> {
+/// The cells of a picture.
+pub(super) fn raster(files: &MapFiles) -> Result<MapRaster<'_>, Problem> {
     let yaml = std::str::from_utf8(&files.yaml).map_err(Problem::internal)?;
     MapRaster::read(&files.pgm, yaml).ok_or_else(|| {
         let error = std::io::Error::other("a map's picture does not read back");

@@ -1,5 +1,5 @@
 //! What keeps answers short on the wire: an ETag of what has none, so that a client is not sent again
-//! what it has, and gzip for text.
+//! what it has, and gzip for text. And what the OpenAPI document says of it.
 
 use std::io::Write;
 
@@ -11,6 +11,7 @@ use axum::response::{IntoResponse, Response};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use futures::{StreamExt, stream};
+use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::if_match::is_known;
@@ -31,6 +32,45 @@ const COMPRESSED: [&str; 7] = [
     "text/css",
     "text/javascript",
 ];
+
+/// Operations that answer with JSON that has no ETag all the same: it is sent as it is read, or not to be
+/// kept.
+const UNNAMED: [&str; 3] = ["get_graph", "get_trajectory", "get_session"];
+
+/// Says in the document which answers have an ETag from here, and that they need not be sent again.
+pub(super) fn document_names(document: &mut Value) {
+    let items = document["paths"].as_object_mut().into_iter().flatten();
+    let reads = items.filter_map(|(_, item)| item.get_mut("get"));
+    for operation in reads.filter(|operation| is_documented_as_named(operation)) {
+        operation["responses"]["200"]["headers"]["ETag"] = json!({
+            "description": "Changes with the answer; absent if that is longer than 4 MiB",
+            "schema": {"type": "string"},
+        });
+        operation["responses"]["304"] = json!({
+            "description": "The answer is what the client has",
+        });
+        let parameter = json!({
+            "name": "If-None-Match",
+            "in": "header",
+            "description": "Send nothing if the answer still has this ETag",
+            "required": false,
+            "schema": {"type": "string"},
+        });
+        match operation["parameters"].as_array_mut() {
+            Some(parameters) => parameters.push(parameter),
+            None => operation["parameters"] = json!([parameter]),
+        }
+    }
+}
+
+/// Whether an operation answers with JSON and says nothing of ETags itself.
+fn is_documented_as_named(operation: &Value) -> bool {
+    let id = operation["operationId"].as_str().unwrap_or_default();
+    let answer = &operation["responses"]["200"];
+    answer["content"].get("application/json").is_some()
+        && answer["headers"].get("ETag").is_none()
+        && !UNNAMED.contains(&id)
+}
 
 /// Gives JSON that has no ETag a weak one of its bytes, and answers 304 to a client that has them. What says
 /// `no-store` is left alone.

@@ -54,9 +54,9 @@ pub(super) struct InstantActionsBody {
 struct ActionBody {
     /// `downloadMap` or `enableMap`.
     action_type: &'static str,
-    /// The same for the same version of a route's map.
+    /// The same for the same version of a route's map: replace it to send an action to a vehicle once more.
     action_id: String,
-    /// `NONE`: neither stops the vehicle.
+    /// `NONE`: neither stops the vehicle; instant actions of edition 3.0 are never anything else.
     blocking_type: &'static str,
     /// `mapId`, `mapVersion`; of a download `mapDownloadLink` and `mapHash`, the SHA-256 of the PGM, too.
     action_parameters: Vec<ParameterBody>,
@@ -75,7 +75,8 @@ struct ParameterBody {
 /// Read how vehicles download and enable a version, by VDA 5050.
 ///
 /// Of a released version alone: only that has a hash for vehicles. `mapId` is the name of the route,
-/// `mapVersion` the number of the version. The link has the host that this request was sent to.
+/// `mapVersion` the number of the version. The link begins with the service's public URL, or with
+/// `http://` and the host that this request was sent to while none is set.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/vda5050", tag = "map",
     params(RouteParam, VersionParam, EditionQuery),
@@ -96,14 +97,8 @@ pub(super) async fn get_vda5050(
         let detail = format!("version {version} is {name}: vehicles get released versions only");
         Problem::new(ProblemKind::VersionState, detail)
     })?;
-    let host = headers
-        .get(header::HOST)
-        .and_then(|host| host.to_str().ok());
-    let host = host.ok_or_else(|| {
-        let detail = "say in Host where vehicles reach this service: the link is made of it";
-        Problem::new(ProblemKind::BadRequest, detail)
-    })?;
-    let link = format!("http://{host}/v1/routes/{route_id}/versions/{version}/map.pgm");
+    let origin = origin(&state, &headers)?;
+    let link = format!("{origin}/v1/routes/{route_id}/versions/{version}/map.pgm");
     let map = || {
         let (id, version) = (route_id.to_string(), version.to_string());
         vec![parameter("mapId", id), parameter("mapVersion", version)]
@@ -124,6 +119,19 @@ pub(super) async fn get_vda5050(
         },
         actions: vec![action("downloadMap", download), action("enableMap", map())],
     }))
+}
+
+/// Where vehicles reach the service.
+fn origin(state: &ApiState, request: &HeaderMap) -> Result<String, Problem> {
+    if let Some(origin) = state.hosts.public_origin() {
+        return Ok(origin.to_owned());
+    }
+    let host = request.get(header::HOST);
+    let host = host.and_then(|host| host.to_str().ok()).ok_or_else(|| {
+        let detail = "say in Host where vehicles reach this service: the link is made of it";
+        Problem::new(ProblemKind::BadRequest, detail)
+    })?;
+    Ok(format!("http://{host}"))
 }
 
 fn parameter(key: &'static str, value: String) -> ParameterBody {

@@ -8,6 +8,7 @@ pub mod place_svg;
 
 mod cell_changes;
 mod cells;
+mod map_difference;
 mod map_image;
 mod map_picture;
 mod occupancy;
@@ -17,6 +18,7 @@ mod svg_text;
 mod tiles;
 
 pub use cell_changes::{CellChanges, cell_changes};
+pub use map_difference::{DifferingCells, MapDifference};
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
 pub use occupancy::{CELLS_MAX, Decided, Look, Occupancy, OccupancyGrid};

@@ -134,6 +134,28 @@ impl<'a> MapRaster<'a> {
         ranks
     }
 
+    /// By how many doublings cells of this edge are larger than the map's.
+    pub(super) fn doublings_to(&self, resolution_m: f64) -> u32 {
+        let doublings = (resolution_m / self.resolution_m).log2().round();
+        (doublings as u32).min(30)
+    }
+
+    /// What is known of a cell that is by so many doublings larger than the map's, counted from the map's
+    /// origin: the highest rank of the map's cells in it.
+    pub(super) fn rank_at(&self, column: i64, row: i64, doublings: u32) -> u8 {
+        let within = |cell: i64, first: i64, cells: usize| {
+            let index = |cell: i64| (cell - first).clamp(0, cells as i64) as usize;
+            index(cell << doublings)..index((cell + 1) << doublings)
+        };
+        let columns = within(column, self.first_column, self.width);
+        let rows = within(row, self.first_row, self.height);
+        let greys = rows.flat_map(|row| {
+            let of_row = &self.pixels[(self.height - 1 - row) * self.width..];
+            &of_row[columns.clone()]
+        });
+        greys.map(|grey| rank(*grey)).max().unwrap_or_default()
+    }
+
     /// The zoom at which a cell is a pixel; below 0 for a map of very coarse cells.
     fn native_zoom(&self) -> i32 {
         let doublings = (self.resolution_m / MAP_RESOLUTION_M).log2().round();

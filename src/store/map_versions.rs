@@ -1,15 +1,16 @@
 //! The versions of a route's map.
 
+use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
 use super::alert_records::{MapPicture, MapVersionRecord, VersionCause, VersionRelease};
 use super::body::{SealedBody, unseal};
-use super::columns::{alert_id, corrupt, optional_time, text, time};
+use super::columns::{alert_id, corrupt, micros, optional_time, text, time};
 use super::error::StoreError;
 use super::{Store, named};
 use crate::ids::{AlertId, RouteId};
-use crate::model::VersionAction;
+use crate::model::{AlertStatus, VersionAction};
 
 impl Store {
     /// The versions of a route's map after `after`, the oldest first, at most `limit`; the
@@ -54,6 +55,20 @@ impl Store {
         .fetch_one(&self.shared.readers)
         .await;
         named(newest.map_err(StoreError::from))
+    }
+
+    /// The alerts that a route's map has taken in, or let go again, after one moment and until another, by
+    /// id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn alerts_in_map_between(
+        &self,
+        route: &RouteId,
+        after: Timestamp,
+        until: Timestamp,
+    ) -> Result<Vec<AlertId>, StoreError> {
+        named(alerts_between(&self.shared.readers, route, after, until).await)
     }
 
     /// The picture of a version that another one has followed.
@@ -137,6 +152,32 @@ fn cause_of(row: &SqliteRow) -> Result<Option<VersionCause>, StoreError> {
         by: row.try_get("cause_by")?,
         note: row.try_get("cause_note")?,
     }))
+}
+
+/// Alerts that became accepted in a time, or ceased to be: nothing but an undo leads out of it.
+async fn alerts_between(
+    readers: &SqlitePool,
+    route: &RouteId,
+    after: Timestamp,
+    until: Timestamp,
+) -> Result<Vec<AlertId>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT DISTINCT alerts.id \
+         FROM alert_history AS entry INDEXED BY alert_history_by_time \
+             JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
+         WHERE entry.at_us > ?1 AND entry.at_us <= ?2 AND routes.id = ?3 \
+         AND (entry.status = ?4 OR EXISTS ( \
+             SELECT 1 FROM alert_history AS before WHERE before.alert_key = entry.alert_key \
+             AND before.position = entry.position - 1 AND before.status = ?4)) \
+         ORDER BY alerts.id",
+    )
+    .bind(micros(after))
+    .bind(micros(until))
+    .bind(route.as_str())
+    .bind(AlertStatus::Accepted.name())
+    .fetch_all(readers)
+    .await?;
+    rows.iter().map(|row| alert_id(row, "id")).collect()
 }
 
 /// The picture of a version that another one has followed.

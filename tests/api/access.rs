@@ -124,7 +124,12 @@ const EXPECTED: [(&str, &[&str]); 13] = [
             "get_vda5050",
             "get_tiles",
             "get_tile",
+            "get_trajectory_layer",
+            "get_residual_layer",
+            "get_keyframe_layer",
             "list_trips",
+            "get_version_diff",
+            "get_version_diff_png",
             "get_version_png",
             "get_version_pgm",
             "get_version_yaml",
@@ -141,7 +146,7 @@ fn expected(operation: &str) -> &'static str {
 }
 
 /// The operations: id, method, path.
-fn operations() -> Vec<(String, &'static str, String)> {
+pub fn operations() -> Vec<(String, &'static str, String)> {
     let document = mapshift::api::openapi_document().unwrap();
     let mut operations = Vec::new();
     for (path, item) in document["paths"].as_object().unwrap() {

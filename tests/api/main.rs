@@ -26,6 +26,7 @@ mod hooked;
 mod keys;
 mod lifecycle;
 mod limits;
+mod map_layers;
 mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;
@@ -38,6 +39,7 @@ mod tiles;
 mod traffic;
 mod uploads;
 mod vehicles;
+mod version_diff;
 mod webhook_attempts;
 mod webhook_events;
 mod webhooks;

@@ -194,7 +194,7 @@ async fn vehicles_are_told_of_released_versions_only() {
             "actionParameters": parameters,
         })
     };
-    let link = format!("http://test{HALL}/versions/1/map.pgm");
+    let link = format!("http://localhost{HALL}/versions/1/map.pgm");
     let download = vec![
         json!({"key": "mapDownloadLink", "value": link}),
         json!({"key": "mapHash", "value": released["sha256"]}),
@@ -215,5 +215,25 @@ async fn vehicles_are_told_of_released_versions_only() {
     );
     post(&service, "1/retire", json!({})).await;
     assert_eq!(service.get(&path).await.status, 409);
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn vehicles_download_from_where_the_service_is_reached() {
+    let directory = changed_hall::directory().await;
+    let url = "https://maps.example.com".parse().unwrap();
+    let service = Service::start_changed(directory, |config| {
+        config.access.public_url = Some(url);
+    });
+    let service = service.await;
+    assert_eq!(post(&service, "1/release", json!({})).await.status, 200);
+    let path = format!("{HALL}/versions/1/vda5050");
+    let body = service.get(&path).await.json();
+    let parameters = body["actions"][0]["actionParameters"].as_array().unwrap();
+    let link = json!({
+        "key": "mapDownloadLink",
+        "value": format!("https://maps.example.com{HALL}/versions/1/map.pgm"),
+    });
+    assert!(parameters.contains(&link), "{body}");
     service.stop().await;
 }

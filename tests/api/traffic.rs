@@ -2,6 +2,7 @@
 
 use std::io::Read;
 
+use crate::access::operations;
 use crate::changed_hall::{self, APPEARED};
 use crate::client::{Answer, Request};
 use crate::service::Service;
@@ -68,5 +69,54 @@ async fn text_is_compressed_for_those_who_take_it() {
         let answer = get(&service, path, ("accept-encoding", "gzip")).await;
         assert_eq!(answer.header("content-encoding"), None, "{path}");
     }
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn the_document_says_which_answers_need_not_be_sent_again() {
+    let service = changed_hall::start().await;
+    let release = Request::new("POST", "/v1/routes/hall/versions/1/release");
+    assert_eq!(service.send(release).await.status, 200);
+    let document = mapshift::api::openapi_document().unwrap();
+    let mut named = 0;
+    for (id, _, template) in operations().into_iter().filter(|(_, get, _)| *get == "GET") {
+        let documented = &document["paths"][&template]["get"]["responses"];
+        let is_json = documented["200"]["content"]
+            .get("application/json")
+            .is_some();
+        let mut path = template;
+        for (parameter, name) in [
+            ("{route}", "hall"),
+            ("{batch}", "b-0"),
+            ("{vehicle}", "agv-07"),
+            ("{trip}", "trip-1"),
+            ("{node}", "1"),
+            ("{edge}", "3"),
+            ("{version}", "1"),
+            ("{alert}", APPEARED),
+        ] {
+            path = path.replace(parameter, name);
+        }
+        match id.as_str() {
+            "get_version_diff" => path.push_str("?from=1"),
+            // Else it ends now.
+            "get_report" => path.push_str("?since=2026-11-20T06:00:00Z&until=2026-11-20T14:00:00Z"),
+            _ => {}
+        }
+        if !is_json || path.contains('{') {
+            continue;
+        }
+        let answer = service.get(&path).await;
+        assert_eq!(answer.status, 200, "{id}: {}", answer.text());
+        let tag = answer.header("etag");
+        let is_documented = !documented["200"]["headers"]["ETag"].is_null();
+        assert_eq!(tag.is_some(), is_documented, "{id}");
+        let Some(tag) = tag else { continue };
+        let again = get(&service, &path, ("if-none-match", tag)).await;
+        let may_be = !documented["304"].is_null();
+        assert_eq!(again.status, if may_be { 304 } else { 200 }, "{id}");
+        named += usize::from(may_be);
+    }
+    assert!(named > 25, "{named}");
     service.stop().await;
 }

@@ -22,6 +22,13 @@ async fn live_through_everything(client: &Client) {
         drive(client, &shop, lap).await;
     }
     let told = only(drive(client, &shop, 2).await);
+    let talked_about = format!("/v1/alerts/{}/comments", told["id"].as_str().unwrap());
+    let comment = json!({"text": "a crate, it seems"});
+    assert_eq!(client.post(talked_about, comment).await.0, 201);
+    let zone =
+        json!({"polygon": [[5.0, 3.0], [8.0, 3.0], [8.0, 5.0], [5.0, 5.0]], "purpose": "mute"});
+    let zones = format!("/v1/routes/{ROUTE}/zones");
+    assert_eq!(client.post(zones, zone).await.0, 201);
     let taken_up = client.decide(&told, "acknowledge").await;
     let accepted = client.decide(&taken_up, "accept").await;
     let undone = client.decide(&accepted, "undo").await;

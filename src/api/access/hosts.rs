@@ -76,6 +76,12 @@ impl Hosts {
         url.is_some_and(|url| url.host.trim_matches(['[', ']']).eq_ignore_ascii_case(name))
     }
 
+    /// Where people and vehicles reach the service, if it was said: a scheme and an authority.
+    pub(in crate::api) fn public_origin(&self) -> Option<&str> {
+        let url = self.public_url.as_ref();
+        url.map(|url| url.origin.as_str())
+    }
+
     /// Whether a page of this origin is the service's own, if the request was for this host.
     pub(super) fn is_own_origin(&self, origin: &str, host: &str) -> bool {
         let url = self.public_url.as_ref();
