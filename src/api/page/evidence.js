@@ -5,8 +5,6 @@ import { alertPath, getBlob } from "./http.js";
 import { TEXTS } from "./texts.js";
 
 const BLINK_MS = 700;
-/** The view of the pictures that leaves out title and legend, which the page has itself. */
-const PLACE_ALONE = "#place";
 const SHOWS = ["before", "since", "both"];
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -125,11 +123,24 @@ function picture(alt) {
  * @param {AbortSignal} signal
  */
 async function load(shown, path, signal) {
-  const address = URL.createObjectURL(await getBlob(path, signal));
+  const address = URL.createObjectURL(placeAlone(await (await getBlob(path, signal)).text()));
   if (!shown) return;
-  if (shown.src) URL.revokeObjectURL(shown.src.split("#")[0]);
-  shown.src = address + PLACE_ALONE;
+  if (shown.src) URL.revokeObjectURL(shown.src);
+  shown.src = address;
   shown.hidden = false;
+}
+
+/**
+ * A picture without title and legend, which the page has itself: its view `place`, if it has one.
+ * @param {string} text
+ */
+function placeAlone(text) {
+  const picture = new DOMParser().parseFromString(text, "image/svg+xml");
+  const box = picture.getElementById("place")?.getAttribute("viewBox");
+  const [, , width, height] = box?.split(" ") ?? [];
+  const root = picture.documentElement;
+  for (const [name, value] of Object.entries({ viewBox: box, width, height })) if (value) root.setAttribute(name, value);
+  return new Blob([new XMLSerializer().serializeToString(picture)], { type: "image/svg+xml" });
 }
 
 /** What the colours of the pictures mean. */

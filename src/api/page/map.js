@@ -4,7 +4,7 @@ import { alertAddress, placeAddress } from "./address.js";
 import { button, check, choice, iconButton, make, mark, say } from "./dom.js";
 import { get, list, routePath } from "./http.js";
 import { hearMap, ZOOM_STEP } from "./map_input.js";
-import { isTooMuch, keepLayersRead, LAYERS, setLayerSource, showLayer } from "./map_layers.js";
+import { isShown, LAYERS, setLayerSource, showLayer, whenLayersRead } from "./map_layers.js";
 import { paintLayers } from "./map_lines.js";
 import { alertAt, drawMarks, drawScale } from "./map_marks.js";
 import { Overlay } from "./map_overlay.js";
@@ -53,13 +53,13 @@ export async function readMap() {
     dropTiles();
     setLayerSource(null);
   }
-  const { map_version, counts } = await get(routePath(route));
+  const { map_version } = await get(routePath(route));
   if (map_version !== draft) { draft = map_version; await offerVersions(route); }
   const { query, against } = meaning();
   const info = await readTiles(route, picture, query, against);
   if (reading !== route) return;
   bounds = info?.bounds ?? null;
-  setLayerSource(info && { route, tag: info.tag ?? "", nodes: counts.nodes, bounds: info.bounds });
+  setLayerSource(info && { route, tag: info.tag ?? "" });
   say(parts.empty, info ? "" : TEXTS.noMap);
   if (bounds && placed !== route) { placed = route; fit(); }
 }
@@ -127,7 +127,7 @@ function paint() {
   drawScan(pen, state.route);
   drawMarks(pen);
   drawScale(pen);
-  say(parts.hint, isTooMuch() ? TEXTS.zoomForLayers : picture.includes("-") ? TEXTS.differenceHint : "");
+  say(parts.hint, picture.includes("-") ? TEXTS.differenceHint : "");
   keepAddress();
 }
 
@@ -141,7 +141,11 @@ function keepAddress() {
 }
 
 function layerChoice() {
-  const checks = LAYERS.map((layer) => check(TEXTS.layers[layer], (checked) => showLayer(layer, checked)).label);
+  const checks = LAYERS.map((layer) => {
+    const { box, label } = check(TEXTS.layers[layer], (checked) => showLayer(layer, checked));
+    box.checked = isShown(layer);
+    return label;
+  });
   return make("details", "layers", make("summary", "", TEXTS.layersTitle), ...checks);
 }
 
@@ -168,7 +172,7 @@ export function mapElement() {
     onPoint: (px, py) => { const { x, y } = toMap(px, py); say(made.pointer, "x " + x.toFixed(2) + "  y " + y.toFixed(2)); },
   });
   whenMoved(draw);
-  keepLayersRead(() => overlay.drop());
+  whenLayersRead(() => overlay.drop());
   dark.addEventListener("change", () => overlay.drop());
   new ResizeObserver(() => {
     Object.assign(view, { width: Math.max(made.canvas.clientWidth, 1), height: Math.max(made.canvas.clientHeight, 1) });

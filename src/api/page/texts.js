@@ -67,7 +67,7 @@ export const TEXTS = {
   routeSummary: (/** @type {import("./types").Route} */ route) => "map version " + route.map_version + (route.pending_batches ? ", " + plural(route.pending_batches, "batch waits", "batches wait") : ""),
   picture: "Map shown", pictures: /** @type {Words} */ ({ accepted: "Accepted map", observed: "With pending changes" }), versionNumber: (/** @type {number} */ version, /** @type {string} */ state) => "Version " + version + (state ? ", " + state : ""),
   versionsCompared: (/** @type {number} */ version, /** @type {number} */ before) => "Version " + version + " against " + before, differenceHint: "Orange was added, blue was removed",
-  layersTitle: "Layers", zoomForLayers: "Zoom in to see these layers", layers: /** @type {Words} */ ({ trajectories: "Trajectories by vehicle", residuals: "Edges by residual", references: "Reference keyframes", vehicles: "Last poses" }),
+  layersTitle: "Layers", layers: /** @type {Words} */ ({ trajectories: "Trajectories by vehicle", residuals: "Worst closures by residual", references: "Reference keyframes", vehicles: "Last poses" }),
   fit: "Fit", zoomIn: "Zoom in", zoomOut: "Zoom out", noMap: "No map yet: nothing has been merged.", noCanvas: "This browser cannot draw the map.",
   mapLabel: (/** @type {string} */ route) => "Map of the route " + route + " with the places of its alerts, which the list has too",
 
@@ -97,7 +97,8 @@ export const TEXTS = {
     asks: /** @type {Record<string, (version: number) => string>} */ ({ release: (version) => "Release version " + version + "?", retire: (version) => "Retire version " + version + "?" }),
     says: /** @type {Words} */ ({ release: "Its map is frozen as it is now and offered to vehicles; it never changes again.", retire: "Vehicles are no longer to use it. Its files stay." }),
     done: /** @type {Record<string, (version: number) => string>} */ ({ release: (version) => "Version " + version + " is released", retire: (version) => "Version " + version + " is retired" }),
-    difference: (/** @type {number} */ before) => "What differs from version " + before,
+    difference: (/** @type {number} */ before) => "What differs from version " + before, numbers: "The difference in numbers", accepted: "Alerts accepted",
+    cells: /** @type {Words} */ ({ to_occupied: "Cells now occupied", to_free: "Cells now free", to_unknown: "Cells now unknown", from_unknown: "Cells newly observed" }),
   },
   settings: {
     name: "Name", rate: "False alerts accepted per lap", hold: "A batch waits for its predecessor, seconds", shift: "A batch may move the map by at most, metres", save: "Save", saved: "Saved", stage: "Stage", detector: "Detector", waiting: "Batches waiting",

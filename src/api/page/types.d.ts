@@ -98,6 +98,8 @@ export interface Version {
   retired_at?: string | null;
 }
 
+export interface VersionDifference { from: number; to: number; cells: Record<string, number>; alerts: string[] }
+
 export interface TilesInfo { min_zoom: number; max_zoom: number; bounds: [number, number, number, number]; tag?: string }
 
 export interface NodeScan {

@@ -4,7 +4,7 @@ import { alertAddress, routeAddress } from "./address.js";
 import { ask, toast, toastError } from "./dialog.js";
 import { button, facts, link, make, noteField } from "./dom.js";
 import { time } from "./format.js";
-import { list, routePath, send } from "./http.js";
+import { get, list, routePath, send } from "./http.js";
 import { showPicture } from "./map.js";
 import { may } from "./state.js";
 import { TEXTS } from "./texts.js";
@@ -65,6 +65,27 @@ function onMap(route, text, picture) {
 }
 
 /**
+ * How many cells differ from the version before, read when it is opened.
+ * @param {string} route
+ * @param {Version} version
+ */
+function differenceInNumbers(route, version) {
+  const fold = make("details", "", make("summary", "", T.numbers));
+  fold.addEventListener("toggle", async () => {
+    if (!fold.open || fold.childElementCount > 1) return;
+    try {
+      /** @type {import("./types").VersionDifference} */
+      const found = await get(routePath(route) + "/versions/" + version.version + "/diff?from=" + (version.version - 1));
+      const alerts = make("span", "files", ...found.alerts.map((id) => link(id.slice(-6), alertAddress(id))));
+      fold.append(facts([...Object.entries(found.cells).map(([name, count]) => /** @type {[string, string]} */ ([T.cells[name] ?? name, String(count)])), [T.accepted, found.alerts.length > 0 ? alerts : null]]));
+    } catch (error) {
+      fold.append(make("p", "refusal", error instanceof Error ? error.message : String(error)));
+    }
+  });
+  return fold;
+}
+
+/**
  * @param {string} route
  * @param {Version} version
  * @param {() => void} again
@@ -88,7 +109,8 @@ function item(route, version, again) {
     [T.hash, version.sha256],
     [T.files, files(route, version)],
   ]), make("div", "row", onMap(route, T.onMap, version.current ? "accepted" : String(version.version)),
-    version.version > 1 ? onMap(route, T.difference(version.version - 1), version.version + "-" + (version.version - 1)) : null, mayRelease ? changeButton(route, version, "release", again) : null, mayRetire ? changeButton(route, version, "retire", again) : null));
+    version.version > 1 ? onMap(route, T.difference(version.version - 1), version.version + "-" + (version.version - 1)) : null, mayRelease ? changeButton(route, version, "release", again) : null, mayRetire ? changeButton(route, version, "retire", again) : null),
+  version.version > 1 ? differenceInNumbers(route, version) : null);
 }
 
 /**
