@@ -11,7 +11,7 @@ ALTER TABLE map_versions ADD COLUMN retired_at_us INTEGER
 -- of the one before.
 ALTER TABLE map_versions ADD COLUMN cause_by TEXT;
 ALTER TABLE map_versions ADD COLUMN cause_note TEXT;
--- How far what began it moved reference nodes at most; NULL where an earlier program did not measure it.
+-- How far what began it moved nodes at most; NULL where an earlier program did not measure it.
 ALTER TABLE map_versions ADD COLUMN max_displacement_m REAL
     CHECK (max_displacement_m >= 0 AND max_displacement_m < 9e999);
 

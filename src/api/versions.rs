@@ -41,7 +41,7 @@ pub(super) struct VersionBody {
     /// What began it; null for the first version.
     #[schema(required)]
     cause: Option<VersionCauseBody>,
-    /// How far what began it moved reference nodes at most against the version before, metres: 0 after
+    /// How far what began it moved nodes at most against the version before, metres: 0 after
     /// a release. The map's first node never moves. null where it was not measured.
     #[schema(required)]
     max_displacement_m: Option<f64>,

@@ -154,12 +154,10 @@ pub(super) fn take_back(workspace: &mut Workspace, alert: AlertId, undo: &Undo) 
     workspace.accepted.retain(|change| change.alert_id != alert);
 }
 
-/// How far reference keyframes lie at most from where they were, metres.
+/// How far nodes lie at most from where they were, metres.
 fn max_displacement_m(map: &RouteMap, before: &[Pose2]) -> f64 {
-    let keyframes = poses_of(map).zip(before).zip(map.keyframes());
-    let references = keyframes.filter(|(_, keyframe)| keyframe.reference);
-    let displaced =
-        references.map(|((pose, before), _)| (pose.x - before.x).hypot(pose.y - before.y));
+    let poses = poses_of(map).zip(before);
+    let displaced = poses.map(|(now, before)| (now.x - before.x).hypot(now.y - before.y));
     displaced.fold(0.0, f64::max)
 }
 

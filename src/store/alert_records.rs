@@ -165,7 +165,7 @@ pub struct MapDecision {
     pub changed_edges: Vec<EdgeChange>,
     /// The map as it was before.
     pub superseded: MapPicture,
-    /// How far reference nodes moved at most, metres.
+    /// How far nodes moved at most, metres.
     pub max_displacement_m: f64,
 }
 
@@ -209,7 +209,7 @@ pub struct MapVersionRecord {
     pub superseded_at: Option<Timestamp>,
     /// What began it; `None` for the first.
     pub cause: Option<VersionCause>,
-    /// How far what began it moved reference nodes at most, metres; `None` where nobody measured it.
+    /// How far what began it moved nodes at most, metres; `None` where nobody measured it.
     pub max_displacement_m: Option<f64>,
     /// When it was released, by whom and why; `None` if it never was.
     pub released: Option<VersionRelease>,
