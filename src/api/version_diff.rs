@@ -167,7 +167,7 @@ pub(super) async fn get_version_diff(
 ///
 /// Of everything that either version shows, y upwards, one pixel a cell. Grey where they agree: free white,
 /// occupied dark, unknown light. Vermilion where a free cell has become occupied, blue where an occupied one
-/// has become free; pale where one of them knows nothing. Both colours can be told apart by everybody.
+/// has become free; pale where one of them knows nothing. Both colours can be distinguished by everybody.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/diff.png", tag = "map",
     params(RouteParam, VersionParam, DiffQuery, IfMapChanged),

@@ -412,7 +412,7 @@ impl Request for End {
     }
 }
 
-/// Which change of which zone the audit is told of.
+/// The change of a zone, as the audit has it.
 struct Audited<'a> {
     action: AuditAction,
     route: &'a RouteId,

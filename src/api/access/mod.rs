@@ -23,7 +23,7 @@ pub use proxies::{GroupRole, InvalidGroupRole, InvalidNetwork, Network, TrustedP
 pub(super) use security::add_security;
 pub(super) use sign_ins::SignIns;
 
-/// How the service is told apart from others, and who besides holders of keys is believed.
+/// The names of the service, and who besides holders of keys is believed.
 #[derive(Debug, Clone, Default)]
 pub struct AccessOptions {
     /// Where people reach the service, if that is not the address it listens on.
