@@ -44,7 +44,7 @@ pub struct ServiceArgs {
     /// Listen on an address that others can reach, although there is no key and nobody is asked for one.
     #[arg(long, env = "MAPSHIFT_INSECURE_OPEN_TO_NETWORK")]
     pub insecure_open_to_network: bool,
-    /// Where people reach the service, like https://maps.example.com, if that is not the address that it
+    /// Where people reach the service, like `https://maps.example.com`, if that is not the address that it
     /// listens on. Requests for other names are refused.
     #[arg(long, env = "MAPSHIFT_PUBLIC_URL", value_name = "URL")]
     pub public_url: Option<PublicUrl>,
