@@ -110,8 +110,10 @@ fn the_command_says_where_it_listens_and_stops_on_sigterm() {
 
 #[test]
 fn the_command_refuses_the_open_network_unless_told_so() {
+    let data = tempfile::tempdir().unwrap();
     let refused = Command::new(env!("CARGO_BIN_EXE_mapshift"))
-        .args(["serve", "--listen", "0.0.0.0:0"])
+        .args(["serve", "--listen", "0.0.0.0:0", "--data"])
+        .arg(data.path())
         .output()
         .unwrap();
     assert_eq!(refused.status.code(), Some(1));
