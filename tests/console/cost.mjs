@@ -49,8 +49,10 @@ async function drag(where) {
   const box = await page.locator("canvas").first().boundingBox();
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   await page.evaluate(() => {
-    globalThis.times = [];
-    const note = (time) => { globalThis.times.push(time); requestAnimationFrame(note); };
+    const times = [];
+    globalThis.times = times;
+    // Ends when the next drag begins.
+    const note = (time) => { times.push(time); if (globalThis.times === times) requestAnimationFrame(note); };
     requestAnimationFrame(note);
   });
   await page.mouse.move(x, y);
