@@ -1,7 +1,7 @@
 //! What height bands of a 3D lidar find of tables and shelves that come and go in a simulated hall.
 //!
 //! `cargo run --release --example height_bands -- [SEEDS [FIRST_SEED]]` prints the table of
-//! `docs/DETECTION.md`.
+//! `docs/explanation/detection.md`.
 
 use std::io::Write;
 

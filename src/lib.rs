@@ -8,7 +8,7 @@
 //! # Layers
 //!
 //! A module uses only itself and modules before it in this list; `tests/layers.rs` holds it to
-//! that. `docs/ARCHITECTURE.md` has a line on each.
+//! that. `docs/explanation/architecture.md` has a line on each.
 //!
 //! 1. Foundation: [`ids`], [`model`].
 //! 2. Core: [`geometry`], [`scan`], [`matching`], [`calibration`], [`observation`], [`graph`],

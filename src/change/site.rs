@@ -2,7 +2,7 @@
 //! of it: [`state_changes`].
 //!
 //! What is found is a function of the set of observations and their poses, not of the order in
-//! which they arrived. The rule and its constants come from recordings; `docs/DETECTION.md` has
+//! which they arrived. The rule and its constants come from recordings; `docs/explanation/detection.md` has
 //! what each step is worth.
 
 mod answers;

@@ -49,7 +49,7 @@ impl PassErrors {
     /// Chosen so that passes contradict each other as much together as on recordings, and about
     /// half as often: with more the map itself goes wrong, which on recordings it does not. Tilt and
     /// lean are larger than those of a real vehicle, since they stand for causes that are not
-    /// modelled. `docs/DETECTION.md` says how far that goes.
+    /// modelled. `docs/explanation/detection.md` says how far that goes.
     pub const AS_RECORDED: Self = Self {
         range_bias_sigma_m: 0.01,
         heading_sigma_rad: 0.003,
