@@ -1,45 +1,137 @@
 //! What truly changed in a simulation, beside what the service found.
 
+use super::plan::FAULT_DEG;
+use crate::change::ChangeKind;
 use crate::client::{AlertLocation, AlertReport};
 use crate::geometry::Vector2;
+use crate::ids::VehicleId;
 use crate::sim::{ChangeEvent, Shape};
 
 /// An alert is taken for a change of its kind if it is no farther than this from the object,
 /// metres.
 const MATCH_MAX_M: f64 = 0.5;
 
-/// One line for each change with the alert that is nearest to it (one that still stands before
-/// one that was resolved), then the alerts that fit no
-/// change. `None`: the service has no alerts to show.
-pub(super) fn compare(truth: &[ChangeEvent], alerts: Option<&[AlertReport]>) -> Vec<String> {
+/// What truly happened in a simulation.
+pub(super) struct Truth {
+    /// What came and went, as far as it could be seen.
+    pub changes: Vec<ChangeEvent>,
+    /// Whose lidar was knocked aside.
+    pub knocked: Option<Knocked>,
+}
+
+/// A vehicle whose lidar was knocked aside.
+pub(super) struct Knocked {
+    pub vehicle: VehicleId,
+    /// The first lap afterwards.
+    pub lap: usize,
+}
+
+impl Truth {
+    /// What happened before a lap, to be said behind its number; empty if nothing did.
+    pub(super) fn before_lap(&self, lap: usize) -> String {
+        let count = |kind| {
+            let events = self.changes.iter();
+            events.filter(|e| e.lap == lap && e.kind == kind).count()
+        };
+        let came = count(ChangeKind::Appeared);
+        let went = count(ChangeKind::Disappeared);
+        let mut text = match (came, went) {
+            (0, 0) => String::new(),
+            (came, 0) => format!(": something new stands in {}", places(came)),
+            (0, went) => format!(": something has gone from {}", places(went)),
+            (came, went) => format!(
+                ": something new stands in {}, something has gone from {}",
+                places(came),
+                places(went)
+            ),
+        };
+        for knocked in self.knocked.iter().filter(|knocked| knocked.lap == lap) {
+            text.push_str(&format!(": {}", knocked.describe()));
+        }
+        text
+    }
+
+    /// The first lap that does not have an object any more, if it came after the first lap.
+    fn end_of(&self, event: &ChangeEvent) -> Option<usize> {
+        let mut others = self.changes.iter().filter(|e| e.object == event.object);
+        let gone = others.find(|e| e.kind == ChangeKind::Disappeared && e.lap > event.lap)?;
+        (event.kind == ChangeKind::Appeared).then_some(gone.lap)
+    }
+
+    /// Whether it is the end of what came after the first lap: its alert is resolved then.
+    fn is_end(&self, event: &ChangeEvent) -> bool {
+        let mut others = self.changes.iter().filter(|e| e.object == event.object);
+        event.kind == ChangeKind::Disappeared && others.any(|e| e.kind == ChangeKind::Appeared)
+    }
+
+    fn explains(&self, alert: &AlertReport) -> bool {
+        let names = |k: &Knocked| k.is_named_by(alert);
+        let fits = |event| distance_m(event, alert).is_some();
+        self.changes.iter().any(fits) || self.knocked.as_ref().is_some_and(names)
+    }
+}
+
+impl Knocked {
+    fn describe(&self) -> String {
+        let Self { vehicle, .. } = self;
+        format!("the lidar of {vehicle} has been knocked aside by {FAULT_DEG}°")
+    }
+
+    fn is_named_by(&self, alert: &AlertReport) -> bool {
+        alert.kind == ChangeKind::VehicleSuspect.name()
+            && alert.vehicle_ids == [self.vehicle.as_str()]
+    }
+}
+
+/// One line for each thing that happened with the alert that is nearest to it (one that still stands
+/// before one that was resolved), then the alerts that nothing explains. An object that came and went again is
+/// one line. `None`: the service has no alerts to show.
+pub(super) fn compare(truth: &Truth, alerts: Option<&[AlertReport]>) -> Vec<String> {
+    let changes = truth.changes.iter().filter(|event| !truth.is_end(event));
+    let mut happened: Vec<(String, Option<&AlertReport>)> = changes
+        .map(|event| {
+            let until = truth.end_of(event);
+            let alert = alerts.and_then(|alerts| nearest(event, alerts));
+            (describe_change(event, until), alert)
+        })
+        .collect();
+    happened.extend(truth.knocked.iter().map(|knocked| {
+        let mut alerts = alerts.iter().flat_map(|alerts| alerts.iter());
+        let line = format!("  {}, lap {}", knocked.describe(), knocked.lap + 1);
+        (line, alerts.find(|alert| knocked.is_named_by(alert)))
+    }));
     let head = "truly changed, as far as it could be seen";
+    let count = happened.len();
     let Some(alerts) = alerts else {
-        let mut lines = vec![format!("{head}: {}", truth.len())];
-        lines.extend(truth.iter().map(describe_change));
+        let mut lines = vec![format!("{head}: {count}")];
+        lines.extend(happened.into_iter().map(|(line, _)| line));
         lines.push("the service has no alerts to show".to_owned());
         return lines;
     };
-    let found: Vec<_> = truth.iter().map(|event| nearest(event, alerts)).collect();
-    let found_count = found.iter().flatten().count();
-    let mut lines = vec![format!("{head}: {}, found: {found_count}", truth.len())];
-    for (event, found) in truth.iter().zip(found) {
-        let change = describe_change(event);
-        lines.push(match found {
-            Some(alert) => format!("{change}   found:{}", describe_alert(alert)),
-            None => format!("{change}   no alert"),
-        });
-    }
-    let fits = |alert: &&AlertReport| truth.iter().any(|e| distance_m(e, alert).is_some());
-    let others: Vec<&AlertReport> = alerts.iter().filter(|alert| !fits(alert)).collect();
+    let found = happened.iter().filter(|(_, alert)| alert.is_some());
+    let mut lines = vec![format!("{head}: {count}, found: {}", found.count())];
+    lines.extend(happened.into_iter().map(|(line, alert)| match alert {
+        Some(alert) => format!("{line}   found{}", describe_alert(alert)),
+        None => format!("{line}   no alert"),
+    }));
+    let others: Vec<&AlertReport> = alerts.iter().filter(|a| !truth.explains(a)).collect();
     lines.push(format!("alerts that fit no change: {}", others.len()));
     let line = |alert: &AlertReport| format!("  {}{}", alert.kind, describe_alert(alert));
     lines.extend(others.into_iter().map(line));
     lines
 }
 
+fn places(count: usize) -> String {
+    match count {
+        1 => "1 place".to_owned(),
+        count => format!("{count} places"),
+    }
+}
+
 /// An alert in a line.
 pub(super) fn announce(alert: &AlertReport) -> String {
-    format!("ALERT {}{}", alert.kind, describe_alert(alert))
+    let place = place_of(alert);
+    format!("ALERT {}: {}{place}", alert.status, alert.title)
 }
 
 fn nearest<'a>(event: &ChangeEvent, alerts: &'a [AlertReport]) -> Option<&'a AlertReport> {
@@ -63,14 +155,15 @@ fn distance_m(event: &ChangeEvent, alert: &AlertReport) -> Option<f64> {
     (alert.kind == event.kind.name() && distance_m <= MATCH_MAX_M).then_some(distance_m)
 }
 
-fn describe_change(event: &ChangeEvent) -> String {
+fn describe_change(event: &ChangeEvent, until: Option<usize>) -> String {
     let (middle, _) = event.shape.bounding_circle();
     let what = match &event.shape {
         Shape::Outline(_) => "box",
         Shape::Round { .. } => "column",
     };
+    let gone = until.map_or(String::new(), |lap| format!(", gone in lap {}", lap + 1));
     format!(
-        "  {:<11} at ({:5.2}, {:5.2}), a {what} of {:.2} m², lap {}",
+        "  {:<11} at ({:5.2}, {:5.2}), a {what} of {:.2} m², lap {}{gone}",
         event.kind.name(),
         middle.x,
         middle.y,
@@ -79,12 +172,15 @@ fn describe_change(event: &ChangeEvent) -> String {
     )
 }
 
+fn place_of(alert: &AlertReport) -> String {
+    let place = alert.location;
+    place.map_or(String::new(), |AlertLocation { x, y }| {
+        format!(" at ({x:.2}, {y:.2})")
+    })
+}
+
 fn describe_alert(alert: &AlertReport) -> String {
-    let place = alert
-        .location
-        .map_or(String::new(), |AlertLocation { x, y }| {
-            format!(" at ({x:.2}, {y:.2})")
-        });
+    let place = place_of(alert);
     let confidence = alert
         .confidence
         .map_or(String::new(), |c| format!(", confidence {c:.3}"));
@@ -94,7 +190,6 @@ fn describe_alert(alert: &AlertReport) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::ChangeKind;
     use crate::geometry::Pose2;
 
     fn event(kind: ChangeKind, x: f64) -> ChangeEvent {
@@ -112,6 +207,8 @@ mod tests {
             id: format!("{kind}-{x}"),
             kind: kind.to_owned(),
             status: "open".to_owned(),
+            title: format!("{kind}: about 1 × 1 m"),
+            vehicle_ids: vec!["agv-02".to_owned()],
             location: Some(AlertLocation { x, y: 0.0 }),
             confidence: Some(0.998),
         }
@@ -132,10 +229,12 @@ mod tests {
 
     #[test]
     fn truth_and_alerts_stand_side_by_side() {
-        let truth = [
-            event(ChangeKind::Appeared, 0.0),
-            event(ChangeKind::Disappeared, 10.0),
-        ];
+        let mut gone = event(ChangeKind::Disappeared, 10.0);
+        gone.object = 4;
+        let truth = Truth {
+            changes: vec![event(ChangeKind::Appeared, 0.0), gone],
+            knocked: None,
+        };
         let alerts = [
             alert("appeared", 1.3),
             alert("appeared", 0.9),
@@ -146,7 +245,7 @@ mod tests {
             lines,
             [
                 "truly changed, as far as it could be seen: 2, found: 1",
-                "  appeared    at ( 0.00,  0.00), a box of 4.00 m², lap 3   found: at (0.90, 0.00), confidence 0.998, open",
+                "  appeared    at ( 0.00,  0.00), a box of 4.00 m², lap 3   found at (0.90, 0.00), confidence 0.998, open",
                 "  disappeared at (10.00,  0.00), a box of 4.00 m², lap 3   no alert",
                 "alerts that fit no change: 1",
                 "  residual at (5.00, 0.00), confidence 0.998, open",
@@ -155,5 +254,69 @@ mod tests {
         let silent = compare(&truth, None);
         assert_eq!(silent.len(), 4);
         assert!(silent[3].contains("no alerts to show"));
+        assert_eq!(
+            announce(&alerts[0]),
+            "ALERT open: appeared: about 1 × 1 m at (1.30, 0.00)"
+        );
+    }
+
+    /// One that came and went is one line, whose alert is resolved; its end needs no alert of its own.
+    #[test]
+    fn what_comes_and_goes_is_one_line() {
+        let mut gone = event(ChangeKind::Disappeared, 0.0);
+        gone.lap = 3;
+        let truth = Truth {
+            changes: vec![event(ChangeKind::Appeared, 0.0), gone],
+            knocked: None,
+        };
+        assert_eq!(truth.before_lap(2), ": something new stands in 1 place");
+        assert_eq!(truth.before_lap(3), ": something has gone from 1 place");
+        assert_eq!(truth.before_lap(4), "");
+        let mut resolved = alert("appeared", 0.9);
+        resolved.status = "resolved".to_owned();
+        let line = |found: &str| {
+            [
+                format!(
+                    "truly changed, as far as it could be seen: 1, found: {}",
+                    u8::from(found != "no alert")
+                ),
+                format!(
+                    "  appeared    at ( 0.00,  0.00), a box of 4.00 m², lap 3, gone in lap 4   {found}"
+                ),
+                "alerts that fit no change: 0".to_owned(),
+            ]
+        };
+        assert_eq!(compare(&truth, Some(&[])), line("no alert"));
+        assert_eq!(
+            compare(&truth, Some(&[resolved])),
+            line("found at (0.90, 0.00), confidence 0.998, resolved")
+        );
+    }
+
+    #[test]
+    fn a_knocked_lidar_is_found_if_its_vehicle_is_named() {
+        let truth = Truth {
+            changes: Vec::new(),
+            knocked: Some(Knocked {
+                vehicle: VehicleId::new("agv-02").unwrap(),
+                lap: 3,
+            }),
+        };
+        let mut suspect = alert("vehicle_suspect", 0.0);
+        suspect.location = None;
+        let mut another = suspect.clone();
+        another.vehicle_ids = vec!["agv-01".to_owned()];
+        let knocked = "the lidar of agv-02 has been knocked aside by 2°";
+        assert_eq!(truth.before_lap(3), format!(": {knocked}"));
+        let lines = compare(&truth, Some(&[another, suspect]));
+        assert_eq!(
+            lines,
+            [
+                "truly changed, as far as it could be seen: 1, found: 1".to_owned(),
+                format!("  {knocked}, lap 4   found, confidence 0.998, open"),
+                "alerts that fit no change: 1".to_owned(),
+                "  vehicle_suspect, confidence 0.998, open".to_owned(),
+            ]
+        );
     }
 }

@@ -8,21 +8,30 @@ use anyhow::Context;
 use jiff::Timestamp;
 
 use super::fleet::Fleet;
-use super::plan::{PlanArgs, WorldKind};
+use super::plan::{Plan, PlanArgs, WorldKind};
 use super::progress::say;
 use super::serve::StopSignal;
-use super::simulate::describe;
 use crate::app::{self, RunningApp};
 use crate::client::Gateway;
 use crate::config::{LogFormat, ServiceArgs, temporary_data_dir};
 use crate::ids::RouteId;
+use crate::sim::Changes;
 
 const ROUTE: &str = "demo-hall";
 const SEED: u64 = 4;
 /// A batch a person can follow …
 const PACE: Duration = Duration::from_millis(600);
 /// … and the whole drive in a time that a person waits, however many the laps.
-const DRIVE_MAX: Duration = Duration::from_secs(30);
+const DRIVE_MAX: Duration = Duration::from_secs(50);
+/// From so many laps on something stands in the second lap that is gone in the third …
+const LAPS_WITH_OBSTACLE: u8 = 4;
+const OBSTACLE_LAP: usize = 1;
+/// … of so large a share of the mean area of what else stands there;
+const OBSTACLE_AREA_SHARE: f64 = 0.3;
+/// from so many on a vehicle's lidar is knocked aside, before the fourth.
+const LAPS_WITH_FAULT: u8 = 5;
+/// How far laps stray from the route, metres.
+const PATH_NOISE_M: f64 = 0.3;
 
 /// Arguments of `mapshift demo`.
 #[derive(Debug, clap::Args)]
@@ -34,9 +43,9 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Laps of each vehicle.
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=50))]
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=50))]
     laps: u8,
-    /// End by itself after the laps, and do not dawdle: for scripts.
+    /// Drive as fast as the service maps, and end after the laps: for scripts.
     #[arg(long)]
     exit: bool,
 }
@@ -59,13 +68,16 @@ async fn demo(args: &Args) -> anyhow::Result<()> {
     let service = start_service(args.listen, &data.path).await?;
     let url = format!("http://{}", service.local_addr());
     let route = RouteId::new(ROUTE)?;
-    say(&welcome(&url, &data));
+    say(&welcome(&url, &data, args.laps));
     let driven = tokio::select! {
         driven = drive_laps(args, &url, &route) => driven.map(|()| true),
         () = stop.received() => Ok(false),
     };
     if matches!(driven, Ok(true)) && !args.exit {
-        say("The service keeps running: ctrl-c ends it.");
+        say(&format!(
+            "Decide about the alerts at {}; ctrl-c ends the service.",
+            page(&url)
+        ));
         stop.received().await;
     }
     service.shutdown().await?;
@@ -98,8 +110,7 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
 }
 
 async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<()> {
-    let plan = plan_of(args.laps).plan()?;
-    say(&describe(&plan));
+    let plan = plan_of(args.laps)?;
     let fleet = Fleet::new(&plan, Timestamp::now())?;
     let gateway = Gateway::new(url, None, say)?;
     gateway
@@ -115,39 +126,58 @@ async fn drive_laps(args: &Args, url: &str, route: &RouteId) -> anyhow::Result<(
 }
 
 /// A hall that changes when half of the laps are driven.
-fn plan_of(laps: u8) -> PlanArgs {
-    PlanArgs {
+fn plan_of(laps: u8) -> anyhow::Result<Plan> {
+    let arguments = PlanArgs {
         world: WorldKind::Hall,
         laps,
         vehicles: 2,
         changes: 4,
         change_lap: None,
         walkers: 1,
-        path_noise: 0.3,
+        path_noise: PATH_NOISE_M,
         seed: SEED,
-        faulty: false,
+        faulty: laps >= LAPS_WITH_FAULT,
+    };
+    let mut plan = arguments.plan()?;
+    if laps >= LAPS_WITH_OBSTACLE {
+        let scene = &mut plan.scene;
+        let mut changes = Changes::new(scene, OBSTACLE_LAP, PATH_NOISE_M, SEED);
+        for object in changes.add(1, OBSTACLE_AREA_SHARE) {
+            scene.objects[object].until_lap = Some(OBSTACLE_LAP + 1);
+        }
     }
+    Ok(plan)
 }
 
-fn welcome(url: &str, data: &DataDirectory) -> String {
-    let route = format!("{url}/v1/routes/{ROUTE}");
+/// Where the console shows the route.
+fn page(url: &str) -> String {
+    format!("{url}/#/routes/{ROUTE}")
+}
+
+fn welcome(url: &str, data: &DataDirectory, laps: u8) -> String {
     let fate = if data.temporary {
         " (removed at the end)"
     } else {
         ""
     };
-    in_a_box(&[
-        "mapshift demo: two vehicles map a hall, then the hall changes".to_owned(),
+    let mut next = vec!["two vehicles map a hall; the alerts appear on the page"];
+    if laps >= LAPS_WITH_OBSTACLE {
+        next.push("something stands in the hall for one lap: its alert resolves by itself");
+    }
+    if laps > 1 {
+        next.push("objects come, go and move: their alerts wait for a decision");
+    }
+    if laps >= LAPS_WITH_FAULT {
+        next.push("a lidar is knocked aside: its vehicle is named");
+    }
+    let mut lines = vec![
+        format!("open   {}", page(url)),
+        format!("data   {}{fate}", data.path.display()),
         String::new(),
-        format!("address    {url}"),
-        format!("data       {}{fate}", data.path.display()),
-        String::new(),
-        format!("try next   curl {route}"),
-        format!("           curl -o map.png {route}/map.png"),
-        format!("           curl {route}/graph"),
-        format!("           curl {route}/residuals"),
-        format!("           curl '{url}/v1/alerts?route_id={ROUTE}'"),
-    ])
+    ];
+    let heads = std::iter::once("next   ").chain(std::iter::repeat("       "));
+    lines.extend(heads.zip(next).map(|(head, text)| format!("{head}{text}")));
+    in_a_box(&lines)
 }
 
 fn in_a_box(lines: &[String]) -> String {
@@ -193,6 +223,29 @@ mod tests {
         let text = in_a_box(&["äöü".into(), "longer".into()]);
         let lengths: Vec<_> = text.lines().map(|l| l.chars().count()).collect();
         assert_eq!(lengths, [10, 10, 10, 10]);
+    }
+
+    /// Whatever the number of laps, the box says what happens in them and nothing else.
+    #[test]
+    fn what_is_announced_happens() {
+        let data = tempfile::tempdir().unwrap();
+        let data = DataDirectory::open(Some(data.path())).unwrap();
+        for (laps, announced) in [(1, 1), (2, 2), (3, 2), (4, 3), (5, 4), (9, 4)] {
+            let plan = plan_of(laps).unwrap();
+            let changes = plan.scene.objects.iter().filter(|o| o.from_lap > 0);
+            let (brief, lasting): (Vec<_>, Vec<_>) = changes.partition(|o| o.until_lap.is_some());
+            let happens = [
+                true,
+                !brief.is_empty(),
+                !lasting.is_empty(),
+                plan.knocked_lap.is_some(),
+            ];
+            assert_eq!(happens.iter().filter(|&&h| h).count(), announced, "{laps}");
+            let text = welcome("http://127.0.0.1:8080", &data, laps);
+            assert_eq!(text.lines().count(), 5 + announced, "{text}");
+            let first = text.lines().nth(1).unwrap();
+            assert!(first.contains("open   http://127.0.0.1:8080/#/routes/demo-hall "));
+        }
     }
 
     #[test]

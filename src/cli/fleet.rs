@@ -1,22 +1,23 @@
 //! Simulated vehicles that drive laps and upload what they see.
 
 mod drive;
+mod watch;
 
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 use anyhow::Context;
 use jiff::Timestamp;
 use tokio::time::{Instant, sleep, sleep_until};
 
-use super::comparison::{announce, compare};
+use super::comparison::{Knocked, Truth, compare};
 use super::plan::Plan;
 use super::progress::{Progress, say};
 use crate::client::{BatchReport, Gateway};
 use crate::ids::{BatchId, RouteId};
 use crate::model::BatchStatus;
-use crate::sim::{ChangeEvent, SimScan};
+use crate::sim::SimScan;
 use drive::{Drive, LapBatch, LapClock};
+use watch::AlertWatch;
 
 /// How often a batch's state is asked for, and how long at most before the drive goes on.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -28,7 +29,7 @@ const SETTLE_MAX: Duration = Duration::from_secs(120);
 pub(super) struct Fleet {
     drives: Vec<Drive>,
     laps: usize,
-    truth: Vec<ChangeEvent>,
+    truth: Truth,
 }
 
 /// What became of a fleet's batches.
@@ -38,35 +39,31 @@ struct Settled {
     left_out: Vec<String>,
 }
 
-/// Tells of each alert once.
-#[derive(Default)]
-struct AlertWatch {
-    told: BTreeSet<String>,
-}
-
 impl Fleet {
-    /// Drives the laps of a plan. All vehicles but the second are told where they start. The
-    /// drives end shortly before `now`.
+    /// Drives the laps of a plan, each a trip of its own. The second vehicle does not know where its first
+    /// lap starts. The drives end shortly before `now`.
     pub(super) fn new(plan: &Plan, now: Timestamp) -> anyhow::Result<Self> {
-        let recorded: Vec<Vec<SimScan>> = (plan.vehicles.iter().zip(plan.seed..))
-            .map(|(vehicle, seed)| plan.scene.drive(vehicle, 0..plan.laps, seed))
+        let recorded: Vec<Vec<SimScan>> = (0..plan.vehicles.len())
+            .map(|number| plan.drive(number))
             .collect();
         let clock = LapClock::new(&recorded, now);
         let mut drives = Vec::new();
         for (k, (vehicle, scans)) in plan.vehicles.iter().zip(&recorded).enumerate() {
-            let start = scans.first().filter(|_| k != 1).map(|s| s.map_from_base);
-            drives.push(Drive::new(
-                k + 1,
-                &vehicle.lidar.geometry,
-                start,
-                scans,
-                &clock,
-            )?);
+            let lidar = &vehicle.lidar.geometry;
+            drives.push(Drive::new(k + 1, lidar, k != 1, scans, &clock)?);
         }
+        let last = drives.last().zip(plan.knocked_lap);
+        let knocked = last.map(|(drive, lap)| Knocked {
+            vehicle: drive.vehicle_id.clone(),
+            lap,
+        });
         Ok(Self {
             drives,
             laps: plan.laps,
-            truth: plan.scene.visible_changes(recorded.iter().flatten()),
+            truth: Truth {
+                changes: plan.scene.visible_changes(recorded.iter().flatten()),
+                knocked,
+            },
         })
     }
 
@@ -75,8 +72,8 @@ impl Fleet {
         self.drives.iter().map(|d| d.batches.len()).sum()
     }
 
-    /// Drives lap after lap, one vehicle after the other, a batch every `pace`, and tells what
-    /// the service makes of it.
+    /// Drives lap after lap, one vehicle after the other, a batch every `pace`. Says what is different in
+    /// a lap, what the service reports of it, and which batches are not in the map.
     pub(super) async fn drive(
         &self,
         gateway: &Gateway,
@@ -87,19 +84,21 @@ impl Fleet {
         let gateway = gateway.notifying(progress.speaker());
         let mut watch = AlertWatch::default();
         for lap in 0..self.laps {
+            let happens = self.truth.before_lap(lap);
+            progress.say(&format!("lap {} of {}{happens}", lap + 1, self.laps));
             for drive in &self.drives {
-                let vehicle = &drive.trip.vehicle_id;
-                progress.say(&format!("{vehicle}, lap {} of {}", lap + 1, self.laps));
                 for batch in drive.batches.iter().filter(|b| b.lap == lap) {
                     let next = Instant::now() + pace;
                     gateway.put_batch(route, &batch.encoded).await?;
                     let report = report_of(&gateway, route, &batch.encoded.id).await?;
-                    progress.say(&describe(batch, &report));
+                    if let Some(line) = left_out(batch, &report) {
+                        progress.say(&format!("  {line}"));
+                    }
                     progress.advance(1);
                     sleep_until(next).await;
                 }
                 for line in watch.news(&gateway, route).await? {
-                    progress.say(&line);
+                    progress.say(&format!("  {line}"));
                 }
             }
         }
@@ -107,8 +106,8 @@ impl Fleet {
         Ok(())
     }
 
-    /// Waits until nothing is under way any more, and tells what became of the drives, the map,
-    /// and the changes of the world.
+    /// Waits until nothing is under way any more, and says what became of the drives, the map, and the
+    /// changes of the world.
     pub(super) async fn report(&self, gateway: &Gateway, route: &RouteId) -> anyhow::Result<()> {
         let settled = self.settle(gateway, route).await?;
         let report = gateway.route(route).await?;
@@ -126,13 +125,8 @@ impl Fleet {
             say(&format!("  {line}"));
         }
         say(&format!(
-            "the map is {}: version {}, {} nodes, {} edges, {} loop closures\nlook at it: {}/map.png",
-            report.stage,
-            report.map_version,
-            report.counts.nodes,
-            report.counts.edges,
-            report.counts.loop_closures,
-            gateway.route_url(route),
+            "the route is in stage {}: map version {}, {} nodes, {} loop closures",
+            report.stage, report.map_version, report.counts.nodes, report.counts.loop_closures,
         ));
         let alerts = gateway.alerts(route).await?;
         for line in compare(&self.truth, alerts.as_deref()) {
@@ -157,23 +151,9 @@ impl Fleet {
         for batch in self.drives.iter().flat_map(|d| &d.batches) {
             settled.scans += batch.scans;
             let report = gateway.batch(route, &batch.encoded.id).await?;
-            if report.status != BatchStatus::Merged.name() {
-                let reason = report.reason.unwrap_or_default();
-                let id = &batch.encoded.id;
-                settled
-                    .left_out
-                    .push(format!("{id} is {}: {reason}", report.status));
-            }
+            settled.left_out.extend(left_out(batch, &report));
         }
         Ok(settled)
-    }
-}
-
-impl AlertWatch {
-    async fn news(&mut self, gateway: &Gateway, route: &RouteId) -> anyhow::Result<Vec<String>> {
-        let alerts = gateway.alerts(route).await?.unwrap_or_default();
-        let news = alerts.iter().filter(|a| self.told.insert(a.id.clone()));
-        Ok(news.map(announce).collect())
     }
 }
 
@@ -195,18 +175,19 @@ async fn report_of(
     }
 }
 
-fn describe(batch: &LapBatch, report: &BatchReport) -> String {
-    let LapBatch { scans, encoded, .. } = batch;
-    let status = report.status.as_str();
-    let became = match &report.reason {
-        _ if status == BatchStatus::Merged.name() => format!(
-            "merged, {} nodes and {} loop closures more",
-            report.nodes_added, report.loop_closures
-        ),
-        Some(reason) => format!("{status}: {reason}"),
-        None => status.to_owned(),
-    };
-    format!("  {} ({scans} scans) {became}", encoded.id)
+/// What became of a batch that is not in the map.
+fn left_out(batch: &LapBatch, report: &BatchReport) -> Option<String> {
+    if report.status == BatchStatus::Merged.name() {
+        return None;
+    }
+    let reason = report
+        .reason
+        .as_deref()
+        .unwrap_or("no reason is stated yet");
+    Some(format!(
+        "{} is {}: {reason}",
+        batch.encoded.id, report.status
+    ))
 }
 
 #[cfg(test)]

@@ -2,12 +2,16 @@
 
 use anyhow::{bail, ensure};
 
-use crate::sim::{Changes, Hall, Rooms, RouteError, Scene, Vehicle};
+use crate::sim::{Changes, Hall, Rooms, RouteError, Scene, SimScan, Vehicle};
 
 /// What comes is so large, as shares of the mean area of what stood there before.
 const AREA_SHARES: [f64; 3] = [0.3, 1.0, 0.1];
-/// How far a faulty vehicle's lidar is turned on its mount, degrees.
+/// How far a faulty vehicle's lidar is knocked aside on its mount, degrees.
 pub(super) const FAULT_DEG: f64 = 2.0;
+/// Sound laps of a faulty vehicle, each a trip of its own: so many make its mount known.
+const SOUND_LAPS: usize = 3;
+/// Laps afterwards, at least: so many confirm that it has changed.
+const FAULTY_LAPS_MIN: usize = 2;
 
 /// Where vehicles drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -49,7 +53,7 @@ pub(super) struct PlanArgs {
     /// The same seed is the same simulation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The last vehicle's lidar is turned by 2° on its mount, and the vehicle does not know.
+    /// After three laps the last vehicle's lidar is knocked aside by 2°, and the vehicle does not know.
     #[arg(long)]
     pub faulty: bool,
 }
@@ -61,6 +65,22 @@ pub(super) struct Plan {
     pub vehicles: Vec<Vehicle>,
     pub laps: usize,
     pub seed: u64,
+    /// The first lap in which the last vehicle's lidar is turned.
+    pub knocked_lap: Option<usize>,
+}
+
+impl Plan {
+    /// All that the vehicle of this number, from 0, records.
+    pub(super) fn drive(&self, number: usize) -> Vec<SimScan> {
+        let vehicle = &self.vehicles[number];
+        let seed = self.seed + number as u64;
+        let is_last = number + 1 == self.vehicles.len();
+        let sound_laps = self.knocked_lap.filter(|_| is_last).unwrap_or(self.laps);
+        let mut scans = self.scene.drive(vehicle, 0..sound_laps, seed);
+        let knocked = vehicle.clone().with_turned_lidar(FAULT_DEG.to_radians());
+        scans.extend(self.scene.drive(&knocked, sound_laps..self.laps, seed));
+        scans
+    }
 }
 
 impl PlanArgs {
@@ -73,20 +93,20 @@ impl PlanArgs {
         );
         let mut scene = self.changing_scene(self.first_changed_lap()?)?;
         scene.walkers = self.walkers.into();
-        let count = usize::from(self.vehicles);
-        let mut vehicles: Vec<Vehicle> = (0..count)
-            .map(|number| Vehicle::of_fleet(number, self.path_noise))
-            .collect();
-        if self.faulty
-            && let Some(last) = vehicles.pop()
-        {
-            vehicles.push(last.with_turned_lidar(FAULT_DEG.to_radians()));
-        }
+        let laps = usize::from(self.laps);
+        ensure!(
+            !self.faulty || laps >= SOUND_LAPS + FAULTY_LAPS_MIN,
+            "--faulty needs at least {} laps: {SOUND_LAPS} make a vehicle known, {FAULTY_LAPS_MIN} confirm its fault",
+            SOUND_LAPS + FAULTY_LAPS_MIN
+        );
         Ok(Plan {
             scene,
-            vehicles,
-            laps: self.laps.into(),
+            vehicles: (0..usize::from(self.vehicles))
+                .map(|number| Vehicle::of_fleet(number, self.path_noise))
+                .collect(),
+            laps,
             seed: self.seed,
+            knocked_lap: self.faulty.then_some(SOUND_LAPS),
         })
     }
 
@@ -191,11 +211,17 @@ mod tests {
     }
 
     #[test]
-    fn only_the_last_vehicle_is_faulty() {
-        let plan = plan(&["--vehicles", "3", "--faulty"]).unwrap();
-        let turns = plan.vehicles.iter().map(|v| v.lidar.mount_error.theta);
-        let turns: Vec<f64> = turns.collect();
-        assert_eq!(turns, [0.0, 0.0, FAULT_DEG.to_radians()]);
+    fn only_the_last_vehicle_is_knocked_and_only_after_three_laps() {
+        let arguments = ["--laps", "5", "--changes", "0"];
+        let sound = plan(&arguments).unwrap();
+        let faulty = plan(&[&arguments[..], &["--faulty"]].concat()).unwrap();
+        assert_eq!(sound.drive(0), faulty.drive(0));
+        let (sound, faulty) = (sound.drive(1), faulty.drive(1));
+        assert_eq!(sound.len(), faulty.len());
+        for (sound, faulty) in sound.iter().zip(&faulty) {
+            assert_eq!(sound.map_from_base, faulty.map_from_base);
+            assert_eq!(sound.ranges_m == faulty.ranges_m, faulty.lap < 3);
+        }
     }
 
     #[test]
@@ -209,5 +235,6 @@ mod tests {
         ] {
             assert!(plan(&arguments).is_err(), "{arguments:?}");
         }
+        assert!(plan(&["--laps", "4", "--faulty"]).is_err());
     }
 }

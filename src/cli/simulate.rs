@@ -10,9 +10,7 @@ use super::key_arg::KeyArg;
 use super::plan::{FAULT_DEG, Plan, PlanArgs};
 use super::progress::say;
 use crate::client::Gateway;
-use crate::geometry::Pose2;
 use crate::ids::RouteId;
-use crate::sim::Vehicle;
 
 /// Arguments of `mapshift simulate`.
 #[derive(Debug, clap::Args)]
@@ -52,7 +50,7 @@ async fn simulate(args: &Args) -> anyhow::Result<()> {
 }
 
 /// What is about to be driven, for people.
-pub(super) fn describe(plan: &Plan) -> String {
+fn describe(plan: &Plan) -> String {
     let scene = &plan.scene;
     let mut text = format!(
         "{} objects and walls, {} of them standing free, a route of {:.0} m; vehicles: {}, laps of each: {}",
@@ -73,10 +71,10 @@ pub(super) fn describe(plan: &Plan) -> String {
     if let Some(lap) = changed.flatten().filter(|&lap| lap > 0).min() {
         text.push_str(&format!("; the world changes before lap {}", lap + 1));
     }
-    let sound = |vehicle: &Vehicle| vehicle.lidar.mount_error == Pose2::IDENTITY;
-    if !plan.vehicles.iter().all(sound) {
+    if let Some(lap) = plan.knocked_lap {
         text.push_str(&format!(
-            "; the lidar of the last vehicle is turned by {FAULT_DEG}°"
+            "; the lidar of the last vehicle is knocked aside by {FAULT_DEG}° before lap {}",
+            lap + 1
         ));
     }
     text

@@ -3,7 +3,6 @@
 use jiff::Timestamp;
 
 use crate::client::{EncodedBatch, ScanToSend, Trip};
-use crate::geometry::Pose2;
 use crate::ids::{StampNs, TripId, VehicleId};
 use crate::scan::Lidar;
 use crate::sim::SimScan;
@@ -12,9 +11,9 @@ const SCANS_PER_BATCH: usize = 30;
 /// The vehicles stand between two laps, seconds.
 const PAUSE_S: f64 = 5.0;
 
-/// A vehicle's drive, cut into batches.
+/// A vehicle's laps, each a trip of its own, cut into batches.
 pub(super) struct Drive {
-    pub trip: Trip,
+    pub vehicle_id: VehicleId,
     pub batches: Vec<LapBatch>,
 }
 
@@ -59,25 +58,26 @@ impl LapClock {
 }
 
 impl Drive {
-    /// The drive of the vehicle with this number; `start` is what it knows of where it starts.
+    /// The drive of the vehicle with this number. It states where each lap starts; the first one only
+    /// if `knows_start`.
     pub(super) fn new(
         number: usize,
         lidar: &Lidar,
-        start: Option<Pose2>,
+        knows_start: bool,
         scans: &[SimScan],
         clock: &LapClock,
     ) -> anyhow::Result<Self> {
         let vehicle_id = VehicleId::new(format!("agv-{number:02}"))?;
         let name = clock.now.strftime("%Y%m%dT%H%M%S");
-        let trip = Trip {
-            trip_id: TripId::new(format!("{vehicle_id}-{name}"))?,
-            vehicle_id,
-            lidar: lidar.clone(),
-            initial_pose: start,
-        };
         let mut batches = Vec::new();
-        for lap in laps_of(scans) {
-            for chunk in lap.chunks(SCANS_PER_BATCH) {
+        for (k, lap) in laps_of(scans).enumerate() {
+            let trip = Trip {
+                trip_id: TripId::new(format!("{vehicle_id}-{name}-{}", k + 1))?,
+                vehicle_id: vehicle_id.clone(),
+                lidar: lidar.clone(),
+                initial_pose: (k > 0 || knows_start).then_some(lap[0].map_from_base),
+            };
+            for (sequence, chunk) in lap.chunks(SCANS_PER_BATCH).enumerate() {
                 let to_send = chunk.iter().map(|scan| ScanToSend {
                     stamp: clock.stamp(scan.lap, scan.time_s - lap[0].time_s),
                     odom_from_base: scan.odom_from_base,
@@ -86,11 +86,14 @@ impl Drive {
                 batches.push(LapBatch {
                     lap: lap[0].lap,
                     scans: chunk.len(),
-                    encoded: trip.encode(batches.len(), to_send)?,
+                    encoded: trip.encode(sequence, to_send)?,
                 });
             }
         }
-        Ok(Self { trip, batches })
+        Ok(Self {
+            vehicle_id,
+            batches,
+        })
     }
 }
 

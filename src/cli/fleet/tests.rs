@@ -29,8 +29,9 @@ fn a_fleet_is_ready_to_be_sent() {
     let fleet = Fleet::new(&plan, now()).unwrap();
     let per_lap = (plan.scene.route.length_m() / 0.25).floor() as usize;
     assert_eq!(fleet.batch_count(), 4 * per_lap.div_ceil(30));
-    assert!(!fleet.truth.is_empty());
-    assert!(fleet.truth.iter().all(|event| event.lap == 1));
+    let truth = &fleet.truth.changes;
+    assert!(!truth.is_empty());
+    assert!(truth.iter().all(|event| event.lap == 1));
     let again = Fleet::new(&plan, now()).unwrap();
     for (a, b) in fleet.drives.iter().zip(&again.drives) {
         assert!(
@@ -43,10 +44,12 @@ fn a_fleet_is_ready_to_be_sent() {
     let first = &fleet.drives[0];
     assert_eq!(
         first.batches[0].encoded.id.as_str(),
-        "agv-01-20261121T060000-00000"
+        "agv-01-20261121T060000-1-00000"
     );
-    assert_eq!(first.trip.initial_pose, Some(plan.scene.route.pose_at(0.0)));
-    assert_eq!(fleet.drives[1].trip.initial_pose, None);
+    assert_eq!(
+        first.batches[per_lap.div_ceil(30)].encoded.id.as_str(),
+        "agv-01-20261121T060000-2-00000"
+    );
 }
 
 /// The stamps of a batch that the service has.
@@ -75,6 +78,18 @@ async fn a_fleet_drives_and_tells_what_was_left_out() {
 
     let state = service.state.lock().unwrap();
     assert_eq!(state.batches.len(), fleet.batch_count());
+    // Each lap begins with a start pose, but for the first one of the second vehicle.
+    let with_start = state
+        .batches
+        .iter()
+        .filter(|(_, b)| !b["initial_pose"].is_null());
+    let with_start: Vec<&str> = with_start.map(|(id, _)| id.as_str()).collect();
+    assert_eq!(with_start.len(), 3);
+    assert!(
+        with_start
+            .iter()
+            .all(|id| id.ends_with("-00000") && !id.ends_with("02-20261121T060000-1-00000"))
+    );
     let mut laps = [const { Vec::new() }; 2];
     for drive in &fleet.drives {
         let batches = drive.batches.iter();
@@ -93,22 +108,29 @@ async fn a_fleet_drives_and_tells_what_was_left_out() {
 }
 
 #[tokio::test]
-async fn every_alert_is_told_once() {
+async fn an_alert_is_reported_once_for_each_status() {
     let service = Pretend::start(Faults::default()).await;
     let gateway = Gateway::new(&service.url, None, say).unwrap();
     let route = RouteId::new("demo-hall").unwrap();
     let mut watch = AlertWatch::default();
     assert!(watch.news(&gateway, &route).await.unwrap().is_empty());
-    let alert = |id: u8| {
-        json!({"id": id.to_string(), "kind": "appeared", "status": "open", "confidence": 0.9,
+    let alert = |id: u8, status: &str| {
+        json!({"id": id.to_string(), "kind": "appeared", "status": status, "confidence": 0.9,
+               "title": "Appeared: about 0.9 × 0.4 m", "vehicle_ids": ["agv-01"],
                "location": {"x": 1.0, "y": 2.0, "sigma": 0.05}})
     };
-    for count in 1..4 {
-        service.state.lock().unwrap().alerts = Some((0..count).map(alert).collect());
+    let steps: [&[&str]; 3] = [&["open"], &["open", "open"], &["resolved", "open"]];
+    for (k, statuses) in steps.iter().enumerate() {
+        let alerts = (0..).zip(*statuses).map(|(id, status)| alert(id, status));
+        service.state.lock().unwrap().alerts = Some(alerts.collect());
         let news = watch.news(&gateway, &route).await.unwrap();
+        let status = ["open", "open", "resolved"][k];
         assert_eq!(
             news,
-            ["ALERT appeared at (1.00, 2.00), confidence 0.900, open"]
+            [format!(
+                "ALERT {status}: Appeared: about 0.9 × 0.4 m at (1.00, 2.00)"
+            )]
         );
     }
+    assert!(watch.news(&gateway, &route).await.unwrap().is_empty());
 }

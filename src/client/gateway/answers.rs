@@ -47,6 +47,10 @@ pub struct AlertReport {
     pub id: String,
     pub kind: String,
     pub status: String,
+    /// What it says in a few words.
+    pub title: String,
+    /// Who saw it; for a faulty vehicle, that vehicle.
+    pub vehicle_ids: Vec<String>,
     /// `None` for what has no place, like a faulty vehicle.
     pub location: Option<AlertLocation>,
     pub confidence: Option<f64>,
