@@ -22,7 +22,7 @@ const SEED: u64 = 4;
 /// A batch a person can follow …
 const PACE: Duration = Duration::from_millis(600);
 /// … and the whole drive in a time that a person waits, however many the laps.
-const DRIVE_MAX: Duration = Duration::from_secs(50);
+const DRIVE_MAX: Duration = Duration::from_secs(45);
 /// From so many laps on something stands in the second lap that is gone in the third …
 const LAPS_WITH_OBSTACLE: u8 = 4;
 const OBSTACLE_LAP: usize = 1;

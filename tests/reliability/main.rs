@@ -1,4 +1,4 @@
-//! What the service promises when things go wrong, row by row: `docs/explanation/reliability.md`.
+//! What the service guarantees when things go wrong, row by row: `docs/explanation/reliability.md`.
 //!
 //! Each row breaks something, judges what comes of it, and judges in the same way a subject that is
 //! broken on purpose: a row whose control passes shows nothing, and fails.
