@@ -178,7 +178,7 @@ fn uses(line: &str) -> Vec<Vec<&str>> {
             let is_named = words[*k] == "mapshift" || words[*k].ends_with("/mapshift");
             is_named && (*k == 0 || !words[*k - 1].starts_with('-'))
         };
-        let last = (0..words.len()).filter(is_binary).next_back();
+        let last = (0..words.len()).rfind(is_binary);
         uses.extend(last.map(|k| words[k + 1..].to_vec()));
     }
     uses
