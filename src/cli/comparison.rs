@@ -35,20 +35,19 @@ impl Truth {
         };
         let came = count(ChangeKind::Appeared);
         let went = count(ChangeKind::Disappeared);
-        let mut text = match (came, went) {
-            (0, 0) => String::new(),
-            (came, 0) => format!(": something new stands in {}", places(came)),
-            (0, went) => format!(": something has gone from {}", places(went)),
-            (came, went) => format!(
-                ": something new stands in {}, something has gone from {}",
-                places(came),
-                places(went)
-            ),
-        };
-        for knocked in self.knocked.iter().filter(|knocked| knocked.lap == lap) {
-            text.push_str(&format!(": {}", knocked.describe()));
+        let mut happened = Vec::new();
+        if came > 0 {
+            happened.push(format!("something new stands in {}", places(came)));
         }
-        text
+        if went > 0 {
+            happened.push(format!("something has gone from {}", places(went)));
+        }
+        let knocked = self.knocked.iter().filter(|knocked| knocked.lap == lap);
+        happened.extend(knocked.map(Knocked::describe));
+        match happened.is_empty() {
+            true => String::new(),
+            false => format!(": {}", happened.join(", ")),
+        }
     }
 
     /// The first lap that does not have an object any more, if it came after the first lap.
