@@ -5,8 +5,11 @@
 mod activity;
 mod answering;
 mod connections;
+mod gauges;
+mod growth;
 mod places;
 mod socket;
+mod started;
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -24,6 +27,7 @@ use crate::telemetry;
 use crate::webhooks;
 
 use connections::Connections;
+use gauges::Gauges;
 
 const METRICS_UPKEEP: Duration = Duration::from_secs(5);
 
@@ -57,6 +61,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let listener = connections::listen(config.listen)
         .with_context(|| format!("cannot listen on {}", config.listen))?;
     let local_addr = listener.local_addr()?;
+    started::report(&config, local_addr, store.has_keys());
     let (draining, stopping) = (CancellationToken::new(), CancellationToken::new());
     let drain_timeout = config.limits.drain_timeout;
 
@@ -75,6 +80,9 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     };
     let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
     background.push(tokio::spawn(upkeep));
+    let mut gauges = Gauges::new(store.clone());
+    gauges.set().await;
+    background.push(tokio::spawn(gauges.keep_current(stopping.clone())));
 
     let settings = ApiSettings {
         limits: config.limits.clone(),

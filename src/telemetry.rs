@@ -1,15 +1,17 @@
 //! Logs and metrics of the process.
 //!
-//! Knows nothing of what is logged or counted. Begin with [`init_log`].
+//! Knows of what is logged and counted no more than its names. Begin with [`init_log`].
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
 use anyhow::Context;
+use metrics::Unit;
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tracing_subscriber::EnvFilter;
 
 use crate::config::LogFormat;
+use crate::model::BatchStatus;
 
 /// Upper bounds of the classes of durations, seconds.
 const DURATION_BUCKETS_S: [f64; 11] = [
@@ -43,78 +45,171 @@ pub fn metrics_handle() -> anyhow::Result<PrometheusHandle> {
     handle.clone().map_err(anyhow::Error::msg)
 }
 
+/// A metric of the service, as `/metrics` describes it.
+#[derive(Debug, Clone, Copy)]
+pub struct Metric {
+    /// Its name, with its unit.
+    pub name: &'static str,
+    kind: MetricKind,
+    unit: Option<Unit>,
+    help: &'static str,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum MetricKind {
+    Counter,
+    Gauge,
+    Histogram,
+}
+
+const fn counter(name: &'static str, help: &'static str) -> Metric {
+    metric(name, MetricKind::Counter, None, help)
+}
+
+const fn gauge(name: &'static str, help: &'static str) -> Metric {
+    metric(name, MetricKind::Gauge, None, help)
+}
+
+const fn metric(
+    name: &'static str,
+    kind: MetricKind,
+    unit: Option<Unit>,
+    help: &'static str,
+) -> Metric {
+    Metric {
+        name,
+        kind,
+        unit,
+        help,
+    }
+}
+
+impl Metric {
+    const fn in_bytes(self) -> Self {
+        self.in_unit(Unit::Bytes)
+    }
+
+    const fn in_unit(self, unit: Unit) -> Self {
+        Self {
+            unit: Some(unit),
+            ..self
+        }
+    }
+
+    fn describe(&self) {
+        let Self { name, help, .. } = *self;
+        match (self.kind, self.unit) {
+            (MetricKind::Counter, None) => metrics::describe_counter!(name, help),
+            (MetricKind::Counter, Some(unit)) => metrics::describe_counter!(name, unit, help),
+            (MetricKind::Gauge, None) => metrics::describe_gauge!(name, help),
+            (MetricKind::Gauge, Some(unit)) => metrics::describe_gauge!(name, unit, help),
+            (MetricKind::Histogram, None) => metrics::describe_histogram!(name, help),
+            (MetricKind::Histogram, Some(unit)) => metrics::describe_histogram!(name, unit, help),
+        }
+    }
+}
+
+/// Every metric of the service. docs/reference/metrics.md says more of each.
+pub const METRICS: &[Metric] = &[
+    gauge("mapshift_build_info", "1, with the version of the program and of its schema as labels"),
+    counter("mapshift_http_requests_total", "Requests answered"),
+    metric(
+        "mapshift_http_request_duration_seconds",
+        MetricKind::Histogram,
+        Some(Unit::Seconds),
+        "Time to answer a request",
+    ),
+    counter("mapshift_uploads_total", "Uploads by how they ended"),
+    gauge("mapshift_pending_batches", "Batches that wait to be processed"),
+    gauge("mapshift_batches", "Batches that are not in a map, by status"),
+    counter(
+        "mapshift_batches_ended_total",
+        "Batches by the status that they ended with; one that is tried again ends again",
+    ),
+    gauge(
+        "mapshift_queue_oldest_seconds",
+        "Time since the oldest batch arrived that waits for its first try; 0 if none does",
+    )
+    .in_unit(Unit::Seconds),
+    gauge("mapshift_open_alerts", "Alerts that wait for a decision and are not muted"),
+    gauge("mapshift_vehicles", "Vehicles that are suspect, and that are quarantined, counted by route"),
+    gauge("mapshift_routes", "Routes by stage"),
+    counter(
+        "mapshift_map_mendings_total",
+        "Segments of maps that lay in the wrong place and were put right by closures",
+    ),
+    gauge("mapshift_maps_in_memory", "Maps kept in memory between batches"),
+    gauge("mapshift_maps_in_memory_bytes", "What they take, about").in_bytes(),
+    gauge("mapshift_database_bytes", "Length of the database, its write-ahead log included").in_bytes(),
+    gauge("mapshift_database_unused_bytes", "Bytes in the database that are used before its file grows")
+        .in_bytes(),
+    gauge("mapshift_wal_bytes", "Length of the write-ahead log").in_bytes(),
+    gauge("mapshift_disk_free_bytes", "Bytes that are free on the disk of the data directory").in_bytes(),
+    gauge(
+        "mapshift_disk_growth_bytes_per_day",
+        "Growth of what the database holds, over the last week or since the start; NaN in the first hour",
+    )
+    .in_bytes(),
+    gauge(
+        "mapshift_disk_full_in_days",
+        "Days until the disk is full at that growth; +Inf without growth, NaN in the first hour",
+    ),
+    counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted when their time was over"),
+    counter("mapshift_bodies_deleted_bytes_total", "Length of those bodies, compressed").in_bytes(),
+    counter("mapshift_corrupt_scans_total", "Scans that were left out of a map because they are corrupt on the disk"),
+    counter("mapshift_webhook_attempts_total", "Attempts to call webhooks by what followed: delivered, retried, failed, gone"),
+    metric(
+        "mapshift_webhook_attempt_duration_seconds",
+        MetricKind::Histogram,
+        Some(Unit::Seconds),
+        "Time to call a webhook",
+    ),
+    gauge("mapshift_connections", "Open connections"),
+    counter(
+        "mapshift_limit_refusals_total",
+        "Connections and requests refused, by limit, and by scope: the address has its share, or the service has no more",
+    ),
+    counter(
+        "mapshift_connections_displaced_total",
+        "Connections without a request that were closed to make room for others",
+    ),
+    counter("mapshift_slow_bodies_total", "Requests whose body came too slowly"),
+    counter(
+        "mapshift_stalled_clients_total",
+        "Connections cut off because their client did not take its answer",
+    ),
+];
+
 fn install() -> anyhow::Result<PrometheusHandle> {
     let handle = PrometheusBuilder::new()
         .set_buckets_for_metric(Matcher::Suffix("_seconds".into()), &DURATION_BUCKETS_S)?
         .install_recorder()?;
-    metrics::describe_counter!("mapshift_http_requests_total", "Requests answered");
-    metrics::describe_histogram!(
-        "mapshift_http_request_duration_seconds",
-        metrics::Unit::Seconds,
-        "Time to answer a request"
-    );
-    metrics::describe_counter!("mapshift_uploads_total", "Uploads by how they ended");
-    metrics::describe_gauge!(
-        "mapshift_pending_batches",
-        "Batches that wait to be processed"
-    );
-    metrics::describe_counter!(
-        "mapshift_map_mendings_total",
-        "Segments of maps that lay in the wrong place and were put right by closures"
-    );
-    metrics::describe_gauge!("mapshift_connections", "Open connections");
-    metrics::describe_counter!(
-        "mapshift_webhook_attempts_total",
-        "Attempts to call webhooks by what followed: delivered, retried, failed, gone"
-    );
-    metrics::describe_histogram!(
-        "mapshift_webhook_attempt_duration_seconds",
-        metrics::Unit::Seconds,
-        "Time to call a webhook"
-    );
-    describe_limits();
-    describe_what_is_kept();
+    METRICS.iter().for_each(Metric::describe);
+    begin_at_zero();
     Ok(handle)
 }
 
-fn describe_limits() {
-    metrics::describe_counter!(
-        "mapshift_limit_refusals_total",
-        "Connections and requests refused, by limit, and by scope: the address has its share, or the service has no more"
-    );
-    metrics::describe_counter!(
+/// Counters that a rule watches for their first increment are there from the start: Prometheus sees no
+/// increase in a series that begins with 1, and a sum with a series that is missing is missing.
+fn begin_at_zero() {
+    let without_labels = [
+        "mapshift_corrupt_scans_total",
         "mapshift_connections_displaced_total",
-        "Connections without a request that were closed to make room for others"
-    );
-    metrics::describe_counter!(
         "mapshift_slow_bodies_total",
-        "Requests whose body came too slowly"
-    );
-    metrics::describe_counter!(
         "mapshift_stalled_clients_total",
-        "Connections cut off because their client did not take its answer"
-    );
-}
-
-fn describe_what_is_kept() {
-    let bytes = metrics::Unit::Bytes;
-    metrics::describe_gauge!(
-        "mapshift_maps_in_memory",
-        "Maps kept in memory between batches"
-    );
-    metrics::describe_gauge!(
-        "mapshift_maps_in_memory_bytes",
-        bytes,
-        "What they take, about"
-    );
-    metrics::describe_gauge!("mapshift_database_bytes", bytes, "Length of the database");
-    metrics::describe_counter!(
-        "mapshift_bodies_deleted_total",
-        "Bodies of uploads deleted when their time was over"
-    );
-    metrics::describe_counter!(
-        "mapshift_bodies_deleted_bytes_total",
-        bytes,
-        "Length of those bodies, compressed"
-    );
+    ];
+    for name in without_labels {
+        metrics::counter!(name).absolute(0);
+    }
+    for outcome in ["stored", "replayed", "disk-full"] {
+        metrics::counter!("mapshift_uploads_total", "outcome" => outcome).absolute(0);
+    }
+    for outcome in ["delivered", "retried", "failed", "gone"] {
+        metrics::counter!("mapshift_webhook_attempts_total", "outcome" => outcome).absolute(0);
+    }
+    use BatchStatus::{Merged, Quarantined, Removed, Unanchored};
+    for status in [Merged, Unanchored, Quarantined, Removed] {
+        let status = status.name();
+        metrics::counter!("mapshift_batches_ended_total", "status" => status).absolute(0);
+    }
 }

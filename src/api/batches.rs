@@ -25,6 +25,8 @@ use crate::model::{BatchKind, BatchStatus};
 use crate::scan::BandView;
 use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch};
 
+/// Batches that a list can be asked for by id.
+const IDS_MAX: usize = 200;
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
 /// A drive's scans, from the vehicle's one lidar or from several.
@@ -239,6 +241,13 @@ pub(super) struct BatchPage {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct BatchQuery {
+    /// Only these, at most 200, with commas between them: what has become of many batches, in one answer.
+    /// Ids that the route does not have are left out of it.
+    #[param(
+        nullable = false, value_type = Vec<String>, style = Form, explode = false,
+        min_items = 1, max_items = 200, example = json!(["b-000122", "b-000123"])
+    )]
+    ids: Option<String>,
     /// Only this vehicle's.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<String>,
@@ -431,9 +440,23 @@ pub(super) async fn known_batch(
     Ok(Json(BatchBody::new(batch, &alerts)))
 }
 
+/// The batches that a list is asked for by id.
+fn named_ids(text: &str) -> Result<Vec<BatchId>, Problem> {
+    let ids: Result<Vec<BatchId>, _> = text.split(',').map(BatchId::new).collect();
+    let ids = ids.map_err(|error| Problem::parameter("ids", error.to_string()))?;
+    match ids.len() <= IDS_MAX {
+        true => Ok(ids),
+        false => Err(Problem::parameter(
+            "ids",
+            format!("name at most {IDS_MAX} batches at once"),
+        )),
+    }
+}
+
 /// List a route's batches.
 ///
-/// In the order of arrival, in parts; of a key that uploads for one vehicle, those of this vehicle.
+/// In the order of arrival, in parts; of a key that uploads for one vehicle, those of this vehicle. With
+/// `ids`, the status of up to 200 batches at once, all of them in one part unless `limit` says otherwise.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches", tag = "batches",
     params(RouteParam, BatchQuery, PageQuery),
@@ -445,7 +468,9 @@ pub(super) async fn list_batches(
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<BatchQuery>,
 ) -> Result<Json<BatchPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
+    let ids = query.ids.as_deref().map(named_ids).transpose()?;
+    let count = ids.as_ref().map(|ids| ids.len() as u32);
+    let limit = checked_limit(query.limit.or(count))?;
     let after: Option<BatchId> = key_of_cursor(query.cursor.as_deref())?;
     let vehicle_id = query.vehicle_id.map(VehicleId::new).transpose();
     let vehicle_id =
@@ -459,6 +484,7 @@ pub(super) async fn list_batches(
         }));
     }
     let filter = BatchFilter {
+        ids,
         vehicle_id: own.or(vehicle_id),
         status: query.status,
     };

@@ -74,6 +74,7 @@ impl Operations {
         stopping: &CancellationToken,
     ) {
         let (id, kind) = (operation.id, operation.request.kind().name());
+        let route = operation.route_id.as_ref().map(RouteId::as_str);
         let done = match &operation.request {
             OperationRequest::Removal(request) => {
                 remove(&decisions.engine, operation, request, now()).await
@@ -81,11 +82,11 @@ impl Operations {
             OperationRequest::Decisions(request) => decide(decisions, id, request).await,
         };
         let Err(error) = done else {
-            tracing::info!(kind, operation = %id, "an operation has ended");
+            tracing::info!(kind, route, operation = %id, "an operation has ended");
             return;
         };
         let reason = format!("{error:#}");
-        tracing::error!(kind, operation = %id, reason, "an operation failed");
+        tracing::error!(kind, route, operation = %id, reason, "an operation failed");
         let of_store = error.downcast_ref::<StoreError>();
         let is_passing = of_store.is_some_and(StoreError::is_passing);
         let ended = match is_passing {

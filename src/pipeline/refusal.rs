@@ -46,10 +46,6 @@ pub(super) async fn refuse(
     job: &ClaimedJob,
     refusal: Refusal,
 ) -> anyhow::Result<(Workspace, JobResult)> {
-    for outcome in &refusal.outcomes {
-        let reason = outcome.reason.as_deref().unwrap_or_default();
-        tracing::warn!(route = %job.route_id, batch = %outcome.batch_id, reason, "a batch was refused");
-    }
     let mut workspace = engine.workspaces.take(&engine.store, &job.route_id).await?;
     let mut result = of_added(&mut workspace, job, &refusal.origins, &Added::default())?;
     result.outcomes = refusal.outcomes;

@@ -10,6 +10,7 @@ use super::columns::{micros, name};
 use super::error::Corruption;
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, job_of};
+use super::news::GivenUp;
 use super::records::ClaimedJob;
 use super::request::Request;
 use super::{Store, failures};
@@ -31,7 +32,7 @@ impl Store {
             lease,
             open: self.shared.opened.elapsed(),
         };
-        while let Some(claim) = self.work(request()).await? {
+        while let Some(claim) = self.work(request()).await?.claim {
             let (job_id, generation) = (claim.job_id, claim.generation);
             match self.load_entries(claim).await {
                 Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id })) => {
@@ -90,6 +91,15 @@ pub(super) struct Claim {
     pub(super) at: Timestamp,
 }
 
+/// What became of looking for a job.
+#[derive(Default)]
+pub(super) struct Looked {
+    /// The job that was found.
+    pub(super) claim: Option<Claim>,
+    /// Batches that have been tried often enough.
+    given_up: Vec<GivenUp>,
+}
+
 /// Takes the oldest job whose time has come.
 pub(super) struct ClaimJob {
     pub(super) now: Timestamp,
@@ -99,27 +109,31 @@ pub(super) struct ClaimJob {
 }
 
 impl Request for ClaimJob {
-    type Outcome = Option<Claim>;
+    type Outcome = Looked;
     const QUEUES_JOBS: bool = false;
 
-    async fn execute(
-        &self,
-        transaction: &mut SqliteConnection,
-    ) -> Result<Option<Claim>, StoreError> {
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Looked, StoreError> {
         let now_us = micros(self.now);
+        let mut looked = Looked::default();
         while let Some(job) = candidate(transaction, now_us, self.open).await? {
             if job.attempts >= TRIES_MAX {
                 // Nobody reported these failures: each time the worker was lost on the way.
                 let reason = format!("processing was broken off {} times", job.attempts);
-                give_up(transaction, &job.place, &reason, self.now).await?;
+                let given_up = give_up(transaction, &job.place, &reason, self.now).await?;
+                looked.given_up.push(given_up);
             } else if job.orphaned > 0 && is_any_running(transaction, now_us).await? {
                 // It is tried with nothing beside it; nothing begins before that.
-                return Ok(None);
+                return Ok(looked);
             } else if let Some(taken) = backlog::take(transaction, &job, self.now).await? {
-                return self.claim(transaction, &job, taken).await.map(Some);
+                looked.claim = Some(self.claim(transaction, &job, taken).await?);
+                return Ok(looked);
             }
         }
-        Ok(None)
+        Ok(looked)
+    }
+
+    fn committed(&self, looked: &Looked) {
+        looked.given_up.iter().for_each(GivenUp::report);
     }
 }
 

@@ -3,7 +3,6 @@
 use serde::Serialize;
 use sqlx::SqliteConnection;
 
-use super::Store;
 use super::acceptances;
 use super::alert_records::{
     AcceptanceChange, AcceptedChange, AlertAction, AlertRecord, Decided, Decision, HistoryEntry,
@@ -19,6 +18,7 @@ use super::map_versions::{self, Beginning, SealedPicture};
 use super::records::{EdgeChange, NodeChange};
 use super::request::Request;
 use super::results::count_blocks;
+use super::{Store, news};
 use crate::model::{Actor, AlertStatus, DismissReason, VersionAction};
 
 impl Store {
@@ -113,6 +113,12 @@ impl Request for ApplyDecision {
             self.note(transaction, alert).await?;
         }
         Ok(Decided::Committed)
+    }
+
+    fn committed(&self, decided: &Decided) {
+        if *decided == Decided::Committed {
+            news::decided(self.action, &self.actor, &self.alerts);
+        }
     }
 }
 

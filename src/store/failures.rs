@@ -7,6 +7,7 @@ use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
 use super::jobs::{Job, TRIES_MAX, give_up, held_job, put_back, quarantine};
+use super::news::GivenUp;
 use super::request::Request;
 use crate::ids::BatchId;
 
@@ -57,7 +58,7 @@ impl Store {
             tries_max,
             now,
         };
-        self.work(request).await
+        self.work(request).await.map(drop)
     }
 
     /// Puts a job back for a second later without counting a try: the store or the machine was
@@ -94,16 +95,20 @@ pub(super) struct FailJob {
 }
 
 impl Request for FailJob {
-    type Outcome = ();
+    type Outcome = Option<GivenUp>;
     const QUEUES_JOBS: bool = true;
     const WHILE_FULL: bool = true;
 
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+    async fn execute(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<GivenUp>, StoreError> {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
-            return Ok(());
+            return Ok(None);
         };
         if job.attempts >= self.tries_max {
-            return give_up(transaction, &job.place, &self.reason, self.now).await;
+            let given_up = give_up(transaction, &job.place, &self.reason, self.now).await?;
+            return Ok(Some(given_up));
         }
         let run_after_us = micros(self.now) + backoff_us(job.attempts);
         put_back(transaction, &job, run_after_us).await?;
@@ -116,7 +121,11 @@ impl Request for FailJob {
         .bind(job.place.batch_key)
         .execute(transaction)
         .await?;
-        Ok(())
+        Ok(None)
+    }
+
+    fn committed(&self, given_up: &Option<GivenUp>) {
+        given_up.iter().for_each(GivenUp::report);
     }
 }
 
@@ -168,13 +177,16 @@ pub(super) struct QuarantineRotten {
 }
 
 impl Request for QuarantineRotten {
-    type Outcome = ();
+    type Outcome = Option<GivenUp>;
     const QUEUES_JOBS: bool = true;
     const WHILE_FULL: bool = true;
 
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+    async fn execute(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<GivenUp>, StoreError> {
         let Some(job) = held_job(transaction, self.job_id, self.generation).await? else {
-            return Ok(());
+            return Ok(None);
         };
         let batch_key: i64 =
             sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = ? AND id = ?")
@@ -184,11 +196,17 @@ impl Request for QuarantineRotten {
                 .await?;
         let reason = "the stored body is corrupt on the disk";
         if batch_key == job.place.batch_key {
-            return give_up(transaction, &job.place, reason, self.now).await;
+            let given_up = give_up(transaction, &job.place, reason, self.now).await?;
+            return Ok(Some(given_up));
         }
-        quarantine(transaction, batch_key, reason, self.now).await?;
+        let given_up = quarantine(transaction, batch_key, reason, self.now).await?;
         put_back(transaction, &job, 0).await?;
-        forget_try(transaction, &job).await
+        forget_try(transaction, &job).await?;
+        Ok(Some(given_up))
+    }
+
+    fn committed(&self, given_up: &Option<GivenUp>) {
+        given_up.iter().for_each(GivenUp::report);
     }
 }
 

@@ -7,6 +7,7 @@ use sqlx::{Connection, Row, SqliteConnection};
 use super::columns::micros;
 use super::error::StoreError;
 use super::inputs;
+use super::news::GivenUp;
 use super::request::Request;
 use super::trips::{Place, end_turn};
 
@@ -83,9 +84,10 @@ pub(super) async fn give_up(
     place: &Place,
     reason: &str,
     now: Timestamp,
-) -> Result<(), StoreError> {
-    quarantine(transaction, place.batch_key, reason, now).await?;
-    end_turn(transaction, place).await
+) -> Result<GivenUp, StoreError> {
+    let given_up = quarantine(transaction, place.batch_key, reason, now).await?;
+    end_turn(transaction, place).await?;
+    Ok(given_up)
 }
 
 /// Quarantines a batch; its turn is not ended by that.
@@ -94,17 +96,24 @@ pub(super) async fn quarantine(
     batch_key: i64,
     reason: &str,
     now: Timestamp,
-) -> Result<(), StoreError> {
-    sqlx::query(
+) -> Result<GivenUp, StoreError> {
+    let (route_id, batch_id) = sqlx::query_as(
         "UPDATE batches SET status = 'quarantined', reason = ?, processed_at_us = ? \
-         WHERE batch_key = ?",
+         WHERE batch_key = ? RETURNING \
+         (SELECT id FROM routes WHERE routes.route_key = batches.route_key), id",
     )
     .bind(reason)
     .bind(micros(now))
     .bind(batch_key)
-    .execute(&mut *transaction)
+    .fetch_one(&mut *transaction)
     .await?;
-    inputs::note_kept_out(transaction, batch_key, now).await
+    inputs::note_kept_out(transaction, batch_key, now).await?;
+    let reason = reason.to_owned();
+    Ok(GivenUp {
+        route_id,
+        batch_id,
+        reason,
+    })
 }
 
 /// Gives back the jobs that a dead process held: only right while the directory is locked. What
@@ -122,6 +131,7 @@ pub(super) async fn release_orphans(
     .fetch_all(&mut *transaction)
     .await?;
     give_back_running(&mut transaction).await?;
+    let mut given_up = Vec::new();
     for row in &rows {
         let job = job_of(row)?;
         let (orphaned, batch_key) = (job.orphaned, job.place.batch_key);
@@ -131,10 +141,12 @@ pub(super) async fn release_orphans(
                 "the service's process was lost {orphaned} times while it processed this batch, but for \
                  the first time with nothing beside it"
             );
-            give_up(&mut transaction, &job.place, &reason, now).await?;
+            given_up.push(give_up(&mut transaction, &job.place, &reason, now).await?);
         }
     }
-    Ok(transaction.commit().await?)
+    transaction.commit().await?;
+    given_up.iter().for_each(GivenUp::report);
+    Ok(())
 }
 
 /// Gives back every job that is held; none of them counts as tried.

@@ -4,12 +4,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 
 use super::body::{SealedBody, unseal};
-use super::columns::{flags_text, micros, name, optional_time, parse_flags, text, time};
+use super::columns::{flags_text, json_text, micros, name, optional_time, parse_flags, text, time};
 use super::error::{Corruption, StoreError};
 use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
-use super::{Store, body, named, outcome};
+use super::{Store, body, named, news, outcome};
 use crate::ids::{BatchId, RouteId};
 use crate::model::BatchStatus;
 
@@ -28,8 +28,9 @@ impl Store {
             .map_err(|_| StoreError::Unavailable)??;
         let request = Journal { batch, body };
         let reply = self.shared.outbox.send_upload(request).await?;
-        let journaled = outcome::<Journal>(reply).await?;
-        journaled.ok_or(StoreError::UnknownRoute)
+        let written = outcome::<Journal>(reply).await?;
+        let (journaled, _) = written.ok_or(StoreError::UnknownRoute)?;
+        Ok(journaled)
     }
 
     /// One upload.
@@ -93,14 +94,14 @@ pub(super) struct Journal {
 }
 
 impl Request for Journal {
-    /// `None`: there is no such route.
-    type Outcome = Option<Journaled>;
+    /// With the place of a batch that is stored; `None`: there is no such route.
+    type Outcome = Option<(Journaled, Option<Placement>)>;
     const QUEUES_JOBS: bool = true;
 
     async fn execute(
         &self,
         transaction: &mut SqliteConnection,
-    ) -> Result<Option<Journaled>, StoreError> {
+    ) -> Result<Self::Outcome, StoreError> {
         // The id is looked up before the insert, so that a replay leaves no trace: nobody else
         // writes, and the table's UNIQUE stands behind it.
         let found: Option<(i64, Option<Vec<u8>>)> = sqlx::query_as(
@@ -112,14 +113,25 @@ impl Request for Journal {
         .bind(self.batch.route_id.as_str())
         .fetch_optional(&mut *transaction)
         .await?;
-        match found {
-            None => Ok(None),
-            Some((_, Some(sha256))) if sha256 == self.body.sha256 => Ok(Some(Journaled::Replayed)),
-            Some((_, Some(_))) => Ok(Some(Journaled::Conflict)),
+        let written = match found {
+            None => return Ok(None),
+            Some((_, Some(sha256))) if sha256 == self.body.sha256 => (Journaled::Replayed, None),
+            Some((_, Some(_))) => (Journaled::Conflict, None),
             Some((route_key, None)) => {
-                self.store(transaction, route_key).await?;
-                Ok(Some(Journaled::Stored))
+                let placement = self.store(transaction, route_key).await?;
+                (Journaled::Stored, Some(placement))
             }
+        };
+        Ok(Some(written))
+    }
+
+    fn committed(&self, written: &Self::Outcome) {
+        let placement = written
+            .as_ref()
+            .and_then(|(_, placement)| placement.as_ref());
+        if let Some(placement) = placement.filter(|it| it.status == BatchStatus::Quarantined) {
+            let reason = placement.reason.as_deref().unwrap_or_default();
+            news::quarantined(self.batch.route_id.as_str(), self.batch.id.as_str(), reason);
         }
     }
 }
@@ -129,7 +141,7 @@ impl Journal {
         &self,
         transaction: &mut SqliteConnection,
         route_key: i64,
-    ) -> Result<(), StoreError> {
+    ) -> Result<Placement, StoreError> {
         self.count(transaction, route_key).await?;
         let placement = place(transaction, route_key, &self.batch).await?;
         let batch_key = self.insert(transaction, route_key, &placement).await?;
@@ -147,7 +159,7 @@ impl Journal {
             };
             add_job(transaction, &place).await?;
         }
-        Ok(())
+        Ok(placement)
     }
 
     /// Before the insert: a vehicle counts with its first batch.
@@ -228,6 +240,10 @@ pub(super) async fn batches(
     let mut query: QueryBuilder<Sqlite> =
         QueryBuilder::new(select_batches!("", "WHERE routes.id = "));
     query.push_bind(route.as_str());
+    if let Some(ids) = &filter.ids {
+        query.push(" AND batches.id IN (SELECT value FROM json_each(");
+        query.push_bind(json_text(ids)?).push("))");
+    }
     if let Some(vehicle_id) = &filter.vehicle_id {
         query.push(" AND vehicle_id = ");
         query.push_bind(vehicle_id.as_str());

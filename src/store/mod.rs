@@ -22,6 +22,7 @@ mod decisions;
 mod error;
 mod export;
 mod failures;
+mod figures;
 mod files;
 mod fsck;
 mod gaps;
@@ -40,6 +41,7 @@ mod map_layers;
 mod map_versions;
 mod marker;
 mod migrations;
+mod news;
 mod operation_records;
 mod operations;
 mod place_scans;
@@ -81,6 +83,7 @@ pub use audit::{AuditFilter, AuditRecord};
 pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compare};
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
+pub use figures::{DiskUse, Figures, schema_version};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
 pub use handling::{CommentRecord, Handling, Muted};
 pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};
@@ -140,6 +143,7 @@ struct Shared {
     readers: SqlitePool,
     health: watch::Receiver<Health>,
     jobs: Arc<Notify>,
+    space: Space,
     shutdown: CancellationToken,
     writer: Mutex<Option<JoinHandle<Result<(), StoreError>>>>,
     opened: Instant,
@@ -284,7 +288,7 @@ impl Store {
             shutdown: shutdown.clone(),
             lock: Arc::clone(&lock),
             marker,
-            space,
+            space: space.clone(),
         };
         let shared = Shared {
             database,
@@ -292,6 +296,7 @@ impl Store {
             readers,
             health,
             jobs,
+            space,
             shutdown,
             writer: Mutex::new(Some(tokio::spawn(writer.run()))),
             opened: Instant::now(),

@@ -9,7 +9,7 @@ use super::columns::{json_text, micros, time};
 use super::error::StoreError;
 use super::inputs::{self, Input};
 use super::request::Request;
-use super::{Store, named};
+use super::{Store, named, news};
 use crate::ids::{RouteId, VehicleId};
 use crate::model::{Actor, AuditAction};
 
@@ -56,7 +56,7 @@ impl Store {
             by: by.clone(),
             now,
         };
-        self.work(put).await
+        Ok(self.work(put).await?.is_some())
     }
 }
 
@@ -91,10 +91,14 @@ struct PutQuarantine {
 }
 
 impl Request for PutQuarantine {
-    type Outcome = bool;
+    /// Whether it changed anything; `None`: there is no such vehicle.
+    type Outcome = Option<bool>;
     const QUEUES_JOBS: bool = false;
 
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
+    async fn execute(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<bool>, StoreError> {
         let route_key: Option<i64> = sqlx::query_scalar(
             "SELECT route_key FROM routes JOIN batches USING (route_key) \
              WHERE routes.id = $1 AND vehicle_id = $2 LIMIT 1",
@@ -104,7 +108,7 @@ impl Request for PutQuarantine {
         .fetch_optional(&mut *transaction)
         .await?;
         let Some(route_key) = route_key else {
-            return Ok(false);
+            return Ok(None);
         };
         let before = quarantine_of(transaction, &self.route, &self.vehicle).await?;
         let written = match &self.quarantine {
@@ -123,22 +127,29 @@ impl Request for PutQuarantine {
             .bind(self.vehicle.as_str()),
         };
         written.execute(&mut *transaction).await?;
-        self.note(transaction, route_key, before).await?;
-        Ok(true)
+        self.note(transaction, route_key, before).await.map(Some)
+    }
+
+    fn committed(&self, changed: &Option<bool>) {
+        if *changed == Some(true) {
+            let is_out = self.quarantine.is_some();
+            news::vehicle_kept_out(&self.route, &self.vehicle, is_out, &self.by);
+        }
     }
 }
 
 impl PutQuarantine {
-    /// Writes the rows of the audit and of the inputs, unless everything is as it was.
+    /// Writes the rows of the audit and of the inputs, unless everything is as it was: returns whether
+    /// it did.
     async fn note(
         &self,
         transaction: &mut SqliteConnection,
         route_key: i64,
         before: Option<Quarantine>,
-    ) -> Result<(), StoreError> {
+    ) -> Result<bool, StoreError> {
         let after = quarantine_of(transaction, &self.route, &self.vehicle).await?;
         if before == after {
-            return Ok(());
+            return Ok(false);
         }
         let vehicle = self.vehicle.clone();
         let input = match &after {
@@ -161,6 +172,7 @@ impl PutQuarantine {
             before: before.as_ref().map(json_text).transpose()?,
             after: after.as_ref().map(json_text).transpose()?,
         };
-        audit::write(transaction, change).await
+        audit::write(transaction, change).await?;
+        Ok(true)
     }
 }

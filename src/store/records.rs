@@ -249,6 +249,8 @@ pub struct BatchRecord {
 /// Which batches to list.
 #[derive(Debug, Clone, Default)]
 pub struct BatchFilter {
+    /// Only these.
+    pub ids: Option<Vec<BatchId>>,
     /// Only this vehicle's.
     pub vehicle_id: Option<VehicleId>,
     /// Only in this state.

@@ -13,7 +13,7 @@ use super::removal_records::{Meant, Removable, Removal};
 use super::request::Request;
 use super::results::count_blocks;
 use super::trips::{Place, end_turn};
-use super::{Store, of_snapshot, operations};
+use super::{Store, news, of_snapshot, operations};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
 use crate::model::BatchStatus;
 
@@ -143,6 +143,13 @@ impl Request for ApplyRemoval {
             return Err(StoreError::InvalidResult(what));
         }
         Ok(true)
+    }
+
+    fn committed(&self, is_applied: &bool) {
+        if *is_applied {
+            news::batches_removed(self.0.removable.batches.len());
+            news::alerts_written(&self.0.alerts);
+        }
     }
 }
 

@@ -23,6 +23,9 @@ pub(super) trait Request: Send + Sync + 'static {
         &self,
         transaction: &mut SqliteConnection,
     ) -> impl Future<Output = Result<Self::Outcome, StoreError>> + Send;
+
+    /// What the log and the metrics say of it; called once, after the commit.
+    fn committed(&self, _: &Self::Outcome) {}
 }
 
 /// A request with somebody who waits for its outcome.
@@ -70,6 +73,9 @@ impl<R: Request> Write for Pending<R> {
     }
 
     fn acknowledge(self: Box<Self>) {
+        if let Some(outcome) = &self.outcome {
+            self.request.committed(outcome);
+        }
         let answer = self.outcome.ok_or(StoreError::Unavailable);
         // Whoever asked may have gone; the write stands all the same.
         let _ = self.reply.send(answer);

@@ -15,7 +15,7 @@ use super::records::{Applied, BatchOutcome, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
 use super::vehicles::{put_calibration, put_trip_start};
-use super::{Store, backlog};
+use super::{Store, backlog, news};
 use crate::graph::EdgeKind;
 use crate::ids::{BatchId, TripId, VehicleId};
 use crate::model::BatchStatus;
@@ -88,6 +88,13 @@ impl Request for ApplyResult {
             queue_unanchored_edges(transaction, place.route_key, nodes).await?;
         }
         Ok(Applied::Committed)
+    }
+
+    fn committed(&self, applied: &Applied) {
+        if *applied == Applied::Committed {
+            news::batches_ended(&self.0.route_id, &self.0.outcomes);
+            news::alerts_written(&self.0.alerts);
+        }
     }
 }
 

@@ -20,6 +20,7 @@ const RESERVE_BYTES: u64 = 16 << 20;
 const FREE_BYTES_MIN: u64 = 1 << 20;
 
 /// The space of a data directory.
+#[derive(Clone)]
 pub(super) struct Space {
     path: PathBuf,
     free_bytes: Arc<dyn Fn() -> io::Result<u64> + Send + Sync>,
@@ -44,6 +45,11 @@ impl Space {
             path: directory.join(FILE_NAME),
             free_bytes: Arc::new(free_bytes),
         }
+    }
+
+    /// Bytes that are free; `None` if that cannot be known.
+    pub(super) fn free_bytes(&self) -> Option<u64> {
+        (self.free_bytes)().ok()
     }
 
     /// Whether there is hardly any left. Not if that cannot be known: a write will tell.
@@ -91,7 +97,7 @@ impl Space {
     }
 
     fn has_less_than(&self, bytes: u64) -> bool {
-        (self.free_bytes)().is_ok_and(|free| free < bytes)
+        self.free_bytes().is_some_and(|free| free < bytes)
     }
 
     fn allocate(&self) -> io::Result<()> {

@@ -204,6 +204,7 @@ async fn pages_and_filters_keep_the_order_of_arrival() {
     let wanted: Vec<_> = (0..20).map(|k| batch_id(&format!("b{}", 99 - k))).collect();
     assert_eq!(pages, wanted);
     let filter = BatchFilter {
+        ids: None,
         vehicle_id: Some(VehicleId::new("v1").unwrap()),
         status: Some(BatchStatus::Held),
     };

@@ -118,6 +118,7 @@ async fn every_statement_runs_on_a_fresh_database() {
     store.fail_job(1, 1, "nobody's", at(0)).await.unwrap();
     assert_eq!(store.release_overdue(at(0)).await.unwrap(), 0);
     let filter = BatchFilter {
+        ids: None,
         vehicle_id: Some("v".parse().unwrap()),
         status: Some(BatchStatus::Merged),
     };

@@ -44,6 +44,13 @@ impl FromStr for PublicUrl {
     }
 }
 
+impl PublicUrl {
+    /// Scheme and authority, like `https://maps.example.com`.
+    pub fn origin(&self) -> &str {
+        &self.origin
+    }
+}
+
 /// The names of the service.
 #[derive(Debug, Clone)]
 pub(in crate::api) struct Hosts {

@@ -1,0 +1,117 @@
+//! What the log and the metrics say of what was written. Called by [`Request::committed`], so that
+//! both are true: what is rolled back or written again is in neither.
+//!
+//! [`Request::committed`]: super::request::Request::committed
+
+use super::alert_records::AlertRecord;
+use super::records::BatchOutcome;
+use crate::calibration::VehicleFault;
+use crate::ids::{RouteId, VehicleId};
+use crate::model::{Actor, AlertAction, AlertStatus, BatchStatus, ChangeKind};
+
+/// A batch that was given up.
+#[derive(Debug)]
+pub(super) struct GivenUp {
+    /// The route's name.
+    pub(super) route_id: String,
+    /// Chosen by the client.
+    pub(super) batch_id: String,
+    /// Why, for people.
+    pub(super) reason: String,
+}
+
+impl GivenUp {
+    /// Says so.
+    pub(super) fn report(&self) {
+        quarantined(&self.route_id, &self.batch_id, &self.reason);
+    }
+}
+
+/// A batch was quarantined.
+pub(super) fn quarantined(route: &str, batch: &str, reason: &str) {
+    tracing::warn!(route, batch, reason, "a batch was quarantined");
+    count_ended(BatchStatus::Quarantined, 1);
+}
+
+/// A job has ended its batches.
+pub(super) fn batches_ended(route: &RouteId, outcomes: &[BatchOutcome]) {
+    for outcome in outcomes {
+        let reason = outcome.reason.as_deref().unwrap_or_default();
+        match outcome.status {
+            BatchStatus::Quarantined => {
+                quarantined(route.as_str(), outcome.batch_id.as_str(), reason);
+            }
+            status => count_ended(status, 1),
+        }
+    }
+}
+
+/// Batches were taken out of a map.
+pub(super) fn batches_removed(count: usize) {
+    count_ended(BatchStatus::Removed, count as u64);
+}
+
+fn count_ended(status: BatchStatus, count: u64) {
+    metrics::counter!("mapshift_batches_ended_total", "status" => status.name()).increment(count);
+}
+
+/// Alerts were written by what the service computed: says which of them were raised or resolved by that.
+pub(super) fn alerts_written(alerts: &[AlertRecord]) {
+    for alert in alerts {
+        let entry = alert.history.last();
+        if entry.is_none_or(|entry| entry.at != alert.updated_at) {
+            continue;
+        }
+        let (route, id, kind) = (&alert.route_id, alert.id, alert.evidence.kind);
+        match (alert.status, kind) {
+            (AlertStatus::Open, ChangeKind::VehicleSuspect) => suspect(alert),
+            (AlertStatus::Open, _) => tracing::info!(
+                %route, alert = %id, kind = kind.name(), tier = alert.evidence.tier.name(),
+                x_m = alert.evidence.location.x, y_m = alert.evidence.location.y,
+                "an alert was raised"
+            ),
+            (AlertStatus::Resolved, _) => {
+                tracing::info!(%route, alert = %id, kind = kind.name(), "an alert was resolved");
+            }
+            _ => {}
+        }
+    }
+}
+
+fn suspect(alert: &AlertRecord) {
+    let faults = alert.evidence.suspect.iter().flat_map(|of| &of.faults);
+    let faults: Vec<&str> = faults
+        .map(|VehicleFault { text, .. }| text.as_str())
+        .collect();
+    tracing::warn!(
+        route = %alert.route_id,
+        alert = %alert.id,
+        vehicle = alert.vehicles.first().map(VehicleId::as_str),
+        reason = faults.join("; "),
+        "a vehicle is suspect"
+    );
+}
+
+/// Somebody decided about alerts.
+pub(super) fn decided(action: AlertAction, actor: &Actor, alerts: &[AlertRecord]) {
+    for alert in alerts {
+        tracing::info!(
+            by = alert.history.last().map(|entry| entry.by.as_str()),
+            address = actor.address(),
+            action = action.name(),
+            route = %alert.route_id,
+            alert = %alert.id,
+            kind = alert.evidence.kind.name(),
+            "a decision was made"
+        );
+    }
+}
+
+/// Somebody keeps a vehicle's uploads out of a map from now on, or no longer.
+pub(super) fn vehicle_kept_out(route: &RouteId, vehicle: &VehicleId, is_out: bool, by: &Actor) {
+    let (by, address) = (by.name(), by.address());
+    match is_out {
+        true => tracing::info!(by, address, %route, %vehicle, "a vehicle was quarantined"),
+        false => tracing::info!(by, address, %route, %vehicle, "a vehicle was released"),
+    }
+}
