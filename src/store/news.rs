@@ -115,3 +115,105 @@ pub(super) fn vehicle_kept_out(route: &RouteId, vehicle: &VehicleId, is_out: boo
         false => tracing::info!(by, address, %route, %vehicle, "a vehicle was released"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{self, Write};
+    use std::sync::{Arc, Mutex};
+
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::change::{Suspect, Tier};
+    use crate::geometry::Vector2;
+    use crate::ids::{AlertId, NodeId, StampNs, TripId};
+    use crate::store::{Handling, HistoryEntry, SYSTEM};
+
+    #[derive(Clone, Default)]
+    struct Lines(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Lines {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// What is logged meanwhile.
+    fn logged(work: impl FnOnce()) -> String {
+        let lines = Lines::default();
+        let writer = lines.clone();
+        let log = tracing_subscriber::fmt()
+            .with_ansi(false)
+            .with_writer(move || writer.clone());
+        tracing::subscriber::with_default(log.finish(), work);
+        String::from_utf8(lines.0.lock().unwrap().clone()).unwrap()
+    }
+
+    fn suspicion(status: AlertStatus, at: Timestamp) -> AlertRecord {
+        let vehicle = VehicleId::new("agv-07").unwrap();
+        let suspect = Suspect {
+            vehicle: vehicle.clone(),
+            faults: vec![VehicleFault::uncorrectable(None, "wheels slip")],
+            trips: vec![TripId::new("t").unwrap()],
+            scans: 150,
+            sound_until: None,
+            since: StampNs(0),
+            last_seen: StampNs(0),
+            until: None,
+            tier: Tier::Confirmed,
+            significance: 5.0,
+        };
+        AlertRecord {
+            id: AlertId(uuid::Uuid::nil()),
+            route_id: RouteId::new("hall").unwrap(),
+            revision: 1,
+            decision_revision: 1,
+            decision_region: Vec::new(),
+            status,
+            evidence: suspect.finding(NodeId(1), Vector2::new(0.0, 0.0)),
+            first_seen: StampNs(0),
+            vehicles: vec![vehicle],
+            passes: None,
+            clearance: None,
+            residual: None,
+            map_version: 1,
+            related: Vec::new(),
+            raised_at: at,
+            updated_at: at,
+            history: vec![HistoryEntry {
+                status,
+                at,
+                by: SYSTEM.to_owned(),
+                note: None,
+                reason: None,
+            }],
+            handling: Handling::default(),
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_becomes_suspect_is_one_line_with_the_reason() {
+        let mut alert = suspicion(AlertStatus::Open, Timestamp::UNIX_EPOCH);
+        let line = logged(|| alerts_written(std::slice::from_ref(&alert)));
+        assert_eq!(line.lines().count(), 1, "{line}");
+        for part in [
+            "WARN",
+            "a vehicle is suspect",
+            "vehicle=\"agv-07\"",
+            "route=hall",
+            "reason=\"wheels slip\"",
+        ] {
+            assert!(line.contains(part), "{part} is not in {line}");
+        }
+        // Evidence that grows is no news.
+        alert.updated_at = Timestamp::MAX;
+        assert_eq!(logged(|| alerts_written(&[alert])), "");
+        let resolved = suspicion(AlertStatus::Resolved, Timestamp::UNIX_EPOCH);
+        let line = logged(|| alerts_written(&[resolved]));
+        assert!(line.contains("an alert was resolved"), "{line}");
+    }
+}

@@ -27,6 +27,7 @@ mod keys;
 mod lifecycle;
 mod limits;
 mod map_layers;
+mod operators;
 mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;

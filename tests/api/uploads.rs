@@ -136,3 +136,45 @@ async fn request_ids_are_echoed_or_made() {
     }
     service.stop().await;
 }
+
+#[tokio::test]
+async fn what_became_of_many_batches_is_one_question() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    for k in 0..5 {
+        let path = format!("/v1/routes/line-4/batches/b-{k}");
+        let put = Request::new("PUT", path).json(&batch(k, 1));
+        assert_eq!(service.send(put).await.status, 202);
+    }
+    let ids = async |query: &str| {
+        let path = format!("/v1/routes/line-4/batches?{query}");
+        let list = service.get(&path).await.json();
+        let items = list["items"].as_array().unwrap().iter();
+        let ids: Vec<String> = items
+            .map(|batch| batch["id"].as_str().unwrap().to_owned())
+            .collect();
+        ids
+    };
+    assert_eq!(ids("ids=b-3,nobody,b-1").await, ["b-1", "b-3"]);
+    assert_eq!(ids("ids=b-1%2Cb-3&limit=1").await, ["b-1"]);
+    assert_eq!(ids("ids=b-1&vehicle_id=agv-08").await, [""; 0]);
+
+    let many = |count: usize| {
+        let ids: Vec<String> = (0..count).map(|k| format!("b-{k}")).collect();
+        format!("/v1/routes/line-4/batches?ids={}", ids.join(","))
+    };
+    let all = service.get(&many(200)).await.json();
+    assert_eq!(all["items"].as_array().unwrap().len(), 5);
+    assert_eq!(all["next_cursor"], json!(null));
+    for (path, word) in [
+        (many(201), "at most 200"),
+        ("/v1/routes/line-4/batches?ids=".to_owned(), "ids"),
+        ("/v1/routes/line-4/batches?ids=a,,b".to_owned(), "ids"),
+        ("/v1/routes/line-4/batches?ids=a/b".to_owned(), "ids"),
+    ] {
+        let refused = service.get(&path).await;
+        assert_eq!(refused.status, 400, "{path}");
+        assert!(refused.text().contains(word), "{}", refused.text());
+    }
+    service.stop().await;
+}

@@ -220,3 +220,35 @@ async fn pages_and_filters_keep_the_order_of_arrival() {
         .await;
     assert_eq!(after_nothing.unwrap(), vec![]);
 }
+
+#[tokio::test]
+async fn the_figures_count_what_is_not_in_a_map() {
+    let fixture = Fixture::new().await;
+    let nothing = fixture.store.figures().await.unwrap();
+    assert_eq!(nothing.oldest_queued, None);
+    assert_eq!(nothing.routes.values().sum::<i64>(), 1);
+    // 0 is queued, 2 is held, and another 0 is quarantined.
+    fixture.journal(upload("first", "t", 0)).await;
+    fixture.journal(upload("third", "t", 2)).await;
+    fixture.journal(upload("again", "t", 0)).await;
+    let figures = fixture.store.figures().await.unwrap();
+    let count = |status| figures.batches.get(&status).copied();
+    use BatchStatus::{Held, Merged, Processing, Quarantined, Queued};
+    assert_eq!(count(Queued), Some(1));
+    assert_eq!(count(Held), Some(1));
+    assert_eq!(count(Quarantined), Some(1));
+    assert_eq!(count(Processing), Some(0));
+    assert_eq!(count(Merged), None, "those in a map are too many");
+    let first = fixture.batch("first").await;
+    assert_eq!(figures.oldest_queued, Some(first.received_at));
+    // What is tried again arrived long ago, and does not make the queue old.
+    let job = fixture.claim(0).await.unwrap();
+    let failed = fixture
+        .store
+        .fail_job(job.job_id, job.generation, "so", at(1));
+    failed.await.unwrap();
+    let figures = fixture.store.figures().await.unwrap();
+    assert_eq!(figures.oldest_queued, None);
+    let disk = fixture.store.disk_use();
+    assert!(disk.database > 0 && disk.free.unwrap() > 0);
+}
