@@ -73,11 +73,7 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
         .context("cannot call webhooks")?;
     background.extend(callers);
     let upkeep_metrics = metrics.clone();
-    let upkeep_store = store.clone();
-    let upkeep = move || {
-        metrics::gauge!("mapshift_database_bytes").set(upkeep_store.file_bytes() as f64);
-        upkeep_metrics.run_upkeep();
-    };
+    let upkeep = move || upkeep_metrics.run_upkeep();
     let upkeep = repeat_until(stopping.clone(), METRICS_UPKEEP, upkeep);
     background.push(tokio::spawn(upkeep));
     let mut gauges = Gauges::new(store.clone());

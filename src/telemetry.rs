@@ -193,7 +193,10 @@ fn install() -> anyhow::Result<PrometheusHandle> {
 /// increase in a series that begins with 1, and a sum with a series that is missing is missing.
 fn begin_at_zero() {
     let without_labels = [
+        "mapshift_bodies_deleted_bytes_total",
+        "mapshift_bodies_deleted_total",
         "mapshift_corrupt_scans_total",
+        "mapshift_map_mendings_total",
         "mapshift_connections_displaced_total",
         "mapshift_slow_bodies_total",
         "mapshift_stalled_clients_total",

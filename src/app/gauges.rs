@@ -67,6 +67,8 @@ impl Gauges {
         let used_bytes = disk.database.saturating_sub(unused_bytes);
         self.growth.note(self.started.elapsed(), used_bytes);
         let per_day = self.growth.bytes_per_day();
+        let bytes = disk.database + disk.log;
+        metrics::gauge!("mapshift_database_bytes").set(bytes as f64);
         metrics::gauge!("mapshift_wal_bytes").set(disk.log as f64);
         metrics::gauge!("mapshift_database_unused_bytes").set(unused_bytes as f64);
         metrics::gauge!("mapshift_disk_growth_bytes_per_day").set(per_day.unwrap_or(f64::NAN));

@@ -5,7 +5,6 @@ import http.server
 import json
 import os
 import pathlib
-import re
 import signal
 import socket
 import ssl
@@ -61,7 +60,7 @@ class Proxied:
         key = subprocess.run(
             [MAPSHIFT, "keys", "create", "--data", directory / "data", "--name", "Robin", "--role", "admin"],
             check=True, capture_output=True, text=True).stdout
-        self.key = re.search(r"msk_\w+|\S{30,}", key).group(0)
+        self.key = key.strip()
         subprocess.run(
             ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={HOST}",
              "-addext", f"subjectAltName=DNS:{HOST}", "-keyout", directory / "key.pem", "-out", directory / "cert.pem"],
