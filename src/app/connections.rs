@@ -76,6 +76,10 @@ impl Connections {
         let never = CancellationToken::new();
         loop {
             let drained = self.draining.is_cancelled();
+            // Also the first time: whoever is told to stop at once need not wait for a connection.
+            if drained && early.is_empty() {
+                break;
+            }
             tokio::select! {
                 () = self.draining.cancelled(), if !drained => {}
                 accepted = accept(&listener) => {
@@ -95,9 +99,6 @@ impl Connections {
                         tracing::error!(%error, "a connection's task failed");
                     }
                 }
-            }
-            if self.draining.is_cancelled() && early.is_empty() {
-                break;
             }
             metrics::gauge!("mapshift_connections").set(early.len() as f64);
             while late.try_join_next().is_some() {}

@@ -82,7 +82,8 @@ def check(directory, prometheus, target):
     ask(f"http://{target}/v1/routes/hall", "PUT", {}, key)
     for sequence in [0, 1]:
         ask(f"http://{target}/v1/routes/hall/batches/b-{sequence}", "PUT", {**BATCH, "sequence": sequence}, key)
-    wait_for("the upload is counted", lambda: query('rate(mapshift_uploads_total{outcome="stored"}[1m]) > 0'))
+    wait_for("the uploads are counted", lambda: query('rate(mapshift_uploads_total{outcome="stored"}[1m]) > 0'))
+    wait_for("the requests are counted", lambda: query('rate(mapshift_http_requests_total{method="PUT"}[1m])'))
 
     groups = ask(f"{prometheus}/api/v1/rules")["data"]["groups"]
     rules = [rule for group in groups for rule in group["rules"]]
