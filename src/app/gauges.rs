@@ -7,20 +7,11 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::growth::Growth;
-use crate::model::{BatchStatus, ChangeKind, Stage, Tier};
-use crate::store::{DiskUse, Figures, Store, schema_version};
+use crate::model::{ChangeKind, Stage, Tier};
+use crate::store::{DiskUse, Figures, NOT_IN_A_MAP, Store, schema_version};
 
 /// How old a gauge may be.
 const PAUSE: Duration = Duration::from_secs(15);
-
-/// The statuses of batches that are not in a map.
-const NOT_IN_A_MAP: [BatchStatus; 5] = [
-    BatchStatus::Queued,
-    BatchStatus::Processing,
-    BatchStatus::Held,
-    BatchStatus::Unanchored,
-    BatchStatus::Quarantined,
-];
 
 /// Reads the figures of a store and sets the gauges.
 pub(super) struct Gauges {

@@ -52,6 +52,9 @@ fn unusual(config: &AppConfig) -> Vec<String> {
     for network in &proxies.networks {
         note(true, format!("trusted-proxy={network}"));
     }
+    for role in &proxies.roles {
+        note(true, format!("proxy-role={role}"));
+    }
     note(config.accept_lost_log, "accept-lost-log".to_owned());
     note(
         config.insecure_open_to_network,

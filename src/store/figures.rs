@@ -7,16 +7,26 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use sqlx::{Row, SqliteConnection};
 
-use super::columns::{optional_time, text};
+use super::columns::{json_text, optional_time, text};
 use super::error::StoreError;
 use super::migrations::MIGRATIONS;
-use super::{Store, of_snapshot};
+use super::{Store, named};
 use crate::model::{BatchStatus, ChangeKind, Stage, Tier};
 
-/// What is counted over all routes, at one moment.
+/// The statuses of batches that are not in a map; those that are, or were taken out, are too many to be
+/// counted.
+pub const NOT_IN_A_MAP: [BatchStatus; 5] = [
+    BatchStatus::Queued,
+    BatchStatus::Processing,
+    BatchStatus::Held,
+    BatchStatus::Unanchored,
+    BatchStatus::Quarantined,
+];
+
+/// What is counted over all routes, one after the other.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Figures {
-    /// Batches that are not in a map, by status.
+    /// Batches by status, of [`NOT_IN_A_MAP`].
     pub batches: BTreeMap<BatchStatus, i64>,
     /// When the oldest batch arrived that waits for its first try; `None` if none does.
     pub oldest_queued: Option<Timestamp>,
@@ -56,8 +66,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn figures(&self) -> Result<Figures, StoreError> {
         let mut reader = self.reader().await?;
-        let figures = figures(&mut reader).await;
-        of_snapshot(reader, figures)
+        named(figures(&mut reader).await)
     }
 
     /// What the data directory takes of its disk.
@@ -91,14 +100,13 @@ async fn count(reader: &mut SqliteConnection, query: &'static str) -> Result<i64
     Ok(sqlx::query_scalar(query).fetch_one(reader).await?)
 }
 
-/// Those that are in a map, or were taken out, are too many to be counted.
 async fn batches(reader: &mut SqliteConnection) -> Result<BTreeMap<BatchStatus, i64>, StoreError> {
     let rows = sqlx::query(
         "SELECT status, sum((SELECT count(*) FROM batches \
              WHERE batches.route_key = routes.route_key AND batches.status = wanted.status)) AS count \
          FROM routes, (SELECT value AS status FROM json_each(?)) AS wanted GROUP BY status",
     )
-    .bind(r#"["queued", "processing", "held", "unanchored", "quarantined"]"#)
+    .bind(json_text(&NOT_IN_A_MAP)?)
     .fetch_all(reader)
     .await?;
     let counted = rows

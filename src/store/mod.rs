@@ -83,7 +83,7 @@ pub use audit::{AuditFilter, AuditRecord};
 pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compare};
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
-pub use figures::{DiskUse, Figures, schema_version};
+pub use figures::{DiskUse, Figures, NOT_IN_A_MAP, schema_version};
 pub use fsck::{Fault, FsckReport, OnProgress, fsck};
 pub use handling::{CommentRecord, Handling, Muted};
 pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};

@@ -55,7 +55,7 @@ fn count_ended(status: BatchStatus, count: u64) {
     metrics::counter!("mapshift_batches_ended_total", "status" => status.name()).increment(count);
 }
 
-/// Alerts were written by what the service computed: says which of them were raised or resolved by that.
+/// Alerts were written by what the service computed: says which of them it has raised or resolved.
 pub(super) fn alerts_written(alerts: &[AlertRecord]) {
     for alert in alerts {
         let entry = alert.history.last();

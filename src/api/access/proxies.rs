@@ -48,6 +48,12 @@ pub struct GroupRole {
     role: Role,
 }
 
+impl fmt::Display for GroupRole {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.group, self.role.name())
+    }
+}
+
 /// A text that gives no role to a group.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum InvalidGroupRole {
