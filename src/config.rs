@@ -1,6 +1,12 @@
-//! The service's settings: flags, or the variables `MAPSHIFT_*`.
+//! The service's settings: flags, the variables `MAPSHIFT_*`, or a file.
 //!
 //! Knows what can be set, and nothing of what becomes of it. Begin with [`ServiceArgs::app_config`].
+
+mod settings;
+mod settings_file;
+
+pub use settings::{Setting, settings};
+pub use settings_file::{SettingsFile, SettingsFileError, settings_file_of, with_settings_file};
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -12,7 +18,8 @@ use crate::api::{AccessOptions, GroupRole, Limits, Network, PublicUrl, TrustedPr
 use crate::pipeline::PipelineOptions;
 use crate::webhooks::{DeliveryOptions, ReceiverPolicy};
 
-/// Settings of `serve`. Each can be a flag or a variable; the flag wins.
+/// Settings of `serve`. Each that has a variable can be given by its flag, by the variable or in a
+/// file; the flag beats the variable, and both the file.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ServiceArgs {
     /// Address to listen on; port 0 takes any free port.

@@ -3,8 +3,11 @@
 //! Knows nothing of the inside of a running service: `upload`, `simulate` and `demo` talk to it
 //! through `client`, over HTTP like anyone else. Begin with [`run`].
 
+mod backup;
+mod backup_file;
 mod buildings;
 mod comparison;
+mod config;
 mod demo;
 mod faults;
 mod fleet;
@@ -19,6 +22,7 @@ mod progress;
 mod recording;
 mod replay;
 mod reproduce;
+mod restore;
 mod score;
 mod serve;
 mod simulate;
@@ -28,7 +32,9 @@ mod upload;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+
+use crate::config::{SettingsFile, settings_file_of, with_settings_file};
 
 /// Tells the keepers of a map where the world has changed.
 #[derive(Debug, Parser)]
@@ -62,17 +68,27 @@ enum Command {
     Faults(faults::Args),
     /// Check a database: checksums, and the laws that its tables keep.
     Fsck(fsck::Args),
+    /// Write a checked copy of the database while the service runs.
+    Backup(backup::Args),
+    /// Put a backup into a data directory.
+    Restore(restore::Args),
     /// Make maps anew from the journal of what shaped them, and compare them with those that are there.
     Replay(replay::Args),
     /// Make, list and revoke keys: who may send requests.
     Keys(keys::Args),
+    /// List the settings with their values, and where each comes from.
+    Config(config::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
 
 /// Parses the arguments, runs the command, and turns its error into an exit code.
 pub fn run() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    let given = match Given::parse() {
+        Ok(given) => given,
+        Err(error) => return exit(Err(error)),
+    };
+    let outcome = match given.command {
         Command::Serve(args) => serve::run(args),
         Command::Demo(args) => demo::run(args),
         Command::Simulate(args) => simulate::run(args),
@@ -84,11 +100,44 @@ pub fn run() -> ExitCode {
         Command::Buildings(args) => buildings::run(&args),
         Command::Faults(args) => faults::run(&args),
         Command::Fsck(args) => return exit(fsck::run(&args)),
+        Command::Backup(args) => backup::run(&args),
+        Command::Restore(args) => restore::run(&args),
         Command::Replay(args) => return exit(replay::run(&args)),
         Command::Keys(args) => keys::run(&args),
+        Command::Config(args) => config::run(&args, &given.arguments, given.file.as_ref()),
         Command::Openapi(args) => openapi::run(args),
     };
     exit(outcome.map(|()| ExitCode::SUCCESS))
+}
+
+/// What the command line says, with what a settings file says beneath it.
+struct Given {
+    command: Command,
+    /// The arguments of the command, with where each comes from.
+    arguments: ArgMatches,
+    file: Option<SettingsFile>,
+}
+
+impl Given {
+    /// Parses the arguments; ends the process if they are wrong or ask for help.
+    fn parse() -> anyhow::Result<Self> {
+        let command = with_settings_file(Cli::command());
+        let mut matches = command.clone().get_matches();
+        let file = match settings_file_of(&matches) {
+            Some(path) => Some(SettingsFile::read(path)?),
+            None => None,
+        };
+        if let Some(file) = &file {
+            matches = file.apply(command).get_matches();
+        }
+        let parsed = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+        let own = matches.remove_subcommand();
+        Ok(Self {
+            command: parsed.command,
+            arguments: own.map(|(_, arguments)| arguments).unwrap_or_default(),
+            file,
+        })
+    }
 }
 
 fn exit(outcome: anyhow::Result<ExitCode>) -> ExitCode {
@@ -98,5 +147,26 @@ fn exit(outcome: anyhow::Result<ExitCode>) -> ExitCode {
             let _ = writeln!(io::stderr(), "error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reference_lists_every_command() {
+        let reference = include_str!("../../docs/reference/commands.md");
+        for command in Cli::command().get_subcommands() {
+            let about = command.get_about().map(ToString::to_string);
+            let row = format!("| `{}` | {} |", command.get_name(), about.unwrap());
+            let lacks = format!("docs/reference/commands.md lacks\n{row}");
+            assert!(reference.contains(&row), "{lacks}");
+        }
+    }
+
+    #[test]
+    fn the_arguments_are_well_defined() {
+        with_settings_file(Cli::command()).debug_assert();
     }
 }

@@ -9,7 +9,7 @@ use sqlx::sqlite::{
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
 use super::error::StoreError;
-use super::migrations::MIGRATIONS;
+use super::migrations::{MIGRATIONS, newest_schema};
 use super::{archive, files};
 
 const FILE_NAME: &str = "mapshift.db";
@@ -47,13 +47,34 @@ impl Database {
         }
     }
 
+    /// The database in a file, wherever that is.
+    pub(super) fn at(path: &Path) -> Self {
+        Self {
+            path: path.to_path_buf(),
+        }
+    }
+
+    /// Where its file is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The files that it may consist of.
+    pub(super) fn files(&self) -> [PathBuf; 3] {
+        [
+            self.path.clone(),
+            self.beside("-wal"),
+            self.beside("-shm"),
+        ]
+    }
+
     /// Makes the file if it is missing, and takes it from everybody but its owner; SQLite gives the
     /// files beside it the same mode.
     ///
     /// # Errors
     /// [`StoreError::Directory`].
     pub(super) fn make_files(&self) -> Result<(), StoreError> {
-        for path in [self.path.clone(), self.beside("-wal"), self.beside("-shm")] {
+        for path in self.files() {
             files::tighten(&path);
         }
         let path = self.path.clone();
@@ -76,9 +97,18 @@ impl Database {
             path: directory.to_path_buf(),
             source,
         })?;
+        self.copy_to(&Self::in_directory(directory).path).await
+    }
+
+    /// Writes a copy as it is at this moment to a file, which is missing or empty. A service may be
+    /// writing meanwhile: the copy is one long read.
+    ///
+    /// # Errors
+    /// If there is something in that file.
+    pub(super) async fn copy_to(&self, file: &Path) -> Result<(), StoreError> {
         let mut reader = self.options().read_only(true).connect().await?;
         sqlx::query("VACUUM INTO $1")
-            .bind(Self::in_directory(directory).path_text())
+            .bind(Self::at(file).path_text())
             .execute(&mut reader)
             .await?;
         Ok(reader.close().await?)
@@ -126,8 +156,7 @@ impl Database {
         &self,
         writer: &mut SqliteConnection,
     ) -> Result<bool, StoreError> {
-        let newest = MIGRATIONS.iter().map(|migration| migration.version).max();
-        has_migration(writer, newest.unwrap_or_default()).await
+        has_migration(writer, newest_schema()).await
     }
 
     /// Brings the schema up to date.

@@ -29,6 +29,15 @@ pub(super) fn open(path: &Path) -> io::Result<File> {
         .open(path)
 }
 
+/// Makes a file that is not there yet.
+pub(super) fn create_new(path: &Path) -> io::Result<File> {
+    OpenOptions::new()
+        .create_new(true)
+        .write(true)
+        .mode(FILE_MODE)
+        .open(path)
+}
+
 /// Takes a file from everybody but its owner, if it is there. What cannot be taken is logged: the
 /// file may be somebody else's.
 pub(super) fn tighten(path: &Path) {

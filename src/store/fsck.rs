@@ -116,7 +116,36 @@ pub async fn fsck(
 ) -> Result<FsckReport, StoreError> {
     // Before the database is read: a service may commit meanwhile.
     let commits = marker::commits_before(data_dir);
-    let database = Database::in_directory(data_dir);
+    check(
+        &Database::in_directory(data_dir),
+        commits,
+        full,
+        on_progress,
+    )
+    .await
+}
+
+/// Checks a backup and its file as [`fsck`] does; of one with another schema the file alone.
+///
+/// # Errors
+/// [`StoreError`] if it cannot be read at all.
+pub async fn check_backup(
+    file: &Path,
+    on_progress: OnProgress<'_>,
+) -> Result<FsckReport, StoreError> {
+    let database = Database::at(file);
+    match check(&database, None, true, on_progress).await {
+        Err(StoreError::OldSchema) => check_file(&database).await,
+        checked => checked,
+    }
+}
+
+async fn check(
+    database: &Database,
+    commits: Option<i64>,
+    full: bool,
+    on_progress: OnProgress<'_>,
+) -> Result<FsckReport, StoreError> {
     let readers = database.open_readers().await?;
     if !database
         .is_up_to_date(&mut *readers.acquire().await?)
@@ -132,7 +161,7 @@ pub async fn fsck(
     };
     check.commits(commits).await?;
     if full {
-        check.law("the file is sound", INTEGRITY).await?;
+        check.law(FILE_IS_SOUND, INTEGRITY).await?;
     }
     for (law, statement) in LAWS {
         check.law(law, statement).await?;
@@ -145,6 +174,23 @@ pub async fn fsck(
     Ok(report)
 }
 
+/// Checks what does not depend on the schema.
+async fn check_file(database: &Database) -> Result<FsckReport, StoreError> {
+    let readers = database.open_readers().await?;
+    let mut check = Check {
+        readers: &readers,
+        report: FsckReport::default(),
+        total: 0,
+        on_progress: &|_, _| {},
+    };
+    check.law(FILE_IS_SOUND, INTEGRITY).await?;
+    let mut report = check.report;
+    readers.close().await;
+    report.sound = report.faults.is_empty();
+    Ok(report)
+}
+
+const FILE_IS_SOUND: &str = "the file is sound";
 const INTEGRITY: &str =
     "SELECT integrity_check FROM pragma_integrity_check WHERE integrity_check <> 'ok'";
 

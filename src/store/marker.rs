@@ -29,8 +29,13 @@ pub(super) struct Marker {
 /// How many commits the database had at least when its last process was lost; `None` after an
 /// orderly end, or if that is not known.
 pub(super) fn commits_before(directory: &Path) -> Option<i64> {
-    let text = fs::read_to_string(directory.join(FILE_NAME)).ok()?;
+    let text = fs::read_to_string(path(directory)).ok()?;
     text.trim().parse().ok()
+}
+
+/// Where the file of a data directory is.
+pub(super) fn path(directory: &Path) -> PathBuf {
+    directory.join(FILE_NAME)
 }
 
 impl Marker {
@@ -39,7 +44,7 @@ impl Marker {
     /// # Errors
     /// [`StoreError::Directory`].
     pub(super) fn create(directory: &Path, commits: i64) -> Result<Self, StoreError> {
-        let path = directory.join(FILE_NAME);
+        let path = path(directory);
         let failed = |source| StoreError::Directory {
             path: path.clone(),
             source,

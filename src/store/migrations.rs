@@ -55,6 +55,12 @@ const FILES: [(i64, &str, &str); 30] = [
     file!(30, "releases", "0030_releases.sql"),
 ];
 
+/// The number of the newest migration.
+pub(super) fn newest_schema() -> i64 {
+    let versions = FILES.iter().map(|(version, ..)| *version);
+    versions.max().unwrap_or_default()
+}
+
 /// Runs what a database has not seen yet.
 pub(super) static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     let migration = |&(version, description, sql): &(i64, &'static str, &'static str)| {
