@@ -6,6 +6,7 @@
 
 mod agreement;
 mod attacks;
+mod backup;
 mod changes;
 mod client;
 mod drives;
