@@ -41,7 +41,10 @@ async fn back_up(args: &Args) -> anyhow::Result<()> {
     let output = output_file(&args.output);
     for path in [&output, &digest_path(&output)] {
         if path.exists() {
-            bail!("{} is there already: nothing is overwritten", path.display());
+            bail!(
+                "{} is there already: nothing is overwritten",
+                path.display()
+            );
         }
     }
     let parent = match output.parent() {

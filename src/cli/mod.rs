@@ -9,6 +9,8 @@ mod buildings;
 mod comparison;
 mod config;
 mod demo;
+mod doctor;
+mod export;
 mod faults;
 mod fleet;
 mod fsck;
@@ -54,6 +56,8 @@ enum Command {
     Simulate(simulate::Args),
     /// Upload recorded drives to a running service; safe to repeat.
     Upload(upload::Args),
+    /// Write a route's map, trips, scans and alerts as an MCAP recording.
+    Export(export::Args),
     /// Optimise a pose graph in a g2o file.
     Optimise(optimise::Args),
     /// Run the paper's experiments: its tables and figures, and ours beside them.
@@ -72,6 +76,8 @@ enum Command {
     Backup(backup::Args),
     /// Put a backup into a data directory.
     Restore(restore::Args),
+    /// Say what is wrong with an installation, and what to do about it.
+    Doctor(doctor::Args),
     /// Make maps anew from the journal of what shaped them, and compare them with those that are there.
     Replay(replay::Args),
     /// Make, list and revoke keys: who may send requests.
@@ -93,6 +99,7 @@ pub fn run() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Upload(args) => upload::run(args),
+        Command::Export(args) => export::run(&args),
         Command::Optimise(args) => optimise::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Score(args) => score::run(args),
@@ -102,6 +109,7 @@ pub fn run() -> ExitCode {
         Command::Fsck(args) => return exit(fsck::run(&args)),
         Command::Backup(args) => backup::run(&args),
         Command::Restore(args) => restore::run(&args),
+        Command::Doctor(args) => return exit(doctor::run(&args)),
         Command::Replay(args) => return exit(replay::run(&args)),
         Command::Keys(args) => keys::run(&args),
         Command::Config(args) => config::run(&args, &given.arguments, given.file.as_ref()),

@@ -2,6 +2,8 @@
 
 mod answers;
 mod keys;
+mod maps;
+mod probe;
 mod retry;
 
 use std::sync::Arc;
@@ -25,6 +27,7 @@ use crate::model::BatchKind;
 use answers::AlertPage;
 pub use answers::{AlertLocation, AlertReport, BatchReport, Refusal, RouteReport};
 pub use keys::{KeyReport, KeyRequest};
+pub use maps::{AlertDetail, NodeReport, ScanReport};
 use retry::{is_temporary, retry_after, wait_before_repeat};
 
 const CONTENT_DIGEST: &str = "content-digest";
@@ -240,19 +243,23 @@ impl Gateway {
         path: String,
         what: String,
     ) -> Result<T, GatewayError> {
-        let request = Request {
-            method: Method::GET,
-            path,
-            what: what.clone(),
-            body: None,
-            gzip: false,
-        };
-        let answer = self.send(request).await?;
-        serde_json::from_slice(&answer.body).map_err(|source| GatewayError::Answer {
+        let body = self.get_bytes(path, what.clone()).await?;
+        serde_json::from_slice(&body).map_err(|source| GatewayError::Answer {
             what,
             url: self.url.clone(),
             source,
         })
+    }
+
+    async fn get_bytes(&self, path: String, what: String) -> Result<Vec<u8>, GatewayError> {
+        let request = Request {
+            method: Method::GET,
+            path,
+            what,
+            body: None,
+            gzip: false,
+        };
+        Ok(self.send(request).await?.body)
     }
 
     async fn send(&self, request: Request<'_>) -> Result<Answer, GatewayError> {

@@ -12,6 +12,6 @@ pub mod pretend;
 pub use batch_body::{EncodedBatch, ScanToSend, Trip};
 pub use edge_batch_body::GraphParts;
 pub use gateway::{
-    AlertLocation, AlertReport, BatchReport, Gateway, GatewayError, KeyReport, KeyRequest, Outcome,
-    RouteReport,
+    AlertDetail, AlertLocation, AlertReport, BatchReport, Gateway, GatewayError, KeyReport,
+    KeyRequest, NodeReport, Outcome, RouteReport, ScanReport,
 };

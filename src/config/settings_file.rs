@@ -169,10 +169,12 @@ fn find<'a>(known: &'a [Setting], key: &str) -> Result<&'a Setting, String> {
     }
     let edits = |setting: &&Setting| strsim::osa_distance(&setting.name, &name);
     let nearest = known.iter().min_by_key(edits);
-    Err(match nearest.filter(|nearest| edits(nearest) <= EDITS_MAX) {
-        Some(nearest) => format!("there is no setting {key}; is it {}?", nearest.name),
-        None => format!("there is no setting {key}; `mapshift config` lists them"),
-    })
+    Err(
+        match nearest.filter(|nearest| edits(nearest) <= EDITS_MAX) {
+            Some(nearest) => format!("there is no setting {key}; is it {}?", nearest.name),
+            None => format!("there is no setting {key}; `mapshift config` lists them"),
+        },
+    )
 }
 
 /// The values of a key, as flags would give them.
@@ -283,7 +285,10 @@ mod tests {
                 "\n\naddress-share = 101",
                 "m.toml, line 3: address-share = \"101\": 101 is not in 1..=100",
             ),
-            ("listen = \"here\"", "listen = \"here\": invalid socket address"),
+            (
+                "listen = \"here\"",
+                "listen = \"here\": invalid socket address",
+            ),
             (
                 "log-format = \"xml\"",
                 "log-format = \"xml\": it must be one of text, json",
@@ -303,14 +308,21 @@ mod tests {
     #[test]
     fn the_example_names_every_setting_with_its_default() {
         let example = include_str!("../../deploy/mapshift.toml");
-        assert!(parse(example).unwrap().entries.is_empty(), "all is commented");
+        assert!(
+            parse(example).unwrap().entries.is_empty(),
+            "all is commented"
+        );
         let uncommented: String = example
             .lines()
             .filter_map(|line| line.strip_prefix("#").filter(|l| !l.starts_with(' ')))
             .fold(String::new(), |text, line| text + line + "\n");
         let file = parse(&uncommented).unwrap();
         for setting in settings() {
-            assert!(file.line(&setting).is_some(), "no line #{} = …", setting.name);
+            assert!(
+                file.line(&setting).is_some(),
+                "no line #{} = …",
+                setting.name
+            );
             if let Some(default) = setting.default_value() {
                 let line = format!("#{} = {}\n", setting.name, setting.in_file(&default));
                 assert!(example.contains(&line), "{line}");
@@ -327,8 +339,14 @@ mod tests {
                 None => "—".to_owned(),
             };
             let Setting { name, variable, .. } = &setting;
-            let row = format!("| `{name}` | `{variable}` | {default} | {} |", setting.help());
-            assert!(reference.contains(&row), "docs/reference/settings.md lacks\n{row}");
+            let row = format!(
+                "| `{name}` | `{variable}` | {default} | {} |",
+                setting.help()
+            );
+            assert!(
+                reference.contains(&row),
+                "docs/reference/settings.md lacks\n{row}"
+            );
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Uploads and recordings of other programs: bytes to core types, and graphs back to bytes.
 //!
 //! Knows scans and graphs; knows nothing of where bytes come from or what becomes of them. A format
-//! is a file: begin with [`batch_json::decode`] for uploads and [`CarmenLog::read`] for recordings.
+//! is a file: begin with [`batch_json::decode`] for uploads, [`CarmenLog::read`] for recordings, and
+//! [`RouteRecording`] for a route as one.
 
 pub mod batch_json;
 pub mod edges_json;
@@ -11,6 +12,10 @@ pub mod json;
 mod body_error;
 mod carmen;
 mod carmen_line;
+mod route_recording;
 
 pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
 pub use carmen_line::SkipReason;
+pub use route_recording::{
+    RecordedAlert, RecordedGrid, RecordedKeyframe, RecordedScan, RecordingError, RouteRecording,
+};

@@ -61,11 +61,7 @@ impl Database {
 
     /// The files that it may consist of.
     pub(super) fn files(&self) -> [PathBuf; 3] {
-        [
-            self.path.clone(),
-            self.beside("-wal"),
-            self.beside("-shm"),
-        ]
+        [self.path.clone(), self.beside("-wal"), self.beside("-shm")]
     }
 
     /// Makes the file if it is missing, and takes it from everybody but its owner; SQLite gives the

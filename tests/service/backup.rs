@@ -86,7 +86,9 @@ async fn what_was_acknowledged_before_a_backup_is_in_it() {
     let aside = std::fs::read_dir(&data).unwrap().map(|e| e.unwrap().path());
     let aside: Vec<_> = aside.filter(|path| path.is_dir()).collect();
     assert_eq!(aside.len(), 1, "{aside:?}");
-    let kept = std::fs::metadata(aside[0].join("mapshift.db")).unwrap().len();
+    let kept = std::fs::metadata(aside[0].join("mapshift.db"))
+        .unwrap()
+        .len();
     assert_eq!(kept, whole);
 
     let data_text = data.to_str().unwrap();
@@ -104,11 +106,16 @@ async fn what_is_no_good_backup_is_not_restored() {
     let directory = TempDir::new().unwrap();
     let (data, file) = (directory.path().join("data"), directory.path().join("b.db"));
     let mut service = Process::start(&data);
-    Client::new(&service.url).put_route(ROUTE, Value::Null).await;
+    Client::new(&service.url)
+        .put_route(ROUTE, Value::Null)
+        .await;
     assert!(outcome(&back_up(&data, &file)).0);
     service.kill();
     let (ended_well, text) = outcome(&back_up(&data, &file));
-    assert!(!ended_well && text.contains("nothing is overwritten"), "{text}");
+    assert!(
+        !ended_well && text.contains("nothing is overwritten"),
+        "{text}"
+    );
     let fresh = directory.path().join("fresh");
 
     let bytes = std::fs::read(&file).unwrap();
@@ -126,13 +133,20 @@ async fn what_is_no_good_backup_is_not_restored() {
     assert!(!ended_well && text.contains("no database"), "{text}");
 
     std::fs::write(&file, &bytes).unwrap();
-    let mut raw = SqliteConnectOptions::new().filename(&file).connect().await.unwrap();
+    let mut raw = SqliteConnectOptions::new()
+        .filename(&file)
+        .connect()
+        .await
+        .unwrap();
     sqlx::query("UPDATE _sqlx_migrations SET version = 9999 WHERE version = 30")
         .execute(&mut raw)
         .await
         .unwrap();
     drop(raw);
     let (ended_well, text) = outcome(&restore(&file, &fresh, &[]));
-    assert!(!ended_well && text.contains("newer than this program"), "{text}");
+    assert!(
+        !ended_well && text.contains("newer than this program"),
+        "{text}"
+    );
     assert!(!fresh.exists(), "a refusal leaves nothing behind");
 }

@@ -65,6 +65,13 @@ pub enum InvalidGroupRole {
     Role(#[from] UnknownText),
 }
 
+impl Network {
+    /// Whether it has every address.
+    pub fn is_everybody(&self) -> bool {
+        self.0.prefix_len() == 0
+    }
+}
+
 impl FromStr for Network {
     type Err = InvalidNetwork;
 

@@ -1,0 +1,199 @@
+//! What of a database its keepers should know, in one short read beside a running service.
+
+use std::path::Path;
+
+use jiff::Timestamp;
+use sqlx::{Connection, Row, SqliteConnection};
+
+use super::alert_records::{AlertFilter, AlertRecord};
+use super::columns::{micros, optional_time};
+use super::connection::Database;
+use super::error::StoreError;
+use super::{alerts, marker};
+use crate::model::{AlertStatus, BatchStatus, ChangeKind, DeliveryStatus, TextEnum as _};
+
+/// Alerts that are read.
+const SUSPECTS_MAX: u32 = 100;
+
+/// What of a database its keepers should know.
+#[derive(Debug)]
+pub struct Checkup {
+    /// Quarantined batches by their reason, the most frequent first.
+    pub quarantined: Vec<(String, u64)>,
+    /// Batches that wait for one before them in their trip.
+    pub held: Backlog,
+    /// Batches that wait for a worker, or are being processed.
+    pub queued: Backlog,
+    /// Batches that could not be localised so far.
+    pub unanchored: u64,
+    /// Open alerts about vehicles, the newest first.
+    pub suspects: Vec<AlertRecord>,
+    /// Webhooks whose events do not arrive.
+    pub webhooks: Vec<FailingWebhook>,
+    /// The newest stamp that the service wrote.
+    pub newest_write_at: Option<Timestamp>,
+    /// Length of all bodies that were ever uploaded, bytes, decompressed.
+    pub body_bytes: u64,
+    /// That of the bodies since a given time.
+    pub recent_body_bytes: u64,
+    /// When the first batch arrived.
+    pub first_batch_at: Option<Timestamp>,
+    /// Length of the write-ahead log, bytes.
+    pub log_bytes: u64,
+    /// Length of the database and its log, bytes.
+    pub file_bytes: u64,
+    /// Commits that the last process had made and that are not there any more.
+    pub lost_commits: u64,
+}
+
+/// Batches that wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Backlog {
+    /// How many.
+    pub batches: u64,
+    /// When the oldest arrived.
+    pub oldest_at: Option<Timestamp>,
+}
+
+/// A webhook whose events do not arrive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FailingWebhook {
+    /// Its id.
+    pub id: String,
+    /// Where events are sent.
+    pub url: String,
+    /// Events that were given up.
+    pub failed: u64,
+    /// Events that were tried in vain and are tried again.
+    pub pending: u64,
+    /// Whether its receiver said that it is gone, which disabled it.
+    pub gone: bool,
+}
+
+/// Reads what keepers should know; bodies since `recent` are counted apart. A service may hold the
+/// directory.
+///
+/// # Errors
+/// [`StoreError`], also if the schema is not that of this program.
+pub async fn checkup(data_dir: &Path, recent: Timestamp) -> Result<Checkup, StoreError> {
+    // Before the database is read: a service may commit meanwhile.
+    let noted = marker::commits_before(data_dir);
+    let database = Database::in_directory(data_dir);
+    let readers = database.open_readers().await.map_err(StoreError::named)?;
+    let read = async {
+        let mut reader = readers.acquire().await?;
+        if !database.is_up_to_date(&mut reader).await? {
+            return Err(StoreError::OldSchema);
+        }
+        let commits = marker::commits(&mut reader).await?;
+        let lost = noted.map_or(0, |noted| noted.saturating_sub(commits).max(0));
+        let mut checkup = read_rows(&mut reader, recent).await?;
+        checkup.lost_commits = lost.unsigned_abs();
+        drop(reader);
+        for status in [AlertStatus::Open, AlertStatus::Acknowledged] {
+            let filter = AlertFilter {
+                kind: Some(ChangeKind::VehicleSuspect),
+                status: Some(status),
+                ..AlertFilter::default()
+            };
+            let page = alerts::alert_page(&readers, &filter, None, SUSPECTS_MAX).await?;
+            checkup.suspects.extend(page);
+        }
+        Ok(checkup)
+    };
+    let read = read.await;
+    readers.close().await;
+    let mut checkup = read.map_err(StoreError::named)?;
+    checkup.log_bytes = database.wal_bytes();
+    checkup.file_bytes = database.file_bytes();
+    Ok(checkup)
+}
+
+async fn read_rows(
+    reader: &mut SqliteConnection,
+    recent: Timestamp,
+) -> Result<Checkup, StoreError> {
+    let mut transaction = reader.begin().await?;
+    let row = sqlx::query(
+        "SELECT coalesce(sum(body_bytes), 0) AS body_bytes, \
+             coalesce(sum(body_bytes) FILTER (WHERE received_at_us >= $1), 0) AS recent_bytes, \
+             min(received_at_us) AS first_at_us, \
+             nullif(max(max(received_at_us), coalesce(max(processed_at_us), 0)), 0) AS newest_at_us, \
+             count(*) FILTER (WHERE status = $2) AS held, \
+             min(received_at_us) FILTER (WHERE status = $2) AS held_at_us, \
+             count(*) FILTER (WHERE status IN ($3, $4)) AS queued, \
+             min(received_at_us) FILTER (WHERE status IN ($3, $4)) AS queued_at_us, \
+             count(*) FILTER (WHERE status = $5) AS unanchored FROM batches",
+    )
+    .bind(micros(recent))
+    .bind(BatchStatus::Held.name())
+    .bind(BatchStatus::Queued.name())
+    .bind(BatchStatus::Processing.name())
+    .bind(BatchStatus::Unanchored.name())
+    .fetch_one(&mut *transaction)
+    .await?;
+    let count = |column| row.try_get(column).map(i64::unsigned_abs);
+    let checkup = Checkup {
+        quarantined: quarantined(&mut transaction).await?,
+        held: Backlog {
+            batches: count("held")?,
+            oldest_at: optional_time(&row, "held_at_us")?,
+        },
+        queued: Backlog {
+            batches: count("queued")?,
+            oldest_at: optional_time(&row, "queued_at_us")?,
+        },
+        unanchored: count("unanchored")?,
+        suspects: Vec::new(),
+        webhooks: failing_webhooks(&mut transaction).await?,
+        newest_write_at: optional_time(&row, "newest_at_us")?,
+        body_bytes: count("body_bytes")?,
+        recent_body_bytes: count("recent_bytes")?,
+        first_batch_at: optional_time(&row, "first_at_us")?,
+        log_bytes: 0,
+        file_bytes: 0,
+        lost_commits: 0,
+    };
+    transaction.commit().await?;
+    Ok(checkup)
+}
+
+async fn quarantined(reader: &mut SqliteConnection) -> Result<Vec<(String, u64)>, StoreError> {
+    let rows: Vec<(String, i64)> = sqlx::query_as(
+        "SELECT coalesce(reason, 'no reason'), count(*) AS batches FROM batches \
+         WHERE status = $1 GROUP BY 1 ORDER BY batches DESC, 1 LIMIT 10",
+    )
+    .bind(BatchStatus::Quarantined.name())
+    .fetch_all(reader)
+    .await?;
+    let rows = rows.into_iter();
+    Ok(rows
+        .map(|(reason, count)| (reason, count.unsigned_abs()))
+        .collect())
+}
+
+async fn failing_webhooks(
+    reader: &mut SqliteConnection,
+) -> Result<Vec<FailingWebhook>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT webhooks.id, url, gone_at_us IS NOT NULL AS gone, \
+             count(*) FILTER (WHERE d.status = $1) AS failed, \
+             count(*) FILTER (WHERE d.status = $2 AND attempts > 0) AS pending \
+         FROM webhooks LEFT JOIN webhook_deliveries AS d USING (webhook_key) \
+         GROUP BY webhook_key HAVING gone OR failed > 0 OR pending > 0 ORDER BY webhook_key",
+    )
+    .bind(DeliveryStatus::Failed.name())
+    .bind(DeliveryStatus::Pending.name())
+    .fetch_all(reader)
+    .await?;
+    let webhook = |row: &sqlx::sqlite::SqliteRow| {
+        Ok(FailingWebhook {
+            id: row.try_get("id")?,
+            url: row.try_get("url")?,
+            failed: row.try_get("failed").map(i64::unsigned_abs)?,
+            pending: row.try_get("pending").map(i64::unsigned_abs)?,
+            gone: row.try_get("gone")?,
+        })
+    };
+    rows.iter().map(webhook).collect()
+}
