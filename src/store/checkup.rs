@@ -10,7 +10,7 @@ use super::columns::{micros, optional_time};
 use super::connection::Database;
 use super::error::StoreError;
 use super::{alerts, marker};
-use crate::model::{AlertStatus, BatchStatus, ChangeKind, DeliveryStatus, TextEnum as _};
+use crate::model::{AlertStatus, BatchStatus, ChangeKind, DeliveryStatus};
 
 /// Alerts that are read.
 const SUSPECTS_MAX: u32 = 100;

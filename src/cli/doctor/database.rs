@@ -130,7 +130,7 @@ fn vehicles(checkup: &Checkup) -> Vec<Finding> {
         return vec![Finding::ok(check, "none is suspect")];
     }
     let findings = checkup.suspects.iter().map(|alert| {
-        let vehicles: Vec<&str> = alert.vehicle_ids.iter().map(|id| id.as_str()).collect();
+        let vehicles: Vec<&str> = alert.vehicles.iter().map(|id| id.as_str()).collect();
         let (vehicles, route) = (vehicles.join(", "), &alert.route_id);
         let finding = format!("{vehicles} on route {route}: {}", summary(alert.clone()));
         let advice = "check the vehicle, or correct its stated mount; then dismiss the alert";
