@@ -1,5 +1,7 @@
 //! `mapshift replay`.
 
+mod summary;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -10,7 +12,8 @@ use serde::Serialize;
 
 use super::progress::Progress;
 use crate::ids::RouteId;
-use crate::pipeline::{PipelineOptions, Replayed, replay};
+use crate::pipeline::{PipelineOptions, Replayed, drawn_map, replay};
+use crate::render::{CellChanges, cell_changes};
 use crate::store::{self, Comparison, Store, StoreOptions};
 
 /// Arguments of `mapshift replay`.
@@ -42,6 +45,8 @@ struct Report {
     /// Why it could not be made anew.
     error: Option<&'static str>,
     comparison: Option<Comparison>,
+    /// Cells of the map's picture that differ; null where they are not compared, or there is no map.
+    cells: Option<CellChanges>,
 }
 
 impl Report {
@@ -52,7 +57,7 @@ impl Report {
 }
 
 /// Makes maps anew from the journal of what shaped them, in a copy of the database, and prints what
-/// came of it as JSON; fails if a map cannot be made anew or, where they are compared, differs.
+/// came of it as JSON, and in short on standard error; fails if a map cannot be made anew or, where they are compared, differs.
 ///
 /// # Errors
 /// If the database cannot be copied or read.
@@ -62,6 +67,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .build()
         .context("cannot start the runtime")?;
     let reports = runtime.block_on(replay_all(args))?;
+    let mut err = std::io::stderr().lock();
+    for report in &reports {
+        // For people; whoever reads the report may have closed it.
+        let _ = summary::write(report, &mut err);
+    }
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, &reports)?;
     writeln!(out)?;
@@ -87,7 +97,7 @@ async fn replay_all(args: &Args) -> anyhow::Result<Vec<Report>> {
     }
     let mut reports = Vec::new();
     for route in chosen(&store, &args.routes).await? {
-        reports.push(replay_one(&store, route).await?);
+        reports.push(replay_one(&store, route, args.compare).await?);
     }
     store.close().await?;
     for report in reports.iter_mut().filter(|_| args.compare) {
@@ -129,7 +139,11 @@ async fn chosen(store: &Store, named: &[String]) -> anyhow::Result<Vec<RouteId>>
     }
 }
 
-async fn replay_one(store: &Store, route: RouteId) -> anyhow::Result<Report> {
+async fn replay_one(store: &Store, route: RouteId, compare: bool) -> anyhow::Result<Report> {
+    let before = match compare {
+        true => drawn_map(store, &route).await?,
+        false => None,
+    };
     let progress = OnceLock::new();
     let on_progress = |done: u64, total: u64| {
         let bar = progress.get_or_init(|| Progress::at_a_terminal(total, "inputs"));
@@ -144,11 +158,18 @@ async fn replay_one(store: &Store, route: RouteId) -> anyhow::Result<Report> {
         Some(_) => None,
         None => Some(BEGINS_LATE),
     };
+    let now = match before {
+        Some(_) => drawn_map(store, &route).await?,
+        None => None,
+    };
     Ok(Report {
         route,
         replayed,
         error,
         comparison: None,
+        cells: before
+            .zip(now)
+            .map(|(before, now)| cell_changes(&before, &now)),
     })
 }
 

@@ -15,6 +15,7 @@ mod clock;
 mod decide;
 mod decision_details;
 mod decision_revision;
+mod drawn_map;
 mod edges;
 mod engine;
 mod findings;
@@ -43,6 +44,7 @@ mod workspace;
 mod zones;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
+pub use drawn_map::drawn_map;
 pub use operations::Operations;
 pub use options::PipelineOptions;
 pub use preview::Preview;

@@ -1,10 +1,12 @@
 //! In how many cells two maps differ.
 
+use serde::Serialize;
+
 use super::{Occupancy, OccupancyGrid};
 use crate::geometry::Vector2;
 
 /// Cells that differ, by what they become.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct CellChanges {
     /// Cells that become free.
     pub to_free: usize,

@@ -46,8 +46,8 @@ pub enum StoreError {
     #[error(
         "the last {commits} commits to mapshift.db in {} are lost, acknowledged uploads \
          among them: the process before was not stopped in order, and its log mapshift.db-wal is \
-         missing or not whole. Put the log back as it was, or restore a backup and remove \
-         mapshift.open, or go on without what is lost: serve --accept-lost-log", directory.display()
+         missing or not whole. Put the log back as it was, or restore a backup: restore --replace, \
+         or go on without what is lost: serve --accept-lost-log", directory.display()
     )]
     LostLog {
         /// The data directory.

@@ -138,10 +138,13 @@ async fn what_is_no_good_backup_is_not_restored() {
         .connect()
         .await
         .unwrap();
-    sqlx::query("UPDATE _sqlx_migrations SET version = 9999 WHERE version = 30")
-        .execute(&mut raw)
-        .await
-        .unwrap();
+    sqlx::query(
+        "UPDATE _sqlx_migrations SET version = 9999 \
+         WHERE version = (SELECT max(version) FROM _sqlx_migrations)",
+    )
+    .execute(&mut raw)
+    .await
+    .unwrap();
     drop(raw);
     let (ended_well, text) = outcome(&restore(&file, &fresh, &[]));
     assert!(

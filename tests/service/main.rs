@@ -9,6 +9,7 @@ mod attacks;
 mod backup;
 mod changes;
 mod client;
+mod commands;
 mod drives;
 mod edge_laps;
 mod edges;

@@ -113,6 +113,8 @@ async fn a_map_made_anew_is_the_same_to_the_bit() {
     let copy = directory.path().join("copy");
     let (ended_well, told) = replay(&data, &["--compare", "--into", copy.to_str().unwrap()]);
     assert!(ended_well && told["comparison"]["same"] == true, "{told}");
+    let none = json!({"to_free": 0, "to_occupied": 0, "to_unknown": 0});
+    assert_eq!(told["cells"], none);
     assert_eq!(told["decisions_left_out"], json!([]));
     assert_eq!(told["versions_left_out"], json!([]));
     assert_eq!(told["without_body"], 0);
@@ -167,6 +169,8 @@ async fn what_does_not_follow_from_the_journal_is_told() {
     );
     assert_eq!(comparison["poses"]["moved"], 1);
     assert_eq!(comparison["poses"]["max_m"], 0.25);
+    let cells = told["cells"].as_object().unwrap().values();
+    assert!(cells.filter_map(Value::as_u64).sum::<u64>() > 0, "{told}");
     execute(&data, "UPDATE nodes SET x = x - 0.25 WHERE node_id = 7").await;
     assert!(replay(&data, &["--compare"]).0);
 
