@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 /// Checks a backup and says what is in it.
 async fn check(file: &Path) -> anyhow::Result<()> {
     let contents = store::backup_contents(file).await;
-    let contents = contents.context("it is no database of this service")?;
+    let contents = contents.context("it is not a database of this service")?;
     if contents.schema_age() == SchemaAge::Newer {
         bail!(
             "its schema {} is newer than this program, which would not understand it: restore it \
@@ -97,6 +97,9 @@ fn put(args: &Args, digest: Option<&str>) -> anyhow::Result<()> {
     }
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let aside = data.join(format!("replaced-{now}"));
+    if aside.exists() {
+        bail!("{} is there already: try again in a second", aside.display());
+    }
     held.put(&staged, &aside)?;
     if !earlier.is_empty() {
         say(&format!("what was there is in {}", aside.display()));

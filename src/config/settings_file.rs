@@ -13,7 +13,7 @@ use super::settings::{Setting, ValueKind, settings};
 /// The argument that names the file.
 const ARGUMENT: &str = "config";
 const VARIABLE: &str = "MAPSHIFT_CONFIG";
-/// Keys that differ by more edits than this are not taken for a slip of the pen.
+/// Keys that differ by more edits than this are not taken for a misspelling.
 const EDITS_MAX: usize = 5;
 
 /// The settings that a file gives.
@@ -42,7 +42,7 @@ pub enum SettingsFileError {
         /// Why.
         source: std::io::Error,
     },
-    /// It is no TOML.
+    /// It is not TOML.
     #[error("the settings file {} is not valid TOML", path.display())]
     Syntax {
         /// Where it is.
@@ -50,7 +50,7 @@ pub enum SettingsFileError {
         /// Why, with the place.
         source: toml::de::Error,
     },
-    /// A key or a value is none.
+    /// A key is unknown, or a value not valid.
     #[error("{}, line {line}: {what}", path.display())]
     Entry {
         /// Where the file is.
@@ -96,7 +96,7 @@ impl SettingsFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// If it cannot be read, or a key or value in it is none.
+    /// If it cannot be read, a key is unknown, or a value not valid.
     pub fn read(path: &Path) -> Result<Self, SettingsFileError> {
         let text = std::fs::read_to_string(path).map_err(|source| SettingsFileError::Read {
             path: path.to_path_buf(),

@@ -76,7 +76,7 @@ pub async fn back_up(data_dir: &Path, file: &Path) -> Result<(), StoreError> {
 /// What the database of a data directory holds. A service may hold the directory.
 ///
 /// # Errors
-/// [`StoreError`] if there is none.
+/// [`StoreError`] if there is no database.
 pub async fn contents(data_dir: &Path) -> Result<Contents, StoreError> {
     contents_of(&Database::in_directory(data_dir)).await
 }
@@ -84,7 +84,7 @@ pub async fn contents(data_dir: &Path) -> Result<Contents, StoreError> {
 /// What a backup holds.
 ///
 /// # Errors
-/// [`StoreError`] if the file is none.
+/// [`StoreError`] if the file is not a database of this service.
 pub async fn backup_contents(file: &Path) -> Result<Contents, StoreError> {
     contents_of(&Database::at(file)).await
 }

@@ -102,7 +102,7 @@ async fn what_was_acknowledged_before_a_backup_is_in_it() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_no_good_backup_is_not_restored() {
+async fn an_unsound_backup_is_not_restored() {
     let directory = TempDir::new().unwrap();
     let (data, file) = (directory.path().join("data"), directory.path().join("b.db"));
     let mut service = Process::start(&data);
@@ -130,7 +130,7 @@ async fn what_is_no_good_backup_is_not_restored() {
     assert!(!ended_well, "{text}");
     std::fs::write(&file, "not a database at all, whatever its name").unwrap();
     let (ended_well, text) = outcome(&restore(&file, &fresh, &[]));
-    assert!(!ended_well && text.contains("no database"), "{text}");
+    assert!(!ended_well && text.contains("not a database"), "{text}");
 
     std::fs::write(&file, &bytes).unwrap();
     let mut raw = SqliteConnectOptions::new()
