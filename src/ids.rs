@@ -172,7 +172,16 @@ uuid_type!(
     KeyId
 );
 
+/// 2000-01-01T00:00:00Z: no lidar with this service was driven before, nanoseconds.
+const SIMULATED_BEFORE_NS: i64 = 946_684_800_000_000_000;
+
 impl StampNs {
+    /// Whether it lies before 2000: by the clock of a simulation, which begins at 0, or by one that was
+    /// never set. Such a stamp says how long after another a scan was taken, and not when.
+    pub fn is_simulated(self) -> bool {
+        self.0 < SIMULATED_BEFORE_NS
+    }
+
     /// Seconds since the Unix epoch.
     pub fn seconds(self) -> f64 {
         self.0 as f64 * 1e-9

@@ -7,180 +7,27 @@ use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::access::Identity;
+use super::batch_upload::{BatchUpload, extensions_schema};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems, ScanUploadProblems};
-use super::types::PoseBody;
 use super::upload::{decompress, receive};
 use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
 use crate::ingest::batch_json;
 use crate::model::{BatchKind, BatchStatus};
-use crate::scan::BandView;
-use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch};
+use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch, OutOfRange};
 
 /// Batches that a list can be asked for by id.
 const IDS_MAX: usize = 200;
 const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
-
-/// A drive's scans, from the vehicle's one lidar or from several.
-#[derive(ToSchema)]
-#[schema(as = BatchUpload, example = json!({
-    "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
-    "lidar": {"angle_min": -0.0174533, "angle_increment": 0.0174533, "range_min": 0.05, "range_max": 20.0,
-              "mount": {"x": 0.2, "y": 0.0, "theta": 0.0}, "range_sigma": 0.01},
-    "initial_pose": {"x": 3.5, "y": 3.4, "theta": 0.02, "sigma_xy": 0.3, "sigma_theta": 0.1},
-    "scans": [{"stamp": "2026-11-20T06:00:00Z", "odometry": {"x": 0.0, "y": 0.0, "theta": 0.0}, "ranges": [1.92, null, 1.95]}]
-}))]
-#[allow(dead_code)]
-pub(super) struct BatchUpload {
-    /// Who drove.
-    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
-    vehicle_id: String,
-    /// Which drive: all its batches share one odometry frame.
-    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
-    trip_id: String,
-    /// 0, 1, 2 … within the trip.
-    #[schema(minimum = 0)]
-    sequence: u32,
-    /// The lidar's geometry, for all scans of the batch. A batch has either this or `lidars`.
-    lidar: Option<LidarBody>,
-    /// The lidars of a vehicle that has several; each scan names the one that took it. The first of
-    /// a trip's first batch takes the keyframes; scans of the others taken within 0.1 s of a
-    /// keyframe's are matched together with it, and all of them observe.
-    #[schema(min_items = 1, max_items = 8)]
-    lidars: Option<Vec<NamedLidarBody>>,
-    /// Where the first scan's base is in the map frame, roughly.
-    initial_pose: Option<InitialPoseBody>,
-    /// In the order of time. Of one lidar stamps increase strictly, and all scans have the same
-    /// number of beams; scans of different lidars may share a stamp. At most 4,000,000 beams.
-    #[schema(min_items = 1, max_items = 5000)]
-    scans: Vec<ScanUpload>,
-}
-
-/// A lidar's geometry, as in `sensor_msgs/LaserScan`; beam k looks along
-/// `angle_min + k · angle_increment` in the lidar frame.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Lidar)]
-pub(super) struct LidarBody {
-    /// Direction of the first beam, radians.
-    #[schema(minimum = -6.29, maximum = 6.29)]
-    pub angle_min: f64,
-    /// Direction of the last beam, radians; may be left out of uploads.
-    pub angle_max: Option<f64>,
-    /// Turn from a beam to the next, radians, positive.
-    #[schema(exclusive_minimum = 0.0, maximum = 0.79)]
-    pub angle_increment: f64,
-    /// Shorter ranges count as no return, metres.
-    #[schema(minimum = 0)]
-    pub range_min: f64,
-    /// Ranges of this length or longer count as no return, metres.
-    #[schema(exclusive_minimum = 0.0, maximum = 500)]
-    pub range_max: f64,
-    /// `base_from_lidar`; the base itself if left out.
-    pub mount: Option<PoseBody>,
-    /// Standard deviation of one range, metres; 0.01 if left out.
-    #[schema(exclusive_minimum = 0.0, maximum = 1)]
-    pub range_sigma: Option<f64>,
-    /// Time from a beam to the next, seconds; a scan's stamp is its first beam's. Where it is sent,
-    /// the motion of the vehicle during a scan is taken out of it.
-    #[schema(minimum = 0)]
-    pub time_increment: Option<f64>,
-    /// Time from a scan to the next, seconds. Without `time_increment` it is taken for one turn of
-    /// the lidar.
-    #[schema(minimum = 0, maximum = 2)]
-    pub scan_time: Option<f64>,
-    /// Of virtual scans, made of a cloud: the heights that they are made of.
-    pub band: Option<BandBody>,
-}
-
-/// A height band of the clouds of a 3D lidar. Scans of different bands are compared with their like
-/// alone; those of lidars without a band are a layer of their own. A beam without a return (null) says
-/// that the band is free; where it was not measured, send 0.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = HeightBand)]
-pub(super) struct BandBody {
-    /// Its lower end, metres above the floor.
-    #[schema(minimum = -1, maximum = 10)]
-    pub from: f64,
-    /// Its upper end, metres above the floor; at least 0.02 above the lower one.
-    #[schema(minimum = -1, maximum = 10)]
-    pub to: f64,
-    /// The lidar does not see enough of the band nearer than this to say that it is free: metres from
-    /// the lidar, along the floor; 0 if left out.
-    #[schema(minimum = 0, maximum = 500)]
-    pub clear_from: Option<f64>,
-    /// Nor farther away than this, metres; `range_max` if left out.
-    #[schema(exclusive_minimum = 0.0, maximum = 500)]
-    pub clear_to: Option<f64>,
-}
-
-impl From<BandView> for BandBody {
-    fn from(view: BandView) -> Self {
-        Self {
-            from: view.band.from_m,
-            to: view.band.to_m,
-            clear_from: Some(view.clear_from_m),
-            clear_to: Some(view.clear_to_m),
-        }
-    }
-}
-
-/// One of several lidars.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = NamedLidar)]
-pub(super) struct NamedLidarBody {
-    /// Chosen by the client, the same in every batch.
-    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", example = "rear")]
-    id: String,
-    #[serde(flatten)]
-    lidar: LidarBody,
-}
-
-/// A rough pose in the map frame.
-#[derive(ToSchema)]
-#[schema(as = InitialPose)]
-#[allow(dead_code)]
-struct InitialPoseBody {
-    /// Metres.
-    x: f64,
-    /// Metres.
-    y: f64,
-    /// Radians.
-    theta: f64,
-    /// Standard deviation of x and of y, metres; 0.5 if left out.
-    #[schema(exclusive_minimum = 0.0, maximum = 100)]
-    sigma_xy: Option<f64>,
-    /// Standard deviation of the heading, radians; 0.2 if left out.
-    #[schema(exclusive_minimum = 0.0, maximum = 3.15)]
-    sigma_theta: Option<f64>,
-}
-
-/// One sweep and where the vehicle took itself to be.
-#[derive(ToSchema)]
-#[allow(dead_code)]
-struct ScanUpload {
-    /// RFC 3339, between 2000 and 2100.
-    #[schema(format = DateTime)]
-    stamp: String,
-    /// Which of `lidars` took it; only in a batch with `lidars`, and required there.
-    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
-    lidar: Option<String>,
-    /// The base in the vehicle's own odometry frame; only differences are used.
-    odometry: PoseBody,
-    /// Metres; null is "no return" (REP-117), which is not evidence of free space.
-    #[schema(min_items = 1, max_items = 8192)]
-    ranges: Vec<Option<f64>>,
-    /// Taken and not used.
-    #[schema(max_items = 8192)]
-    intensities: Option<Vec<Option<f64>>>,
-}
 
 /// An upload and what became of it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -204,12 +51,22 @@ pub(super) struct BatchBody {
     /// Why it is there, for people.
     #[schema(required)]
     reason: Option<String>,
-    /// What was noticed: `clock_skew` (its clock is more than a day ahead; a trip that begins more
-    /// than a week ahead counts from its arrival, in the graph and in alerts), `empty_scans`, `gap`
+    /// What was noticed: `above_range_max` (readings that count as no return), `below_range_min`
+    /// (readings that say nothing), `clock_skew` (its clock is more than a day ahead; a trip that
+    /// begins more than a week ahead counts from its arrival, in the graph and in alerts),
+    /// `clockwise_scans` (their beams were put into counter-clockwise order), `empty_scans`, `gap`
     /// (batches before it never came), `late`, `map_mended` (with it a segment of the map was put
     /// right; a resolved `map_mismatch` says which), `not_localised` (at its end nobody knew where
-    /// the vehicle was), `wild_odometry`, …
+    /// the vehicle was), `simulated_time` (stamps before 2000: the trip counts from its arrival),
+    /// `wild_odometry`, …
     flags: Vec<String>,
+    /// Readings outside the range of their lidar; null for edges, and for batches that came in before
+    /// these were counted.
+    #[schema(required)]
+    out_of_range: Option<OutOfRangeBody>,
+    /// As it was sent; null if nothing was, or if the batch was erased.
+    #[schema(required, schema_with = extensions_schema)]
+    extensions: Option<Box<RawValue>>,
     /// Number of scans.
     scans: i64,
     /// Nodes it added to the graph.
@@ -224,6 +81,26 @@ pub(super) struct BatchBody {
     /// When it was last worked on.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     processed_at: Option<Timestamp>,
+}
+
+/// Readings of a batch outside the range of their lidar.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = OutOfRangeReadings)]
+struct OutOfRangeBody {
+    /// Of `range_max` or longer: they count as no return, as null does.
+    above_range_max: i64,
+    /// Below `range_min`, 0 and less included: they say nothing, neither that something is there nor
+    /// that nothing is.
+    below_range_min: i64,
+}
+
+impl From<OutOfRange> for OutOfRangeBody {
+    fn from(readings: OutOfRange) -> Self {
+        Self {
+            above_range_max: readings.above_range_max,
+            below_range_min: readings.below_range_min,
+        }
+    }
 }
 
 /// A part of a route's list of batches.
@@ -263,8 +140,11 @@ pub(super) struct BatchQuery {
 }
 
 impl BatchBody {
-    fn new(batch: BatchRecord, alerts: &[AlertId]) -> Self {
-        Self {
+    /// # Errors
+    /// The [`Problem`] that what the store has is no JSON.
+    fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, Problem> {
+        let extensions = batch.extensions.map(RawValue::from_string).transpose();
+        Ok(Self {
             id: batch.id.to_string(),
             route_id: batch.route_id.to_string(),
             vehicle_id: batch.vehicle_id.to_string(),
@@ -274,13 +154,15 @@ impl BatchBody {
             status: batch.status,
             reason: batch.reason,
             flags: batch.flags,
+            out_of_range: batch.out_of_range.map(OutOfRangeBody::from),
+            extensions: extensions.map_err(Problem::internal)?,
             scans: batch.scans,
             nodes_added: batch.nodes_added,
             loop_closures: batch.loop_closures,
             alerts: alerts.iter().map(ToString::to_string).collect(),
             received_at: batch.received_at,
             processed_at: batch.processed_at,
-        }
+        })
     }
 }
 
@@ -311,6 +193,7 @@ pub(super) async fn put_batch(
     let (route, batch) = (route_id.clone(), id.clone());
     let decode = move |body: Vec<u8>, received_at| {
         let batch = batch_json::decode(&body, received_at)?;
+        batch.ranges.check_units()?;
         identity.check_upload(&batch.vehicle_id)?;
         Ok(NewBatch {
             vehicle_id: batch.vehicle_id,
@@ -320,6 +203,11 @@ pub(super) async fn put_batch(
                 scans: batch.scans.len() as i64,
             },
             flags: batch.flags,
+            out_of_range: Some(OutOfRange {
+                above_range_max: batch.ranges.above_range_max as i64,
+                below_range_min: batch.ranges.below_range_min as i64,
+            }),
+            extensions: batch.extensions,
             route_id,
             id,
             body,
@@ -353,7 +241,7 @@ pub(super) async fn take_upload(
         Journaled::Stored => Vec::new(),
         _ => state.store.batch_alerts(&batch.route_id, &batch.id).await?,
     };
-    let batch = BatchBody::new(batch, &alerts);
+    let batch = BatchBody::new(batch, &alerts)?;
     Ok(if journaled == Journaled::Stored {
         let location = format!("/v1/routes/{}/batches/{}", batch.route_id, batch.id);
         let headers = [(header::LOCATION, location)];
@@ -437,7 +325,7 @@ pub(super) async fn known_batch(
     let batch = state.store.batch(route, id).await?;
     let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
     let alerts = state.store.batch_alerts(route, id).await?;
-    Ok(Json(BatchBody::new(batch, &alerts)))
+    BatchBody::new(batch, &alerts).map(Json)
 }
 
 /// The batches that a list is asked for by id.
@@ -500,24 +388,7 @@ pub(super) async fn list_batches(
         BatchBody::new(batch, alerts)
     };
     Ok(Json(BatchPage {
-        items: batches.into_iter().map(body).collect(),
+        items: batches.into_iter().map(body).collect::<Result<_, _>>()?,
         next_cursor,
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use utoipa::PartialSchema;
-
-    #[test]
-    fn the_documented_example_is_taken() {
-        let schema = serde_json::to_value(BatchUpload::schema()).unwrap();
-        let example = schema
-            .get("example")
-            .or_else(|| schema.pointer("/examples/0"));
-        let body = serde_json::to_vec(example.unwrap()).unwrap();
-        let batch = batch_json::decode(&body, Timestamp::now()).unwrap();
-        assert_eq!(batch.scans.len(), 1);
-    }
 }

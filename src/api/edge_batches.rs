@@ -4,11 +4,13 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use serde::Deserialize;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 
 use super::ApiState;
 use super::access::Identity;
+use super::batch_upload::extensions_schema;
 use super::batches::{BatchBody, take_upload};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, NoQuery};
@@ -22,7 +24,8 @@ use crate::model::EdgeKind;
 use crate::store::{BatchContent, NewBatch};
 
 /// Nodes and edges that a vehicle has measured itself.
-#[derive(ToSchema)]
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[schema(as = EdgeBatchUpload, example = json!({
     "vehicle_id": "agv-07", "trip_id": "2026-11-20-a",
     "nodes": [{"id": 0, "pose": {"x": 0.0, "y": 0.0, "theta": 0.0}, "stamp": "2026-11-20T06:00:00Z"},
@@ -44,10 +47,14 @@ pub(super) struct EdgeBatchUpload {
     /// New edges; with the nodes at least one.
     #[schema(max_items = 20000)]
     edges: Vec<EdgeUpload>,
+    /// For your own use: kept, and returned with the batch.
+    #[schema(schema_with = extensions_schema)]
+    extensions: Option<serde_json::Map<String, serde_json::Value>>,
 }
 
 /// A new node.
-#[derive(ToSchema)]
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct NodeUpload {
     /// What the vehicle calls it: a name or a whole number (7 and "7" are the same), that none of
@@ -57,13 +64,15 @@ struct NodeUpload {
     /// Where the vehicle takes itself to be. The first node of an empty map is put there; all
     /// others begin where the edges lead.
     pose: PoseBody,
-    /// RFC 3339, between 2000 and 2100; when the batch came in if left out.
+    /// RFC 3339, between 1970 and 2100; when the batch came in if left out, or if it lies before 2000
+    /// (the time of a simulation).
     #[schema(format = DateTime)]
     stamp: Option<String>,
 }
 
 /// A new edge.
-#[derive(ToSchema)]
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct EdgeUpload {
     /// A node of this batch, or of this or an earlier drive of the vehicle on this route, by the
@@ -139,6 +148,8 @@ pub(super) async fn put_edge_batch(
             trip_id: edges.trip_id.map_or_else(own_trip, Ok)?,
             content: BatchContent::Edges,
             flags: edges.flags,
+            out_of_range: None,
+            extensions: edges.extensions,
             route_id,
             id,
             body,

@@ -7,6 +7,7 @@
 mod access;
 mod alerts;
 mod audit;
+mod batch_upload;
 mod batches;
 mod client_address;
 mod documents;

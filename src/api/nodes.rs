@@ -7,7 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
-use super::batches::BandBody;
+use super::batch_upload::BandBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
 use super::parameters::{NodeParam, RouteParam};
@@ -82,7 +82,8 @@ pub(super) struct NodeScanBody {
     stamp: Timestamp,
     /// The lidar that took it.
     lidar: ScanLidarBody,
-    /// Metres along each beam, in the lidar frame; null is "no return".
+    /// Metres along each beam, in the lidar frame and counter-clockwise; null where there was no return,
+    /// or an invalid reading.
     ranges: Vec<Option<f64>>,
 }
 
@@ -96,7 +97,7 @@ struct ScanLidarBody {
     angle_max: f64,
     /// Turn from a beam to the next, radians.
     angle_increment: f64,
-    /// Shorter ranges counted as no return, metres.
+    /// Shorter ranges said nothing, metres.
     range_min: f64,
     /// Ranges of this length or longer counted as no return, metres.
     range_max: f64,

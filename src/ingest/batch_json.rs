@@ -2,6 +2,7 @@
 
 mod flags;
 mod lidars;
+mod ranges;
 mod raw;
 mod uploaded;
 mod validate;
@@ -11,9 +12,10 @@ use jiff::Timestamp;
 
 pub use super::body_error::{BatchBodyError, BatchProblem};
 pub(super) use flags::clock_flags;
+pub use ranges::RangeCounts;
 pub(super) use raw::Pose;
 pub use uploaded::{BEAMS_TOTAL_MAX, COORDINATE_MAX_M, LIDARS_MAX, SCANS_MAX, UploadedBatch};
-pub(super) use values::{HEADING_MAX_RAD, stamp};
+pub(super) use values::HEADING_MAX_RAD;
 
 use super::json::{Object, from_json};
 
@@ -27,5 +29,7 @@ pub fn decode(body: &[u8], received_at: Timestamp) -> Result<UploadedBatch, Batc
     validate::batch(raw, received_at)
 }
 
+#[cfg(test)]
+mod intake_tests;
 #[cfg(test)]
 mod tests;

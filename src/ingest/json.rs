@@ -35,7 +35,8 @@ pub struct JsonError {
     pub detail: String,
 }
 
-/// Reads one JSON document. The type bounds the depth by refusing unknown fields.
+/// Reads one JSON document. The type bounds the depth by refusing unknown fields; what it keeps as raw
+/// text is read without recursion.
 ///
 /// # Errors
 /// [`JsonError`] with the place of the first mistake.
@@ -59,7 +60,7 @@ fn explain<T: DeserializeOwned>(body: &[u8]) -> JsonError {
     if let Err(error) = std::str::from_utf8(body) {
         return malformed(format!("the body is not UTF-8: {error}"));
     }
-    if is_too_deep(body) {
+    if depth(body) > DEPTH_MAX {
         return malformed(format!("the document nests deeper than {DEPTH_MAX}"));
     }
     let mut deserializer = serde_json::Deserializer::from_slice(body);
@@ -90,8 +91,9 @@ fn explain<T: DeserializeOwned>(body: &[u8]) -> JsonError {
     }
 }
 
-fn is_too_deep(body: &[u8]) -> bool {
-    let (mut depth, mut in_string, mut escaped) = (0_usize, false, false);
+/// How deep arrays and objects nest.
+pub(super) fn depth(body: &[u8]) -> usize {
+    let (mut depth, mut deepest, mut in_string, mut escaped) = (0_usize, 0, false, false);
     for byte in body {
         match byte {
             _ if escaped => escaped = false,
@@ -101,11 +103,9 @@ fn is_too_deep(body: &[u8]) -> bool {
             b']' | b'}' if !in_string => depth = depth.saturating_sub(1),
             _ => {}
         }
-        if depth > DEPTH_MAX {
-            return true;
-        }
+        deepest = deepest.max(depth);
     }
-    false
+    deepest
 }
 
 /// The JavaScript number literal that the parser stumbled over, if it is one.

@@ -12,10 +12,13 @@ pub mod json;
 mod body_error;
 mod carmen;
 mod carmen_line;
+mod extensions;
 mod route_recording;
+mod stamp;
 
 pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
 pub use carmen_line::SkipReason;
+pub use extensions::{EXTENSIONS_BYTES_MAX, EXTENSIONS_DEPTH_MAX};
 pub use route_recording::{
     RecordedAlert, RecordedGrid, RecordedKeyframe, RecordedScan, RecordingError, RouteRecording,
 };

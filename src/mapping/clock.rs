@@ -11,6 +11,7 @@ use super::route_map::RouteMap;
 use crate::calibration::{Corrections, DrivenPose, OdometryTrack, clock_offset_s};
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId};
+use crate::scan::SweepOrder;
 
 /// So many of a trip's newest keyframes say what the offset is.
 const KEYFRAMES_MAX: usize = 400;
@@ -77,22 +78,26 @@ impl TripClock {
     pub fn corrected(&self, scan: &DriveScan) -> DriveScan {
         let at = self.corrects().then(|| self.at(scan.stamp)).flatten();
         let swept = self.motion_during(scan);
+        let order = match scan.beam_interval_s < 0.0 {
+            true => SweepOrder::LastBeamFirst,
+            false => SweepOrder::FirstBeamFirst,
+        };
         DriveScan {
             odom_from_base: at.unwrap_or(scan.odom_from_base),
             scan: swept.map_or_else(
                 || scan.scan.clone(),
-                |motion| scan.scan.undistorted(&motion),
+                |motion| scan.scan.undistorted(&motion, order),
             ),
             lidar: scan.lidar.clone(),
             ..*scan
         }
     }
 
-    /// The motion from the first beam of a scan to the last; after the last odometry as fast as
+    /// The motion while the beams of a scan are taken; after the last odometry as fast as
     /// before it. `None` if no time passes between beams.
     fn motion_during(&self, scan: &DriveScan) -> Option<Pose2> {
         let beams = scan.scan.beam_count().saturating_sub(1);
-        let sweep_ns = (1e9 * scan.beam_interval_s * beams as f64) as i64;
+        let sweep_ns = (1e9 * scan.beam_interval_s.abs() * beams as f64) as i64;
         if sweep_ns == 0 || !self.is_in_order {
             return None;
         }

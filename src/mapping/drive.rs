@@ -35,8 +35,8 @@ pub struct DriveScan {
     pub stamp: StampNs,
     /// Pose of the base in the vehicle's own odometry frame.
     pub odom_from_base: Pose2,
-    /// From one beam to the next, seconds; the stamp is the first one's. 0 for a lidar that is taken
-    /// to see everything at once.
+    /// From one beam to the next, seconds; below 0 if the last beam is taken first. The stamp is that
+    /// of the beam that is taken first. 0 for a lidar that is taken to see everything at once.
     pub beam_interval_s: f64,
     /// Which lidar took it.
     pub lidar: LidarOfVehicle,

@@ -57,5 +57,13 @@ text_enum! {
         NotLocalised = "not_localised",
         /// The odometry is faster than any vehicle.
         WildOdometry = "wild_odometry",
+        /// Readings of `range_max` or longer, which count as no return.
+        AboveRangeMax = "above_range_max",
+        /// Readings below `range_min`, which say nothing.
+        BelowRangeMin = "below_range_min",
+        /// Scans were taken clockwise; their beams were put into counter-clockwise order.
+        ClockwiseScans = "clockwise_scans",
+        /// Stamps before 2000, of a simulation or of a clock that was never set.
+        SimulatedTime = "simulated_time",
     }
 }

@@ -5,6 +5,11 @@
 //! have seen since as if it were old; so the trips of both count from when they arrived. What was
 //! uploaded late is not what a clock that is behind stamped: that is known of a vehicle whose trip
 //! before arrived as it was driven.
+//!
+//! A simulation's clock begins at 0, as that of a vehicle does that was never set. Such a trip counts
+//! from when it arrived, behind all that the map has by then: of a simulation that is faster than the
+//! clock on the wall, and of the next one that begins at 0 again, trips stay in the order in which they
+//! came.
 
 use jiff::Timestamp;
 
@@ -81,16 +86,51 @@ pub(super) fn clock_ahead_ns(
     if ahead_ns <= AHEAD_MAX_NS {
         return 0;
     }
+    match newest_of_others(map, trip, first.stamp.0) {
+        Some(before) => ahead_ns.min(first.stamp.0 - before - GAP_NS).max(0),
+        None => ahead_ns,
+    }
+}
+
+/// What is to be taken from the simulated stamps of a trip that begins with these scans, nanoseconds,
+/// below 0; `None` if its stamps are times.
+pub(super) fn simulated_ahead_ns(
+    scans: &[DriveScan],
+    received_at: Timestamp,
+    map: &RouteMap,
+    trip: &TripId,
+) -> Option<i64> {
+    let simulated = || scans.iter().filter(|scan| scan.stamp.is_simulated());
+    let (first, last) = simulated().next().zip(simulated().next_back())?;
+    let begun_ns = nanoseconds(received_at).saturating_sub(last.stamp.0 - first.stamp.0);
+    let after_others_ns = newest_of_others(map, trip, i64::MAX)
+        .map_or(i64::MIN, |newest_ns| newest_ns.saturating_add(GAP_NS));
+    Some(first.stamp.0 - begun_ns.max(after_others_ns))
+}
+
+/// Whether a trip began with simulated stamps, by what is taken from them: no other clock is believed
+/// to be that far behind.
+pub(super) fn began_simulated(clock_ahead_ns: i64) -> bool {
+    clock_ahead_ns < -BEHIND_MAX_NS
+}
+
+/// What is taken from a stamp of a trip, nanoseconds. A clock that was set in the middle of a trip is
+/// believed from then on.
+pub(super) fn taken_from_ns(stamp: StampNs, clock_ahead_ns: i64) -> i64 {
+    match began_simulated(clock_ahead_ns) && !stamp.is_simulated() {
+        true => 0,
+        false => clock_ahead_ns,
+    }
+}
+
+/// The newest stamp before another of the scans of other trips, nanoseconds.
+fn newest_of_others(map: &RouteMap, trip: &TripId, before_ns: i64) -> Option<i64> {
     let others = map.keyframes().iter().filter(|other| other.trip != *trip);
     let stamps = others.flat_map(|other| {
         let behind = other.intermediate.iter().map(|scan| scan.stamp.0);
         behind.chain([other.stamp.0])
     });
-    let before = stamps.filter(|stamp| *stamp < first.stamp.0).max();
-    match before {
-        Some(before) => ahead_ns.min(first.stamp.0 - before - GAP_NS).max(0),
-        None => ahead_ns,
-    }
+    stamps.filter(|stamp| *stamp < before_ns).max()
 }
 
 #[cfg(test)]

@@ -5,7 +5,9 @@ use jiff::Timestamp;
 
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
-use super::clock::{clock_ahead_ns, clock_behind_ns};
+use super::clock::{
+    began_simulated, clock_ahead_ns, clock_behind_ns, simulated_ahead_ns, taken_from_ns,
+};
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
 use super::result::{
@@ -28,6 +30,10 @@ use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart, UploadLag};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
+
+/// Why scans are kept out that cannot be put in the order of time with those of their trip.
+const CLOCK_FELL_BACK: &str = "the stamps are before 2000, those of the trip before are not: after a \
+                               simulation or a vehicle's clock has started anew, begin a new trip";
 
 /// What is known of a job's trip.
 pub(super) enum Known {
@@ -69,6 +75,14 @@ pub(super) fn process(
     let received_at = job.entries[0].batch.received_at;
     let mut drive = join(&drives);
     let start = trip_start(&workspace, &vehicle, &drive, received_at, known);
+    let has_simulated = drive.scans.iter().any(|scan| scan.stamp.is_simulated());
+    if has_simulated && !began_simulated(start.clock_ahead_ns) {
+        let newest = &origins[origins.len() - 1..];
+        return Ok(Processed::Refused(Refusal {
+            outcomes: kept_out(newest, BatchStatus::Quarantined, CLOCK_FELL_BACK),
+            origins,
+        }));
+    }
     for drive in drives.iter_mut().chain([&mut drive]) {
         set_back(drive, start.clock_ahead_ns);
     }
@@ -97,7 +111,8 @@ pub(super) fn process(
         }
         Err(error) => return Err(error.into()),
     };
-    if begins && start.clock_ahead_ns < 0 {
+    let is_behind = start.clock_ahead_ns < 0 && !began_simulated(start.clock_ahead_ns);
+    if begins && is_behind {
         let flag = BatchFlag::ClockSkew.name().to_owned();
         outcomes[0].flags.push(flag);
     }
@@ -134,7 +149,7 @@ fn guarded(workspace: &Workspace, trip: &TripId) -> Option<PosesBefore> {
 }
 
 /// What is corrected of a trip, and by its clock. A map by the paper's rule corrects nothing: it is what
-/// the paper would make of what was sent.
+/// the paper would make of what was sent; only simulated stamps become times there too.
 fn trip_start(
     workspace: &Workspace,
     vehicle: &VehicleId,
@@ -143,6 +158,8 @@ fn trip_start(
     known: &Known,
 ) -> TripStart {
     let ends = drive.scans.first().zip(drive.scans.last());
+    let (map, trip) = (&workspace.map, &drive.trip);
+    let simulated_ns = simulated_ahead_ns(&drive.scans, received_at, map, trip);
     match (known, ends) {
         (Known::Decided(start), _) => start.clone(),
         (
@@ -152,9 +169,10 @@ fn trip_start(
             },
             Some((first, last)),
         ) if workspace.detector == Detector::Fused => {
-            let (map, trip) = (&workspace.map, &drive.trip);
-            let clock_ahead_ns = clock_ahead_ns(&drive.scans, received_at, map, trip)
-                - clock_behind_ns([first.stamp, last.stamp], received_at, uploads);
+            let clock_ahead_ns = simulated_ns.unwrap_or_else(|| {
+                clock_ahead_ns(&drive.scans, received_at, map, trip)
+                    - clock_behind_ns([first.stamp, last.stamp], received_at, uploads)
+            });
             let begins = (trip, StampNs(first.stamp.0 - clock_ahead_ns));
             let primary = primary_of(drive);
             let calibrations = &workspace.calibrations;
@@ -163,14 +181,17 @@ fn trip_start(
                 clock_ahead_ns,
             }
         }
-        _ => TripStart::default(),
+        _ => TripStart {
+            clock_ahead_ns: simulated_ns.unwrap_or(0),
+            ..TripStart::default()
+        },
     }
 }
 
 /// Takes from a drive's stamps what its clock is ahead, or gives them what it is behind.
 fn set_back(drive: &mut Drive, clock_ahead_ns: i64) {
     for scan in &mut drive.scans {
-        scan.stamp.0 -= clock_ahead_ns;
+        scan.stamp.0 -= taken_from_ns(scan.stamp, clock_ahead_ns);
     }
 }
 

@@ -47,7 +47,9 @@ pub enum ScanError {
     #[error("a scan has 1 to {BEAMS_MAX} beams, this one has {0}")]
     BeamCount(usize),
     /// The beams go round more than once.
-    #[error("{beams} beams cover {covered_deg:.0}°, more than one turn: is angle_increment right?")]
+    #[error(
+        "{beams} beams cover {covered_deg:.0}°, more than one turn: is angle_increment right, or did you send degrees?"
+    )]
     MoreThanOneTurn {
         /// Beams sent.
         beams: usize,

@@ -39,9 +39,9 @@ pub enum LidarError {
     /// `angle_min` is not an angle.
     #[error("angle_min {0} is not within ±2π: did you send degrees?")]
     AngleMin(f64),
-    /// `angle_increment` is not a small positive angle.
+    /// `angle_increment` is not a small angle.
     #[error(
-        "angle_increment {0} is not within [{ANGLE_INCREMENT_MIN_RAD}, π/4]: did you send degrees, or is the scan clockwise?"
+        "angle_increment {0} is not within [{ANGLE_INCREMENT_MIN_RAD}, π/4], nor the same below 0 for a lidar that scans clockwise: did you send degrees?"
     )]
     AngleIncrement(f64),
     /// `range_min` is negative or not below `range_max`.
@@ -96,6 +96,20 @@ impl Lidar {
         }
         self.band.map(BandView::validated).transpose()?;
         Ok(self)
+    }
+
+    /// The lidar whose first beam is the last of so many that this one takes clockwise, beginning at
+    /// `angle_min_rad`: the same beams from the other end.
+    #[must_use]
+    pub fn from_clockwise(self, beams: usize) -> Self {
+        use std::f64::consts::{PI, TAU};
+        let covered_rad = beams.saturating_sub(1) as f64 * self.angle_increment_rad;
+        let last_rad = self.angle_min_rad - covered_rad;
+        let turn_rad = if last_rad < -PI { TAU } else { 0.0 };
+        Self {
+            angle_min_rad: last_rad + turn_rad,
+            ..self
+        }
     }
 
     /// Direction of a beam, radians, lidar frame.
@@ -169,6 +183,25 @@ mod tests {
                 let (sin, cos) = lidar.beam_angle_rad(beam).sin_cos();
                 assert!(
                     (direction - Vector2::new(cos, sin)).norm() < 1e-15,
+                    "{beam}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn clockwise_beams_are_the_same_from_the_other_end() {
+        for (first_rad, beams) in [(1.5, 301), (-3.1, 628), (-0.2, 2), (0.0, 1)] {
+            let clockwise = Lidar {
+                angle_min_rad: first_rad,
+                ..good()
+            };
+            let flipped = clockwise.clone().from_clockwise(beams).validated().unwrap();
+            for beam in 0..beams {
+                let sent_rad = first_rad - beam as f64 * clockwise.angle_increment_rad;
+                let apart_rad = flipped.beam_angle_rad(beams - 1 - beam) - sent_rad;
+                assert!(
+                    crate::geometry::wrap_angle(apart_rad).abs() < 1e-12,
                     "{beam}"
                 );
             }

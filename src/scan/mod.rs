@@ -21,3 +21,4 @@ pub use laser_scan::{INVALID_TICK, LaserScan, NO_RETURN_TICK, Reading, ScanError
 pub use lidar::{Lidar, LidarError, RANGE_SIGMA_DEFAULT_M};
 pub use limits::{BEAMS_MAX, RANGE_MAX_M};
 pub use points::{SurfacePoint, surface_points};
+pub use undistort::SweepOrder;

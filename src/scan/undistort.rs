@@ -14,8 +14,17 @@ const SURFACE_SHARE: f64 = 0.1;
 /// … than this, metres, lies a surface.
 const SURFACE_M: f64 = 0.1;
 
-/// A beam after the motion was taken out: the direction it truly had, seen from where the first beam
-/// was taken, and what it met.
+/// In which order the beams of a sweep are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SweepOrder {
+    /// Counter-clockwise.
+    FirstBeamFirst,
+    /// Clockwise.
+    LastBeamFirst,
+}
+
+/// A beam after the motion was taken out: the direction it truly had, seen from where the sweep
+/// began, and what it met.
 #[derive(Clone, Copy)]
 struct Turned {
     direction_rad: f64,
@@ -23,21 +32,21 @@ struct Turned {
 }
 
 impl LaserScan {
-    /// What a lidar would have seen at the moment of the first beam, if the base moved by
-    /// `start_from_end` between the first beam and the last, at one speed.
+    /// What a lidar would have seen at the moment when the sweep began, if the base moved by
+    /// `start_from_end` until it ended, at one speed.
     ///
     /// The end of every beam is moved to where it lies in the frame of that moment, and the beams of
     /// the result are read off between their neighbours there. Directions that no beam looked into
     /// say nothing. A lidar that turns faster than it scans is left as it is.
     #[must_use]
-    pub fn undistorted(&self, start_from_end: &Pose2) -> Self {
+    pub fn undistorted(&self, start_from_end: &Pose2, order: SweepOrder) -> Self {
         let moved_m = start_from_end.translation().norm();
         let is_standing = moved_m < STANDING_M && start_from_end.theta.abs() < STANDING_RAD;
         let beams = self.beam_count();
         if is_standing || beams < 2 {
             return self.clone();
         }
-        let turned = self.turned(start_from_end);
+        let turned = self.turned(start_from_end, order);
         if !turned.is_sorted_by(|a, b| a.direction_rad < b.direction_rad) {
             return self.clone();
         }
@@ -58,13 +67,17 @@ impl LaserScan {
         Self::from_ticks(lidar.clone(), ticks).unwrap_or_else(|_| self.clone())
     }
 
-    fn turned(&self, start_from_end: &Pose2) -> Vec<Turned> {
+    fn turned(&self, start_from_end: &Pose2, order: SweepOrder) -> Vec<Turned> {
         let lidar = self.lidar();
         let twist = start_from_end.log();
         let beams = self.beam_count();
         let lidar_from_base = lidar.mount.inverse();
         let turned = (0..beams).map(|beam| {
-            let share = beam as f64 / (beams - 1) as f64;
+            let before = match order {
+                SweepOrder::FirstBeamFirst => beam,
+                SweepOrder::LastBeamFirst => beams - 1 - beam,
+            };
+            let share = before as f64 / (beams - 1) as f64;
             let start_from_base = Pose2::exp(&(share * twist));
             let start_from_lidar = lidar_from_base
                 .compose(&start_from_base)
@@ -131,6 +144,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::super::Lidar;
+    use super::SweepOrder::{FirstBeamFirst, LastBeamFirst};
     use super::*;
     use crate::observation::testing::World;
 
@@ -147,11 +161,24 @@ mod tests {
         Arc::new(Lidar { mount, ..lidar })
     }
 
-    /// The sweep of a base that moves by `start_from_end` meanwhile.
+    /// The counter-clockwise sweep of a base that moves by `start_from_end` meanwhile.
     fn swept(lidar: &Arc<Lidar>, beams: usize, start_from_end: &Pose2) -> LaserScan {
+        swept_in(FirstBeamFirst, lidar, beams, start_from_end)
+    }
+
+    fn swept_in(
+        order: SweepOrder,
+        lidar: &Arc<Lidar>,
+        beams: usize,
+        start_from_end: &Pose2,
+    ) -> LaserScan {
         let twist = start_from_end.log();
         let ranges = (0..beams).map(|beam| {
-            let share = beam as f64 / (beams - 1) as f64;
+            let along = beam as f64 / (beams - 1) as f64;
+            let share = match order {
+                FirstBeamFirst => along,
+                LastBeamFirst => 1.0 - along,
+            };
             let eye = Pose2::exp(&(share * twist)).compose(&lidar.mount);
             room().range_m(&eye.translation(), eye.theta + lidar.beam_angle_rad(beam))
         });
@@ -175,14 +202,16 @@ mod tests {
                 Pose2::new(0.1, 0.02, 0.1),
                 Pose2::new(0.0, 0.0, -0.12),
             ] {
-                let raw = swept(&lidar, beams, &motion);
-                let mended = raw.undistorted(&motion);
-                let (before, after) = (errors_m(&raw, &standing), errors_m(&mended, &standing));
-                // Edges apart, which a beam may pass on either side.
-                let worst = |errors: &[f64]| errors[errors.len() * 95 / 100];
-                assert!(worst(&after) < 0.012, "{motion:?}: {}", worst(&after));
-                assert!(worst(&before) > 5.0 * worst(&after), "{motion:?}");
-                assert!(after.len() * 100 > beams * 93, "{} of {beams}", after.len());
+                for order in [FirstBeamFirst, LastBeamFirst] {
+                    let raw = swept_in(order, &lidar, beams, &motion);
+                    let mended = raw.undistorted(&motion, order);
+                    let (before, after) = (errors_m(&raw, &standing), errors_m(&mended, &standing));
+                    // Edges apart, which a beam may pass on either side.
+                    let worst = |errors: &[f64]| errors[errors.len() * 95 / 100];
+                    assert!(worst(&after) < 0.012, "{motion:?}: {}", worst(&after));
+                    assert!(worst(&before) > 5.0 * worst(&after), "{motion:?}");
+                    assert!(after.len() * 100 > beams * 93, "{} of {beams}", after.len());
+                }
             }
         }
     }
@@ -191,7 +220,7 @@ mod tests {
     fn what_no_beam_looked_at_says_nothing() {
         let lidar = lidar(3.1, 361);
         let motion = Pose2::new(0.0, 0.0, -0.2);
-        let mended = swept(&lidar, 361, &motion).undistorted(&motion);
+        let mended = swept(&lidar, 361, &motion).undistorted(&motion, FirstBeamFirst);
         // The last beams looked 0.2 rad less far to the left.
         let unseen = (0..361).filter(|beam| mended.reading(*beam) == Reading::Invalid);
         let unseen: Vec<usize> = unseen.collect();
@@ -203,15 +232,20 @@ mod tests {
     fn who_stands_or_spins_is_left_alone() {
         let lidar = lidar(TAU, 360);
         let scan = swept(&lidar, 360, &Pose2::IDENTITY);
-        assert_eq!(scan.undistorted(&Pose2::new(5e-4, 0.0, 1e-4)), scan);
+        assert_eq!(
+            scan.undistorted(&Pose2::new(5e-4, 0.0, 1e-4), FirstBeamFirst),
+            scan
+        );
         // Turning against the sweep faster than it goes on.
         assert_eq!(
-            scan.undistorted(&Pose2::new(0.0, 0.0, -3.1)).beam_count(),
+            scan.undistorted(&Pose2::new(0.0, 0.0, -3.1), FirstBeamFirst)
+                .beam_count(),
             360
         );
         let none = LaserScan::new(lidar, vec![None; 360]).unwrap();
         assert_eq!(
-            none.undistorted(&Pose2::new(0.1, 0.0, 0.1)).return_count(),
+            none.undistorted(&Pose2::new(0.1, 0.0, 0.1), FirstBeamFirst)
+                .return_count(),
             0
         );
     }

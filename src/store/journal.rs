@@ -6,7 +6,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 use super::body::{SealedBody, unseal};
 use super::columns::{flags_text, json_text, micros, name, optional_time, parse_flags, text, time};
 use super::error::{Corruption, StoreError};
-use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch};
+use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch, OutOfRange};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
 use super::{Store, body, named, news, outcome};
@@ -76,7 +76,7 @@ macro_rules! select_batches {
     ($columns:literal, $rest:literal) => {
         concat!(
             "SELECT routes.id AS route_id, batches.id, vehicle_id, trip_id, kind, sequence, status, \
-             reason, flags, batches.scans, nodes_added, batches.loop_closures, received_at_us, \
+             reason, flags, above_range_max, below_range_min, extensions, batches.scans, nodes_added, batches.loop_closures, received_at_us, \
              processed_at_us",
             $columns,
             " FROM batches JOIN routes USING (route_key) ",
@@ -190,8 +190,9 @@ impl Journal {
         let batch = &self.batch;
         let batch_key = sqlx::query_scalar(
             "INSERT INTO batches (route_key, id, vehicle_id, trip_id, kind, sequence, status, \
-             reason, flags, scans, body_sha256, body_bytes, received_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
+             reason, flags, above_range_max, below_range_min, extensions, scans, body_sha256, \
+             body_bytes, received_at_us) \
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
         )
         .bind(route_key)
         .bind(batch.id.as_str())
@@ -202,6 +203,9 @@ impl Journal {
         .bind(placement.status.name())
         .bind(placement.reason.as_deref())
         .bind(flags_text(&batch.flags))
+        .bind(batch.out_of_range.map(|readings| readings.above_range_max))
+        .bind(batch.out_of_range.map(|readings| readings.below_range_min))
+        .bind(batch.extensions.as_deref())
         .bind(batch.content.scans())
         .bind(self.body.sha256.as_slice())
         .bind(self.body.bytes)
@@ -313,10 +317,24 @@ fn batch_of(row: &SqliteRow) -> Result<BatchRecord, StoreError> {
         status: text(row, "status")?,
         reason: row.try_get("reason")?,
         flags: parse_flags(row.try_get("flags")?)?,
+        out_of_range: out_of_range(row)?,
+        extensions: row.try_get("extensions")?,
         scans: row.try_get("scans")?,
         nodes_added: row.try_get("nodes_added")?,
         loop_closures: row.try_get("loop_closures")?,
         received_at: time(row, "received_at_us")?,
         processed_at: optional_time(row, "processed_at_us")?,
     })
+}
+
+fn out_of_range(row: &SqliteRow) -> Result<Option<OutOfRange>, StoreError> {
+    let above: Option<i64> = row.try_get("above_range_max")?;
+    let below: Option<i64> = row.try_get("below_range_min")?;
+    let readings = above.zip(below);
+    Ok(
+        readings.map(|(above_range_max, below_range_min)| OutOfRange {
+            above_range_max,
+            below_range_min,
+        }),
+    )
 }

@@ -164,10 +164,23 @@ pub struct NewBatch {
     pub content: BatchContent,
     /// What was noticed while it was validated.
     pub flags: Vec<String>,
+    /// Readings outside the lidars' ranges; `None` of edges.
+    pub out_of_range: Option<OutOfRange>,
+    /// A JSON object of the sender's own, as its text.
+    pub extensions: Option<String>,
     /// The decompressed body as it was sent.
     pub body: Vec<u8>,
     /// When it came in.
     pub received_at: Timestamp,
+}
+
+/// Readings of an upload outside the ranges of its lidars.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OutOfRange {
+    /// Of `range_max` or longer: they count as no return.
+    pub above_range_max: i64,
+    /// Below `range_min`: they say nothing.
+    pub below_range_min: i64,
 }
 
 /// What an upload holds, and its place in its trip.
@@ -234,6 +247,10 @@ pub struct BatchRecord {
     pub reason: Option<String>,
     /// What was noticed.
     pub flags: Vec<String>,
+    /// Readings outside the lidars' ranges; `None` of edges, and where they were not counted.
+    pub out_of_range: Option<OutOfRange>,
+    /// A JSON object of the sender's own, as its text.
+    pub extensions: Option<String>,
     /// Number of scans.
     pub scans: i64,
     /// Nodes it added.

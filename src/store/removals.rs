@@ -163,7 +163,8 @@ impl ApplyRemoval {
         let removal = &self.0;
         let rows = sqlx::query(
             "UPDATE batches SET status = $1, reason = $2, nodes_added = 0, loop_closures = 0, \
-                 nodes_at_try = NULL, processed_at_us = $3, body_kept = body_kept AND NOT $4 \
+                 nodes_at_try = NULL, processed_at_us = $3, body_kept = body_kept AND NOT $4, \
+                 extensions = CASE WHEN $4 THEN NULL ELSE extensions END \
              WHERE route_key = $5 AND id IN (SELECT value FROM json_each($6)) \
              RETURNING batch_key, trip_id, sequence",
         )

@@ -108,6 +108,8 @@ fn batch(route: &RouteId, now: Timestamp) -> NewBatch {
             scans: 3,
         },
         flags: Vec::new(),
+        out_of_range: None,
+        extensions: None,
         body: crate::body::batch(0, 3).to_string().into_bytes(),
         received_at: now,
     }

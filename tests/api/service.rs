@@ -168,6 +168,8 @@ async fn store_map(
             scans: 3,
         },
         flags: Vec::new(),
+        out_of_range: None,
+        extensions: None,
         body,
         received_at: now,
     };

@@ -164,6 +164,8 @@ pub fn upload(id: &str, trip: &str, sequence: i64) -> NewBatch {
         trip_id: TripId::new(trip).unwrap(),
         content: BatchContent::Scans { sequence, scans: 3 },
         flags: vec!["noted".to_owned()],
+        out_of_range: None,
+        extensions: None,
         body: id.as_bytes().to_vec(),
         received_at: at(0),
     }

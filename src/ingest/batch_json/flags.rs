@@ -2,6 +2,8 @@
 
 use jiff::Timestamp;
 
+use super::ranges::RangeCounts;
+use crate::ids::StampNs;
 use crate::mapping::DriveScan;
 use crate::model::BatchFlag;
 
@@ -13,42 +15,59 @@ const SKEW_MAX_NS: i128 = 24 * 3_600 * 1_000_000_000;
 const LATE_MIN_NS: i128 = 30 * SKEW_MAX_NS;
 
 /// The flags in alphabetical order.
-pub(super) fn flags(scans: &[DriveScan], received_at: Timestamp) -> Vec<String> {
-    let age_ns = |scan: &DriveScan| received_at.as_nanosecond() - i128::from(scan.stamp.0);
-    let flags = [
-        (
-            BatchFlag::ClockSkew,
-            scans.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
-        ),
+pub(super) fn flags(
+    scans: &[DriveScan],
+    received_at: Timestamp,
+    ranges: &RangeCounts,
+    has_clockwise: bool,
+) -> Vec<String> {
+    let stamps = scans.iter().map(|scan| scan.stamp);
+    let mut flags = raised_by_clock(stamps, received_at);
+    let others = [
+        (BatchFlag::AboveRangeMax, ranges.above_range_max > 0),
+        (BatchFlag::BelowRangeMin, ranges.below_range_min > 0),
+        (BatchFlag::ClockwiseScans, has_clockwise),
         (
             BatchFlag::EmptyScans,
             scans.iter().any(|s| s.scan.return_count() == 0),
         ),
-        (
-            BatchFlag::Late,
-            scans.iter().any(|s| age_ns(s) > LATE_MIN_NS),
-        ),
         (BatchFlag::WildOdometry, scans.windows(2).any(is_wild)),
     ];
-    let raised = flags.iter().filter(|(_, raised)| *raised);
-    raised.map(|(flag, _)| flag.name().to_owned()).collect()
+    flags.extend(others.iter().filter(|(_, raised)| *raised).map(|(f, _)| *f));
+    names(flags)
 }
 
 /// Those of them that stamps alone raise.
-pub(in crate::ingest) fn clock_flags(stamps: &[Timestamp], received_at: Timestamp) -> Vec<String> {
-    let age_ns = |stamp: &Timestamp| received_at.as_nanosecond() - stamp.as_nanosecond();
+pub(in crate::ingest) fn clock_flags(stamps: &[StampNs], received_at: Timestamp) -> Vec<String> {
+    names(raised_by_clock(stamps.iter().copied(), received_at))
+}
+
+/// A simulated time is neither early nor late.
+fn raised_by_clock(
+    stamps: impl Iterator<Item = StampNs> + Clone,
+    received_at: Timestamp,
+) -> Vec<BatchFlag> {
+    let age_ns = |stamp: StampNs| received_at.as_nanosecond() - i128::from(stamp.0);
+    let mut real = stamps.clone().filter(|stamp| !stamp.is_simulated());
     let flags = [
         (
             BatchFlag::ClockSkew,
-            stamps.iter().any(|s| age_ns(s) < -SKEW_MAX_NS),
+            real.clone().any(|s| age_ns(s) < -SKEW_MAX_NS),
         ),
+        (BatchFlag::Late, real.any(|s| age_ns(s) > LATE_MIN_NS)),
         (
-            BatchFlag::Late,
-            stamps.iter().any(|s| age_ns(s) > LATE_MIN_NS),
+            BatchFlag::SimulatedTime,
+            stamps.into_iter().any(StampNs::is_simulated),
         ),
     ];
-    let raised = flags.iter().filter(|(_, raised)| *raised);
-    raised.map(|(flag, _)| flag.name().to_owned()).collect()
+    let raised = flags.into_iter().filter(|(_, raised)| *raised);
+    raised.map(|(flag, _)| flag).collect()
+}
+
+fn names(flags: Vec<BatchFlag>) -> Vec<String> {
+    let mut names: Vec<String> = flags.iter().map(|flag| flag.name().to_owned()).collect();
+    names.sort_unstable();
+    names
 }
 
 fn is_wild(pair: &[DriveScan]) -> bool {

@@ -22,7 +22,9 @@ const SCAN_TIME_SLACK: f64 = 1.05;
 pub(super) struct StatedLidar {
     pointer: String,
     which: LidarOfVehicle,
-    geometry: Arc<Lidar>,
+    /// Of a clockwise one `angle_min_rad` is the first beam's, and the beams go down from it.
+    geometry: Lidar,
+    is_clockwise: bool,
     angle_max_rad: Option<f64>,
     time_increment_s: Option<f64>,
     scan_time_s: Option<f64>,
@@ -32,11 +34,13 @@ pub(super) struct StatedLidar {
 pub(super) struct SendingLidar {
     /// Which of the vehicle's.
     pub which: LidarOfVehicle,
-    /// Its geometry.
+    /// Its geometry, counter-clockwise.
     pub geometry: Arc<Lidar>,
+    /// Whether its scans come with the beams in clockwise order.
+    pub is_clockwise: bool,
     /// Beams of its first scan; all others have as many.
     pub beams: usize,
-    /// From one beam to the next, seconds.
+    /// From one beam to the next, seconds; below 0 for clockwise scans.
     pub beam_interval_s: f64,
     last_stamp: Option<StampNs>,
 }
@@ -108,7 +112,7 @@ fn stated_by_name(raw: raw::Lidars) -> Checked<Vec<StatedLidar>> {
     Ok(lidars)
 }
 
-/// The lidar stated at a pointer.
+/// The lidar stated at a pointer, counter-clockwise or not.
 fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
     let mount = match raw.mount {
         Some(Object(mount)) => pose(mount, &format!("{pointer}/mount"))?,
@@ -116,7 +120,7 @@ fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
     };
     let lidar = Lidar {
         angle_min_rad: raw.angle_min,
-        angle_increment_rad: raw.angle_increment,
+        angle_increment_rad: raw.angle_increment.abs(),
         range_min_m: raw.range_min,
         range_max_m: raw.range_max,
         mount,
@@ -124,6 +128,10 @@ fn lidar(raw: raw::Lidar, pointer: &str) -> Checked<Lidar> {
         band: raw.band.map(|band| band_view(&band.0, raw.range_max)),
     };
     lidar.validated().or_else(|error| {
+        let error = match error {
+            LidarError::AngleIncrement(_) => LidarError::AngleIncrement(raw.angle_increment),
+            other => other,
+        };
         let (problem, field) = match &error {
             LidarError::AngleMin(_) => (BatchProblem::ScanGeometry, "angle_min"),
             LidarError::AngleIncrement(_) => (BatchProblem::ScanGeometry, "angle_increment"),
@@ -163,7 +171,8 @@ impl StatedLidar {
             angle_max_rad: raw.angle_max,
             time_increment_s: raw.time_increment,
             scan_time_s: raw.scan_time,
-            geometry: Arc::new(lidar(raw, &pointer)?),
+            is_clockwise: raw.angle_increment < 0.0,
+            geometry: lidar(raw, &pointer)?,
             which,
             pointer,
         })
@@ -172,18 +181,53 @@ impl StatedLidar {
     /// With the beams of its first scan; `None` if it took none.
     fn sending(self, beams: Option<usize>) -> Checked<SendingLidar> {
         let (lidar, pointer) = (&self.geometry, self.pointer.as_str());
-        if let Some(beams) = beams {
-            check_angle_max(lidar, self.angle_max_rad, beams, pointer)?;
+        if let (Some(beams), Some(angle_max_rad)) = (beams, self.angle_max_rad) {
+            self.check_angle_max(angle_max_rad, beams)?;
         }
         let beams = beams.unwrap_or(0);
         let (increment_s, scan_s) = (self.time_increment_s, self.scan_time_s);
+        let interval_s = beam_interval_s(lidar, beams, increment_s, scan_s, pointer)?;
+        let is_clockwise = self.is_clockwise;
         Ok(SendingLidar {
-            beam_interval_s: beam_interval_s(lidar, beams, increment_s, scan_s, pointer)?,
+            beam_interval_s: if is_clockwise {
+                -interval_s
+            } else {
+                interval_s
+            },
             which: self.which,
-            geometry: self.geometry,
+            geometry: Arc::new(match is_clockwise {
+                true => self.geometry.from_clockwise(beams),
+                false => self.geometry,
+            }),
+            is_clockwise,
             beams,
             last_stamp: None,
         })
+    }
+
+    /// Where `angle_max` is sent it must fit the beams to within one.
+    fn check_angle_max(&self, angle_max_rad: f64, beams: usize) -> Checked<()> {
+        let Lidar {
+            angle_min_rad,
+            angle_increment_rad,
+            ..
+        } = self.geometry;
+        let (covered_rad, side) = match self.is_clockwise {
+            true => (angle_min_rad - angle_max_rad, "below"),
+            false => (angle_max_rad - angle_min_rad, "above"),
+        };
+        let expected = covered_rad / angle_increment_rad + 1.0;
+        let detail = if covered_rad <= 0.0 {
+            format!("angle_max {angle_max_rad} must be {side} angle_min {angle_min_rad}")
+        } else if (expected - beams as f64).abs() > 1.5 {
+            format!(
+                "angle_min, angle_max and angle_increment make {expected:.0} beams, the scans have {beams}"
+            )
+        } else {
+            return Ok(());
+        };
+        let pointer = format!("{}/angle_max", self.pointer);
+        refuse(BatchProblem::ScanGeometry, pointer, detail)
     }
 }
 
@@ -257,37 +301,6 @@ impl SendingLidar {
         self.last_stamp = Some(stamp);
         Ok(())
     }
-}
-
-/// `angle_max` may be left out; where it is sent it must fit the beams to within one.
-fn check_angle_max(
-    lidar: &Lidar,
-    angle_max_rad: Option<f64>,
-    beams: usize,
-    pointer: &str,
-) -> Checked<()> {
-    let Some(angle_max_rad) = angle_max_rad else {
-        return Ok(());
-    };
-    let covered_rad = angle_max_rad - lidar.angle_min_rad;
-    let expected = covered_rad / lidar.angle_increment_rad + 1.0;
-    let detail = if covered_rad <= 0.0 {
-        format!(
-            "angle_max {angle_max_rad} must be above angle_min {}",
-            lidar.angle_min_rad
-        )
-    } else if (expected - beams as f64).abs() > 1.5 {
-        format!(
-            "angle_min, angle_max and angle_increment make {expected:.0} beams, the scans have {beams}"
-        )
-    } else {
-        return Ok(());
-    };
-    refuse(
-        BatchProblem::ScanGeometry,
-        format!("{pointer}/angle_max"),
-        detail,
-    )
 }
 
 /// `time_increment` if it is sent; else that of a lidar that turns once in `scan_time`; else 0.

@@ -2,13 +2,14 @@
 
 use std::fmt;
 
-use jiff::Timestamp;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::uploaded::{BEAMS_TOTAL_MAX, LIDARS_MAX, SCANS_MAX};
 use crate::ids::{LidarId, TripId, VehicleId};
+use crate::ingest::extensions::Extensions;
 use crate::ingest::json::Object;
+use crate::ingest::stamp::SentStamp;
 use crate::scan::BEAMS_MAX;
 
 #[derive(Deserialize)]
@@ -20,6 +21,7 @@ pub(super) struct Batch {
     pub lidar: Option<Object<Lidar>>,
     pub lidars: Option<Lidars>,
     pub initial_pose: Option<Object<InitialPose>>,
+    pub extensions: Option<Extensions>,
     pub scans: Scans,
 }
 
@@ -69,7 +71,7 @@ pub(super) struct InitialPose {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Scan {
-    pub stamp: Timestamp,
+    pub stamp: SentStamp,
     pub lidar: Option<LidarId>,
     pub odometry: Object<Pose>,
     pub ranges: Numbers,

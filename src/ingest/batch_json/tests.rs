@@ -6,11 +6,11 @@ use crate::geometry::Pose2;
 use crate::ids::StampNs;
 use crate::scan::{BandView, HeightBand};
 
-fn received_at() -> Timestamp {
+pub(super) fn received_at() -> Timestamp {
     "2026-11-20T07:00:00Z".parse().unwrap()
 }
 
-fn valid() -> Value {
+pub(super) fn valid() -> Value {
     json!({
         "vehicle_id": "agv-07", "trip_id": "2026-11-20-a", "sequence": 0,
         "lidar": {"angle_min": -1.5, "angle_increment": 0.5, "range_min": 0.05, "range_max": 20.0,
@@ -26,7 +26,7 @@ fn valid() -> Value {
 }
 
 /// The valid body with one place replaced, or removed by `None`.
-fn with(pointer: &str, value: Option<Value>) -> Value {
+pub(super) fn with(pointer: &str, value: Option<Value>) -> Value {
     let mut body = valid();
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     match (body.pointer_mut(parent).unwrap(), value) {
@@ -42,7 +42,7 @@ fn with(pointer: &str, value: Option<Value>) -> Value {
     body
 }
 
-fn decode_value(body: &Value) -> Result<UploadedBatch, BatchBodyError> {
+pub(super) fn decode_value(body: &Value) -> Result<UploadedBatch, BatchBodyError> {
     decode(&serde_json::to_vec(body).unwrap(), received_at())
 }
 
@@ -51,7 +51,8 @@ fn a_valid_body_keeps_every_value() {
     let batch = decode_value(&valid()).unwrap();
     assert_eq!(batch.vehicle_id.as_str(), "agv-07");
     assert_eq!(batch.sequence, 0);
-    assert!(batch.flags.is_empty());
+    assert_eq!(batch.flags, ["above_range_max", "below_range_min"]);
+    assert_eq!(batch.extensions, None);
     let initial = batch.initial_pose.unwrap();
     assert_eq!((initial.sigma_xy_m, initial.sigma_theta_rad), (0.3, 0.1));
     assert_eq!(batch.scans.len(), 2);
@@ -184,6 +185,8 @@ fn each_mistake_names_its_kind_and_place() {
         ("/surprise", Some(json!(1)), MalformedJson),
         ("/lidar/angle_increment", Some(json!(2.0)), ScanGeometry),
         ("/lidar/angle_increment", Some(json!(0)), ScanGeometry),
+        ("/lidar/angle_increment", Some(json!(-2.0)), ScanGeometry),
+        ("/lidar/angle_increment", Some(json!(-1e-9)), ScanGeometry),
         ("/lidar/angle_min", Some(json!(-180)), ScanGeometry),
         ("/lidar/angle_max", Some(json!(-2.0)), ScanGeometry),
         ("/lidar/angle_max", Some(json!(3.0)), ScanGeometry),
@@ -201,14 +204,15 @@ fn each_mistake_names_its_kind_and_place() {
         ("/scans", Some(json!([])), ScanGeometry),
         ("/scans/1/ranges", Some(json!([1.0])), ScanGeometry),
         ("/scans/0/intensities", Some(json!([1.0])), ScanGeometry),
-        ("/scans/0/ranges/2", Some(json!(-0.5)), OutOfRange),
-        ("/scans/0/ranges/2", Some(json!(1e39)), OutOfRange),
+        ("/extensions", Some(json!([1])), InvalidField),
+        ("/extensions", Some(json!("4.2")), InvalidField),
+        ("/scans/0/extensions", Some(json!({})), MalformedJson),
         ("/scans/0/ranges/2", Some(json!("far")), InvalidField),
         ("/scans/1/odometry/x", Some(json!(1e39)), OutOfRange),
         ("/scans/1/stamp", Some(json!("yesterday")), InvalidField),
         (
             "/scans/1/stamp",
-            Some(json!("1999-12-31T23:59:59Z")),
+            Some(json!("1969-12-31T23:59:59Z")),
             OutOfRange,
         ),
         (
@@ -505,7 +509,11 @@ fn a_literal_of_another_language_is_explained() {
 
 #[test]
 fn oddities_are_flagged_not_refused() {
-    let flags_of = |pointer, value| decode_value(&with(pointer, Some(value))).unwrap().flags;
+    let flags_of = |pointer, value| {
+        let flags = decode_value(&with(pointer, Some(value))).unwrap().flags;
+        let is_new = |flag: &String| !matches!(&**flag, "above_range_max" | "below_range_min");
+        flags.into_iter().filter(is_new).collect::<Vec<_>>()
+    };
     assert_eq!(
         flags_of("/scans/1/odometry/x", json!(6.0)),
         ["wild_odometry"]
@@ -516,6 +524,9 @@ fn oddities_are_flagged_not_refused() {
     assert_eq!(flags_of("/scans/1/stamp", future), ["clock_skew"]);
     let past = json!("2026-10-20T06:00:00Z");
     assert_eq!(flags_of("/scans/0/stamp", past), ["late"]);
+    // Neither late nor a wrong clock.
+    let simulated = json!("1970-01-01T00:00:12.5Z");
+    assert_eq!(flags_of("/scans/0/stamp", simulated), ["simulated_time"]);
 }
 
 proptest! {

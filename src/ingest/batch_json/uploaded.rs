@@ -1,5 +1,6 @@
 //! What a checked batch holds, and how much at most.
 
+use super::ranges::RangeCounts;
 use crate::ids::{TripId, VehicleId};
 use crate::mapping::{DriveScan, InitialPose};
 
@@ -26,7 +27,11 @@ pub struct UploadedBatch {
     /// 1 to [`SCANS_MAX`] in the order of time; of each lidar their stamps strictly increase, and
     /// all have the same number of beams.
     pub scans: Vec<DriveScan>,
-    /// What was noticed, in alphabetical order: `clock_skew`, `empty_scans`, `late`,
-    /// `wild_odometry`.
+    /// Readings by what they count as.
+    pub ranges: RangeCounts,
+    /// A JSON object of the sender's own, as its text.
+    pub extensions: Option<String>,
+    /// What was noticed, in alphabetical order: `above_range_max`, `below_range_min`, `clock_skew`,
+    /// `clockwise_scans`, `empty_scans`, `late`, `simulated_time`, `wild_odometry`.
     pub flags: Vec<String>,
 }

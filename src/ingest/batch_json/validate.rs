@@ -7,10 +7,12 @@ use jiff::Timestamp;
 
 use super::flags::flags;
 use super::lidars::{self, Lidars, SendingLidar};
+use super::ranges::RangeCounts;
 use super::raw;
 use super::uploaded::{BEAMS_TOTAL_MAX, SCANS_MAX, UploadedBatch};
-use super::values::{pose, stamp};
+use super::values::pose;
 use crate::ingest::body_error::{BatchProblem, Checked, refuse};
+use crate::ingest::extensions::Extensions;
 use crate::ingest::json::Object;
 use crate::mapping::{DriveScan, InitialPose};
 use crate::scan::{LaserScan, ScanError};
@@ -18,17 +20,19 @@ use crate::scan::{LaserScan, ScanError};
 const SIGMA_XY_DEFAULT_M: f64 = 0.5;
 const SIGMA_XY_MAX_M: f64 = 100.0;
 const SIGMA_THETA_DEFAULT_RAD: f64 = 0.2;
-/// A range beyond this is a sentinel of some driver, not a measurement, metres.
-const RANGE_ABSURD_M: f64 = 1e6;
+
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedBatch> {
     let stated = lidars::stated(raw.lidar, raw.lidars)?;
     let initial_pose = raw.initial_pose.map(initial_pose).transpose()?;
+    let extensions = raw.extensions.map(Extensions::checked).transpose()?;
     check_counts(&raw.scans)?;
     let mut lidars = Lidars::of(stated, &raw.scans.kept)?;
     let mut scans: Vec<DriveScan> = Vec::with_capacity(raw.scans.kept.len());
+    let (mut ranges, mut has_clockwise) = (RangeCounts::default(), false);
     for (k, raw_scan) in raw.scans.kept.into_iter().enumerate() {
         let lidar = lidars.that_took(k, raw_scan.lidar.as_ref())?;
-        let scan = scan(k, raw_scan, lidar)?;
+        let scan = scan(k, raw_scan, lidar, &mut ranges)?;
+        has_clockwise |= lidar.is_clockwise;
         lidar.check_stamp(k, scan.stamp)?;
         if let Some(before) = scans.last()
             && scan.stamp < before.stamp
@@ -46,8 +50,10 @@ pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<Uploaded
         trip_id: raw.trip_id,
         sequence: i64::from(raw.sequence),
         initial_pose,
-        flags: flags(&scans, received_at),
+        flags: flags(&scans, received_at, &ranges, has_clockwise),
         scans,
+        ranges,
+        extensions,
     })
 }
 
@@ -96,9 +102,14 @@ fn initial_pose(Object(raw): Object<raw::InitialPose>) -> Checked<InitialPose> {
     })
 }
 
-fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan> {
+fn scan(
+    k: usize,
+    mut raw: raw::Scan,
+    taken_by: &SendingLidar,
+    counts: &mut RangeCounts,
+) -> Checked<DriveScan> {
     let beams = taken_by.beams;
-    let stamp = stamp(raw.stamp, format!("/scans/{k}/stamp"))?;
+    let stamp = raw.stamp.checked(|| format!("/scans/{k}/stamp"))?;
     let odom_from_base = pose(raw.odometry.0, &format!("/scans/{k}/odometry"))?;
     let ranges_pointer = || format!("/scans/{k}/ranges");
     if raw.ranges.count != beams {
@@ -126,7 +137,9 @@ fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan>
             detail,
         );
     }
-    check_ranges(k, &raw.ranges.kept)?;
+    if taken_by.is_clockwise {
+        raw.ranges.kept.reverse();
+    }
     let ranges_m = raw.ranges.kept.iter().map(|r| (!r.is_nan()).then_some(*r));
     let scan = LaserScan::new(taken_by.geometry.clone(), ranges_m).or_else(|error| {
         refuse(
@@ -135,6 +148,7 @@ fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan>
             error.to_string(),
         )
     })?;
+    counts.add(&raw.ranges.kept, &scan);
     Ok(DriveScan {
         beam_interval_s: taken_by.beam_interval_s,
         lidar: taken_by.which.clone(),
@@ -142,17 +156,4 @@ fn scan(k: usize, raw: raw::Scan, taken_by: &SendingLidar) -> Checked<DriveScan>
         odom_from_base,
         scan,
     })
-}
-
-fn check_ranges(k: usize, ranges_m: &[f64]) -> Checked<()> {
-    for (beam, &range_m) in ranges_m.iter().enumerate() {
-        if !range_m.is_nan() && !(0.0..=RANGE_ABSURD_M).contains(&range_m) {
-            return refuse(
-                BatchProblem::OutOfRange,
-                format!("/scans/{k}/ranges/{beam}"),
-                format!("{range_m} is no range in metres: send null for no return"),
-            );
-        }
-    }
-    Ok(())
 }

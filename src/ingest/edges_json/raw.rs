@@ -3,14 +3,15 @@
 use std::fmt;
 use std::marker::PhantomData;
 
-use jiff::Timestamp;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
 
 use super::uploaded::{EDGES_MAX, NODES_MAX};
 use crate::ids::{TripId, VehicleId};
 use crate::ingest::batch_json::Pose;
+use crate::ingest::extensions::Extensions;
 use crate::ingest::json::Object;
+use crate::ingest::stamp::SentStamp;
 use crate::model::EdgeKind;
 
 #[derive(Deserialize)]
@@ -20,6 +21,7 @@ pub(super) struct Batch {
     pub trip_id: Option<TripId>,
     pub nodes: Bounded<Node, NODES_MAX>,
     pub edges: Bounded<Edge, EDGES_MAX>,
+    pub extensions: Option<Extensions>,
 }
 
 #[derive(Deserialize)]
@@ -27,7 +29,7 @@ pub(super) struct Batch {
 pub(super) struct Node {
     pub id: Name,
     pub pose: Object<Pose>,
-    pub stamp: Option<Timestamp>,
+    pub stamp: Option<SentStamp>,
 }
 
 #[derive(Deserialize)]

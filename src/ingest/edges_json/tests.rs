@@ -83,7 +83,7 @@ fn each_mistake_is_named_with_its_place() {
         ),
         (
             "/nodes/0/stamp",
-            json!("1999-01-01T00:00:00Z"),
+            json!("1969-01-01T00:00:00Z"),
             OutOfRange,
             "/nodes/0/stamp",
         ),
@@ -174,4 +174,29 @@ fn stamps_far_away_are_flagged() {
     body["nodes"][0]["stamp"] = json!("2026-10-01T06:00:00Z");
     body["nodes"][1]["stamp"] = json!("2026-11-25T06:00:00Z");
     assert_eq!(read(&body).unwrap().flags, ["clock_skew", "late"]);
+}
+
+#[test]
+fn a_simulated_time_is_that_of_arrival_in_the_order_of_the_batch() {
+    let mut body = good();
+    body["nodes"][0]["stamp"] = json!("1970-01-01T00:00:05Z");
+    body["nodes"][1]["stamp"] = json!("1970-01-01T00:00:04Z");
+    let edges = read(&body).unwrap();
+    assert_eq!(edges.flags, ["simulated_time"]);
+    let received_ns = received_at().as_nanosecond() as i64;
+    let stamps = edges.nodes.iter().map(|node| node.stamp);
+    assert_eq!(
+        stamps.collect::<Vec<_>>(),
+        [StampNs(received_ns), StampNs(received_ns + 1)]
+    );
+}
+
+#[test]
+fn extensions_are_kept_and_other_fields_refused() {
+    let mut body = good();
+    body["extensions"] = json!({"slam": "v2"});
+    let edges = read(&body).unwrap();
+    assert_eq!(edges.extensions.as_deref(), Some(r#"{"slam":"v2"}"#));
+    body["extensions"] = json!(1);
+    assert_eq!(read(&body).unwrap_err().pointer, "/extensions");
 }

@@ -22,7 +22,9 @@ pub struct UploadedEdges {
     pub nodes: Vec<UploadedNode>,
     /// Up to [`EDGES_MAX`], no end twice in one of them.
     pub edges: Vec<UploadedEdge>,
-    /// What was noticed, in alphabetical order: `clock_skew`, `late`.
+    /// A JSON object of the sender's own, as its text.
+    pub extensions: Option<String>,
+    /// What was noticed, in alphabetical order: `clock_skew`, `late`, `simulated_time`.
     pub flags: Vec<String>,
 }
 
@@ -33,7 +35,8 @@ pub struct UploadedNode {
     pub name: String,
     /// Where the vehicle takes itself to be.
     pub pose: Pose2,
-    /// When it was there: as sent, else when the batch came in and in the order of the batch.
+    /// When it was there: as sent; where that is a simulated time or missing, when the batch came in,
+    /// in the order of the batch.
     pub stamp: StampNs,
 }
 

@@ -10,9 +10,11 @@ use super::uploaded::{
 };
 use crate::geometry::{Information, Pose2};
 use crate::ids::{InvalidName, NodeId, StampNs, validate_name};
-use crate::ingest::batch_json::{COORDINATE_MAX_M, HEADING_MAX_RAD, Pose, clock_flags, stamp};
+use crate::ingest::batch_json::{COORDINATE_MAX_M, HEADING_MAX_RAD, Pose, clock_flags};
 use crate::ingest::body_error::{BatchProblem, Checked, refuse};
+use crate::ingest::extensions::Extensions;
 use crate::ingest::json::Object;
+use crate::ingest::stamp::SentStamp;
 
 /// A standard deviation of a micrometre, or of a microradian, is beyond belief: entries of an
 /// information matrix are no larger than this.
@@ -28,15 +30,18 @@ pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<Uploaded
         let detail = "a batch has at least one node or one edge".to_owned();
         return refuse(BatchProblem::EdgeGraph, "/nodes", detail);
     }
-    let stamps: Vec<Timestamp> = raw.nodes.kept.iter().filter_map(|n| n.stamp).collect();
-    let nodes = nodes(raw.nodes.kept, received_at)?;
+    let extensions = raw.extensions.map(Extensions::checked).transpose()?;
+    let sent = sent_stamps(&raw.nodes.kept)?;
+    let nodes = nodes(raw.nodes.kept, &sent, received_at)?;
+    let sent: Vec<StampNs> = sent.into_iter().flatten().collect();
     let edges = raw.edges.kept.into_iter().enumerate();
     Ok(UploadedEdges {
         vehicle_id: raw.vehicle_id,
         trip_id: raw.trip_id,
         nodes,
         edges: edges.map(|(k, raw)| edge(k, raw)).collect::<Checked<_>>()?,
-        flags: clock_flags(&stamps, received_at),
+        flags: clock_flags(&sent, received_at),
+        extensions,
     })
 }
 
@@ -50,7 +55,20 @@ fn check_count(pointer: &str, count: usize, count_max: usize) -> Checked<()> {
     refuse(BatchProblem::TooLarge, pointer, detail)
 }
 
-fn nodes(raw: Vec<raw::Node>, received_at: Timestamp) -> Checked<Vec<UploadedNode>> {
+/// The stamps of the nodes, where they were sent.
+fn sent_stamps(raw: &[raw::Node]) -> Checked<Vec<Option<StampNs>>> {
+    let stamps = raw.iter().enumerate().map(|(k, node)| {
+        let checked = |stamp: SentStamp| stamp.checked(|| format!("/nodes/{k}/stamp"));
+        node.stamp.map(checked).transpose()
+    });
+    stamps.collect()
+}
+
+fn nodes(
+    raw: Vec<raw::Node>,
+    sent: &[Option<StampNs>],
+    received_at: Timestamp,
+) -> Checked<Vec<UploadedNode>> {
     let mut nodes = Vec::with_capacity(raw.len());
     let mut places: BTreeMap<String, usize> = BTreeMap::new();
     let received_ns = i64::try_from(received_at.as_nanosecond()).unwrap_or(i64::MAX);
@@ -69,10 +87,9 @@ fn nodes(raw: Vec<raw::Node>, received_at: Timestamp) -> Checked<Vec<UploadedNod
             let detail = format!("{name} is the id of /nodes/{before} as well");
             return refuse(BatchProblem::EdgeGraph, at_id(), detail);
         }
-        let stamp = match raw.stamp {
-            Some(sent) => stamp(sent, format!("/nodes/{k}/stamp"))?,
-            None => StampNs(received_ns.saturating_add(k as i64)),
-        };
+        let as_received = StampNs(received_ns.saturating_add(k as i64));
+        let sent = sent[k].filter(|stamp| !stamp.is_simulated());
+        let stamp = sent.unwrap_or(as_received);
         let pose = pose(raw.pose, &format!("/nodes/{k}/pose"))?;
         nodes.push(UploadedNode { name, pose, stamp });
     }

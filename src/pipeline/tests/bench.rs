@@ -358,6 +358,8 @@ pub fn upload_spaced(
             scans: count,
         },
         flags: Vec::new(),
+        out_of_range: None,
+        extensions: None,
         body: serde_json::to_vec(&body).unwrap(),
         received_at: at(hour),
     }

@@ -1,10 +1,14 @@
-//! A vehicle that uploads as it drives, and whose clock goes back by 20 hours.
+//! A vehicle that uploads as it drives, and whose clock goes back by 20 hours; and simulated clocks.
 
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 
+use super::super::process::process;
+use super::super::refusal::Processed;
+use super::super::worker::known_start;
 use super::bench::{Bench, at, route, upload};
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
+use crate::model::BatchStatus;
 use crate::store::{BatchContent, NewBatch};
 
 const SCANS: usize = 12;
@@ -71,4 +75,116 @@ async fn the_trips_of_a_clock_that_went_back_count_from_when_they_arrived() {
             "{trip}: {stamps:?}"
         );
     }
+}
+
+/// A drive by the clock of a simulation that began so many seconds before it, and that is so many times
+/// as fast as the clock on the wall; in batches that arrive when they end.
+fn simulated(trip: &str, hour: i64, begins_s: i64, times_as_fast: i64) -> Vec<NewBatch> {
+    let mut batches = live(trip, hour, 0);
+    for batch in &mut batches {
+        let mut body: Value = serde_json::from_slice(&batch.body).unwrap();
+        let mut newest = SignedDuration::ZERO;
+        for scan in body["scans"].as_array_mut().unwrap() {
+            let stamp: Timestamp = scan["stamp"].as_str().unwrap().parse().unwrap();
+            newest = stamp.duration_since(at(hour));
+            let since = newest + SignedDuration::from_secs(begins_s);
+            scan["stamp"] = json!(Timestamp::UNIX_EPOCH + since);
+        }
+        batch.body = serde_json::to_vec(&body).unwrap();
+        batch.received_at = at(hour) + newest / i32::try_from(times_as_fast).unwrap();
+    }
+    batches
+}
+
+/// When the first and the last node of each trip were, in seconds after the hour of the first.
+async fn spans(bench: &Bench, trips: &[&str]) -> Vec<(f64, f64)> {
+    let nodes = bench.engine.store.nodes(&route()).await.unwrap();
+    let span = |trip: &&str| {
+        let own = nodes.iter().filter(|node| node.trip_id.as_str() == *trip);
+        let seconds = own.map(|node| node.stamp.seconds() - at(40).as_second() as f64);
+        seconds.fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(first, last), second| (first.min(second), last.max(second)),
+        )
+    };
+    trips.iter().map(span).collect()
+}
+
+#[tokio::test]
+async fn the_trips_of_a_simulation_are_in_the_order_in_which_they_came() {
+    let bench = Bench::new().await;
+    let mut sent = Vec::new();
+    // At the pace of the wall's clock; twenty times as fast; and from 0 again.
+    for (trip, hour, begins_s, times_as_fast) in [
+        ("one", 40, 5, 1),
+        ("two", 41, 400, 20),
+        ("three", 41, 0, 20),
+    ] {
+        for batch in simulated(trip, hour, begins_s, times_as_fast) {
+            let merged = bench.merge(batch.clone(), 20).await;
+            assert_eq!(merged.status, BatchStatus::Merged, "{merged:?}");
+            assert!(
+                merged.flags.is_empty(),
+                "the bench's own batches: {merged:?}"
+            );
+            sent.push(batch);
+        }
+    }
+    let spans = spans(&bench, &["one", "two", "three"]).await;
+    let [one, two, three] = spans[..] else {
+        panic!("{spans:?}")
+    };
+    // The first batch ends when it arrives, and the trip keeps its pace.
+    let first = &sent[0];
+    let body: Value = serde_json::from_slice(&first.body).unwrap();
+    let stamps = body["scans"].as_array().unwrap().iter();
+    let stamps: Vec<f64> = stamps
+        .map(|scan| {
+            scan["stamp"]
+                .as_str()
+                .unwrap()
+                .parse::<Timestamp>()
+                .unwrap()
+        })
+        .map(|stamp| stamp.as_nanosecond() as f64 * 1e-9)
+        .collect();
+    let arrived_s = first.received_at.duration_since(at(40)).as_secs_f64();
+    let begun_s = arrived_s - (stamps[stamps.len() - 1] - stamps[0]);
+    assert!((one.0 - begun_s).abs() < 1e-3, "{one:?} {begun_s}");
+    assert!(one.1 - one.0 > 10.0 && two.1 - two.0 > 10.0, "{spans:?}");
+    assert!(
+        two.0 > one.1 && (3_590.0..3_700.0).contains(&two.0),
+        "{spans:?}"
+    );
+    assert!(three.0 >= two.1 + 1.0, "{spans:?}");
+}
+
+/// Journals a batch and says whether a worker takes it into the map.
+async fn refusal_of(bench: &Bench, batch: NewBatch) -> Option<String> {
+    let store = &bench.engine.store;
+    store.journal_batch(batch).await.unwrap();
+    let lease = std::time::Duration::from_secs(60);
+    let job = store.claim_job(Timestamp::now(), lease).await.unwrap();
+    let job = job.unwrap();
+    let workspace = bench.engine.workspaces.take(store, &route()).await.unwrap();
+    let known = known_start(store, &workspace, &job).await.unwrap();
+    match process(workspace, &job, &known).unwrap() {
+        Processed::Taken(_) => None,
+        Processed::Refused(refusal) => refusal.outcomes[0].reason.clone(),
+    }
+}
+
+#[tokio::test]
+async fn a_clock_that_is_set_in_the_middle_of_a_trip_is_believed_and_one_that_starts_anew_is_not() {
+    let bench = Bench::new().await;
+    let (mut unset, real) = (simulated("set", 40, 0, 1), live("set", 40, 0));
+    bench.merge(unset.swap_remove(0), 20).await;
+    bench.merge(real[1].clone(), 20).await;
+    let (first_s, last_s) = spans(&bench, &["set"]).await[0];
+    assert!(first_s > -60.0 && last_s < 600.0, "{first_s} {last_s}");
+
+    let (mut anew, real) = (simulated("anew", 45, 0, 1), live("anew", 45, 0));
+    bench.merge(real[0].clone(), 20).await;
+    let reason = refusal_of(&bench, anew.swap_remove(1)).await.unwrap();
+    assert!(reason.contains("begin a new trip"), "{reason}");
 }

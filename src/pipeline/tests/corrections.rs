@@ -103,6 +103,8 @@ fn uploads(trip: usize) -> [NewBatch; 2] {
                 scans: scans.len() as i64,
             },
             flags: Vec::new(),
+            out_of_range: None,
+            extensions: None,
             body: serde_json::to_vec(&body).unwrap(),
             received_at: super::bench::at(trip as i64),
         }

@@ -54,6 +54,8 @@ fn lap(hour: i64, tied_to: Option<i64>) -> NewBatch {
         trip_id: TripId::new(format!("lap-{hour}")).unwrap(),
         content: BatchContent::Edges,
         flags: Vec::new(),
+        out_of_range: None,
+        extensions: None,
         body: serde_json::to_vec(&body).unwrap(),
         received_at: at(hour),
     }
