@@ -155,6 +155,48 @@ mod tests {
         }
     }
 
+    /// What a body of a request may hold is said in full: other fields are refused.
+    #[test]
+    fn every_object_of_a_request_is_closed() {
+        fn visit(schema: &Value, document: &Value, at: &str, seen: &mut Vec<String>) {
+            if let Some(reference) = schema.get("$ref").and_then(Value::as_str) {
+                if !seen.iter().any(|other| other == reference) {
+                    seen.push(reference.to_owned());
+                    let target = document.pointer(reference.trim_start_matches('#'));
+                    visit(target.unwrap(), document, reference, seen);
+                }
+            }
+            if schema.get("properties").is_some() {
+                assert_eq!(schema["additionalProperties"], false, "{at}");
+            }
+            match schema {
+                Value::Object(fields) => {
+                    let parts = fields.iter().filter(|(key, _)| !key.starts_with("example"));
+                    parts.for_each(|(_, part)| visit(part, document, at, seen));
+                }
+                Value::Array(items) => items.iter().for_each(|v| visit(v, document, at, seen)),
+                _ => {}
+            }
+        }
+        let document = openapi_document().unwrap();
+        let mut seen = Vec::new();
+        for (name, operation) in operations(&document) {
+            if let Some(body) = operation.get("requestBody") {
+                visit(&body["content"], &document, &name, &mut seen);
+            }
+        }
+        for known in [
+            "BatchUpload",
+            "NamedLidar",
+            "EdgeUpload",
+            "RoutePut",
+            "ZoneEdit",
+        ] {
+            let reference = format!("#/components/schemas/{known}");
+            assert!(seen.contains(&reference), "{known} was not seen: {seen:?}");
+        }
+    }
+
     #[test]
     fn every_reference_leads_somewhere() {
         fn visit(value: &Value, document: &Value) {

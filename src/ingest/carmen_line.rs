@@ -66,6 +66,7 @@ pub(super) struct Line {
     pub odom_from_base: Pose2,
     /// Seconds, in the log's own clock.
     pub time_s: f64,
+    /// Metres, `None` for no return, 0 for an invalid reading.
     pub ranges_m: Vec<Option<f64>>,
 }
 
@@ -180,7 +181,8 @@ impl Fields<'_> {
         (0..count).try_for_each(|_| self.0.next().map(|_| ()).ok_or(SkipReason::Truncated))
     }
 
-    /// Ranges that are infinite, not a number, zero, negative or the largest are no returns.
+    /// Ranges from the largest on are no returns; one that is too short, negative or not a number says
+    /// nothing, and is kept as 0.
     fn ranges(&mut self, count: usize, max_m: f64) -> Result<Vec<Option<f64>>, SkipReason> {
         if count == 0 {
             return Err(SkipReason::BeamCount);
@@ -189,7 +191,11 @@ impl Fields<'_> {
         for _ in 0..count {
             let word = self.0.next().ok_or(SkipReason::Truncated)?;
             let range_m: f64 = word.parse().map_err(|_| SkipReason::NotANumber)?;
-            ranges_m.push((range_m >= RANGE_MIN_M && range_m < max_m).then_some(range_m));
+            ranges_m.push(match range_m {
+                r if r >= max_m => None,
+                r if r >= RANGE_MIN_M => Some(r),
+                _ => Some(0.0),
+            });
         }
         Ok(ranges_m)
     }
@@ -252,8 +258,8 @@ mod tests {
         assert_eq!(line.message, Message::RobotLaser);
         assert_eq!(
             line.ranges_m,
-            [Some(1.5), None, None, None, Some(2.25)],
-            "error codes, the largest range and NaN are no returns"
+            [Some(1.5), Some(0.0), None, Some(0.0), Some(2.25)],
+            "the largest range is no return, error codes and NaN say nothing"
         );
         assert_eq!(line.odom_from_base, Pose2::new(1.0, 2.0, 0.0));
         assert!((line.lidar.mount.x - 0.145).abs() < 1e-12);

@@ -47,6 +47,15 @@ fn upload(pointer: &str, value: Value) -> Request {
     Request::new("PUT", BATCH).json(&batch_with(pointer, value))
 }
 
+/// Four scans whose ranges are a thousand times too long.
+fn in_millimetres() -> Value {
+    let mut body = batch(0, 4);
+    for scan in body["scans"].as_array_mut().unwrap() {
+        scan["ranges"] = json!([2000, 2100, 2200, null, 2400, 2500, 2600, 2700]);
+    }
+    body
+}
+
 fn paths_and_parameters() -> Vec<Case> {
     vec![
         case(
@@ -693,18 +702,49 @@ fn scans() -> Vec<Case> {
             "/lidar/range_max",
         ),
         case(
-            "negative range",
-            upload("/scans/0/ranges/1", json!(-1.0)),
+            "ranges in millimetres",
+            Request::new("PUT", BATCH).json(&in_millimetres()),
             422,
             "out-of-range",
-            "/scans/0/ranges/1",
+            "/scans/0/ranges",
         ),
         case(
-            "range 1e39",
-            upload("/scans/0/ranges/1", json!(1e39)),
+            "extensions that are no object",
+            upload("/extensions", json!([1])),
+            400,
+            "invalid-field",
+            "/extensions",
+        ),
+        case(
+            "extensions of 20 KiB",
+            upload("/extensions", json!({"log": "x".repeat(20 << 10)})),
             422,
             "out-of-range",
-            "/scans/0/ranges/1",
+            "/extensions",
+        ),
+        case(
+            "extensions of a scan",
+            upload("/scans/0/extensions", json!({})),
+            400,
+            "malformed-json",
+            "/scans/0/extensions",
+        ),
+        case(
+            "Unix milliseconds",
+            upload("/scans/0/stamp", json!(1_795_154_400_000_i64)),
+            400,
+            "invalid-field",
+            "/scans/0/stamp",
+        ),
+        case(
+            "a stamp as ROS has it",
+            upload(
+                "/scans/0/stamp",
+                json!({"sec": 1_795_154_400, "nanosec": 0}),
+            ),
+            400,
+            "invalid-field",
+            "/scans/0/stamp",
         ),
         case(
             "odometry 1e39",
@@ -723,8 +763,8 @@ fn scans() -> Vec<Case> {
             "/scans/0/odometry/x",
         ),
         case(
-            "time before 2000",
-            upload("/scans/0/stamp", json!("1970-01-01T00:00:00Z")),
+            "time before 1970",
+            upload("/scans/0/stamp", json!("1969-12-31T23:59:59Z")),
             422,
             "out-of-range",
             "/scans/0/stamp",

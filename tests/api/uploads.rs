@@ -5,7 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 
-use crate::body::{batch, gzip, zstd};
+use crate::body::{batch, batch_with, gzip, zstd};
 use crate::client::Request;
 use crate::service::Service;
 
@@ -176,5 +176,56 @@ async fn what_became_of_many_batches_is_one_question() {
         assert_eq!(refused.status, 400, "{path}");
         assert!(refused.text().contains(word), "{}", refused.text());
     }
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn what_drivers_send_is_taken_flagged_and_counted() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let mut body = batch(0, 2);
+    // Clockwise, with an error code, a zero, and two ways to say that there was no return.
+    body["lidar"]["angle_min"] = json!(2.46);
+    body["lidar"]["angle_increment"] = json!(-0.78);
+    body["lidar"]["time_increment"] = json!(0.001);
+    body["scans"][0]["ranges"] = json!([-0.003, 0, 2.2, null, 3.4e38, 20.0, 2.6, 2.7]);
+    body["scans"][0]["stamp"] = json!("1970-01-01T00:00:01Z");
+    body["scans"][1]["stamp"] = json!("1970-01-01T00:00:02Z");
+    let stored = service.send(put(body.to_string())).await;
+    assert_eq!(stored.status, 202, "{}", stored.json());
+    let flags = [
+        "above_range_max",
+        "below_range_min",
+        "clockwise_scans",
+        "simulated_time",
+    ];
+    for told in [stored.json(), service.get(PATH).await.json()] {
+        assert_eq!(told["flags"], json!(flags));
+        let counted = json!({"above_range_max": 2, "below_range_min": 2});
+        assert_eq!(told["out_of_range"], counted);
+        assert_eq!(told["extensions"], json!(null));
+    }
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn extensions_are_returned_as_they_were_sent() {
+    let service = Service::start().await;
+    service.put_route("line-4").await;
+    let extensions = json!({"firmware": "4.2.1", "nested": [{"ü": null}]});
+    let scans = batch_with("/extensions", extensions.clone());
+    assert_eq!(service.send(put(scans.to_string())).await.status, 202);
+    let node = json!({"id": 0, "pose": {"x": 0.0, "y": 0.0, "theta": 0.0}});
+    let edges =
+        json!({"vehicle_id": "agv-08", "nodes": [node], "edges": [], "extensions": extensions});
+    let path = "/v1/routes/line-4/edge-batches/e-1";
+    let stored = service.send(Request::new("PUT", path).json(&edges)).await;
+    assert_eq!(stored.status, 202, "{}", stored.json());
+    assert_eq!(stored.json()["out_of_range"], json!(null));
+    for path in [PATH, "/v1/routes/line-4/batches/e-1"] {
+        assert_eq!(service.get(path).await.json()["extensions"], extensions);
+    }
+    let list = service.get("/v1/routes/line-4/batches").await.json();
+    assert_eq!(list["items"][0]["extensions"], extensions);
     service.stop().await;
 }

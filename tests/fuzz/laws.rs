@@ -41,6 +41,12 @@ pub fn batch_json(bytes: &[u8]) {
                 assert_finite(&scan.odom_from_base);
                 assert_sound(&scan.scan);
             }
+            let beams: usize = batch.scans.iter().map(|scan| scan.scan.beam_count()).sum();
+            let ranges = batch.ranges;
+            let readings = ranges.within + ranges.above_range_max + ranges.below_range_min;
+            assert!(readings <= beams as u64);
+            let extensions = batch.extensions.iter();
+            extensions.for_each(|text| assert!(text.starts_with('{') && text.ends_with('}')));
             assert!(batch.scans.is_sorted_by_key(|scan| scan.stamp));
         }
         Err(error) => assert!(!error.detail.is_empty()),

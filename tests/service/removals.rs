@@ -213,6 +213,31 @@ async fn the_first_trip_can_go_and_the_map_lives_on() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn what_a_sender_added_stays_with_a_removed_batch_and_goes_with_an_erased_one() {
+    let service = driven(&[], None).await;
+    let client = &service.client;
+    let extensions = json!({"operator": "kim"});
+    let batch = lap(0, 2).batches(2)[0].with("noted", json!({"extensions": extensions}));
+    client.put_all("line", [&batch]).await;
+    client.settled("line", true).await;
+    client.remove("line", json!({"batches": ["noted"]})).await;
+    let removed = client.batch("line", "noted").await;
+    assert_eq!(removed["extensions"], extensions, "{removed}");
+
+    let again = batch.with("erased", json!({"trip_id": "again"}));
+    client.put_all("line", [&again]).await;
+    client.settled("line", true).await;
+    let erase = json!({"batches": ["erased"], "erase": true});
+    client.remove("line", erase).await;
+    let erased = client.batch("line", "erased").await;
+    assert_eq!(
+        (&erased["status"], &erased["extensions"]),
+        (&json!("removed"), &Value::Null)
+    );
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_stranger_who_took_a_trips_name_is_removed_and_the_trip_tried_again() {
     let service = Running::start().await;
     let client = &service.client;

@@ -2,7 +2,9 @@ use std::collections::BTreeMap;
 
 use mapshift::ids::{RouteId, VehicleId};
 use mapshift::model::BatchStatus;
-use mapshift::store::{BatchContent, BatchFilter, Corruption, Journaled, Store, StoreError};
+use mapshift::store::{
+    BatchContent, BatchFilter, Corruption, Journaled, OutOfRange, Store, StoreError,
+};
 use sqlx::SqliteConnection;
 use tokio::task::JoinSet;
 
@@ -100,6 +102,11 @@ async fn one_faulty_write_does_not_spoil_its_group() {
 async fn a_batch_is_read_back_as_it_was_sent() {
     let fixture = Fixture::new().await;
     let mut sent = upload("b", "t", 0);
+    sent.out_of_range = Some(OutOfRange {
+        above_range_max: 7,
+        below_range_min: 0,
+    });
+    sent.extensions = Some(r#"{"firmware": 1.50}"#.to_owned());
     sent.body = (0..100_000_u32).map(|k| (k % 7) as u8).collect();
     fixture.journal(sent.clone()).await;
     let entry = fixture.store.journal_entry(&route(), &sent.id).await;
@@ -107,6 +114,8 @@ async fn a_batch_is_read_back_as_it_was_sent() {
     assert_eq!(entry.body, sent.body);
     assert_eq!(entry.batch, fixture.batch("b").await);
     assert_eq!(entry.batch.flags, sent.flags);
+    assert_eq!(entry.batch.out_of_range, sent.out_of_range);
+    assert_eq!(entry.batch.extensions, sent.extensions);
     assert_eq!(entry.batch.received_at, sent.received_at);
     assert_eq!(entry.batch.status, BatchStatus::Queued);
     assert_eq!((entry.batch.scans, entry.batch.sequence), (3, 0));
