@@ -159,12 +159,12 @@ mod tests {
     #[test]
     fn every_object_of_a_request_is_closed() {
         fn visit(schema: &Value, document: &Value, at: &str, seen: &mut Vec<String>) {
-            if let Some(reference) = schema.get("$ref").and_then(Value::as_str) {
-                if !seen.iter().any(|other| other == reference) {
-                    seen.push(reference.to_owned());
-                    let target = document.pointer(reference.trim_start_matches('#'));
-                    visit(target.unwrap(), document, reference, seen);
-                }
+            if let Some(reference) = schema.get("$ref").and_then(Value::as_str)
+                && !seen.iter().any(|other| other == reference)
+            {
+                seen.push(reference.to_owned());
+                let target = document.pointer(reference.trim_start_matches('#'));
+                visit(target.unwrap(), document, reference, seen);
             }
             if schema.get("properties").is_some() {
                 assert_eq!(schema["additionalProperties"], false, "{at}");

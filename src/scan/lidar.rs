@@ -101,7 +101,7 @@ impl Lidar {
     /// The lidar whose first beam is the last of so many that this one takes clockwise, beginning at
     /// `angle_min_rad`: the same beams from the other end.
     #[must_use]
-    pub fn from_clockwise(self, beams: usize) -> Self {
+    pub fn counter_clockwise(self, beams: usize) -> Self {
         use std::f64::consts::{PI, TAU};
         let covered_rad = beams.saturating_sub(1) as f64 * self.angle_increment_rad;
         let last_rad = self.angle_min_rad - covered_rad;
@@ -196,7 +196,7 @@ mod tests {
                 angle_min_rad: first_rad,
                 ..good()
             };
-            let flipped = clockwise.clone().from_clockwise(beams).validated().unwrap();
+            let flipped = clockwise.clone().counter_clockwise(beams).validated().unwrap();
             for beam in 0..beams {
                 let sent_rad = first_rad - beam as f64 * clockwise.angle_increment_rad;
                 let apart_rad = flipped.beam_angle_rad(beams - 1 - beam) - sent_rad;

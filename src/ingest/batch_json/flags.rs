@@ -49,16 +49,14 @@ fn raised_by_clock(
 ) -> Vec<BatchFlag> {
     let age_ns = |stamp: StampNs| received_at.as_nanosecond() - i128::from(stamp.0);
     let mut real = stamps.clone().filter(|stamp| !stamp.is_simulated());
+    let mut simulated = stamps.filter(|stamp| stamp.is_simulated());
     let flags = [
         (
             BatchFlag::ClockSkew,
             real.clone().any(|s| age_ns(s) < -SKEW_MAX_NS),
         ),
         (BatchFlag::Late, real.any(|s| age_ns(s) > LATE_MIN_NS)),
-        (
-            BatchFlag::SimulatedTime,
-            stamps.into_iter().any(StampNs::is_simulated),
-        ),
+        (BatchFlag::SimulatedTime, simulated.next().is_some()),
     ];
     let raised = flags.into_iter().filter(|(_, raised)| *raised);
     raised.map(|(flag, _)| flag).collect()

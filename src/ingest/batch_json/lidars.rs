@@ -196,7 +196,7 @@ impl StatedLidar {
             },
             which: self.which,
             geometry: Arc::new(match is_clockwise {
-                true => self.geometry.from_clockwise(beams),
+                true => self.geometry.counter_clockwise(beams),
                 false => self.geometry,
             }),
             is_clockwise,
