@@ -196,7 +196,11 @@ mod tests {
                 angle_min_rad: first_rad,
                 ..good()
             };
-            let flipped = clockwise.clone().counter_clockwise(beams).validated().unwrap();
+            let flipped = clockwise
+                .clone()
+                .counter_clockwise(beams)
+                .validated()
+                .unwrap();
             for beam in 0..beams {
                 let sent_rad = first_rad - beam as f64 * clockwise.angle_increment_rad;
                 let apart_rad = flipped.beam_angle_rad(beams - 1 - beam) - sent_rad;
