@@ -5,6 +5,7 @@ docs/how-to/write-a-gateway.md has the rules. Python 3.10 or newer, standard lib
 from __future__ import annotations
 
 import calendar
+import contextlib
 import secrets
 import threading
 import time
@@ -55,13 +56,17 @@ class Gateway:
         self._scans, self._begun_s, self._paused_until_s = 0, 0.0, 0.0
         self._trip, self._sequence, self._last = "", 0, Odometry(0, 0.0, 0.0, 0.0)
         self._spool = Spool(settings.spool, settings.spool_bytes_max, log)
-        if last := self._spool.last():
-            head, scan = last
-            self._trip, self._sequence = head["trip_id"], head["sequence"] + 1
-            self._last = Odometry(stamp_of(scan["stamp"]), **scan["odometry"])
-            self._stamps[scan.get("lidar", "")] = self._last.stamp_ns
+        with contextlib.suppress(KeyError, TypeError, ValueError):  # damaged by a power cut: another trip begins
+            self._resume()
         batches = f"{settings.url.rstrip('/')}/v1/routes/{settings.route}/batches"
         self._uploader = Uploader(batches, settings.spool, settings.timeout_s, settings.first_wait_s, log, on_stored)
+
+    def _resume(self) -> None:
+        if last := self._spool.last():
+            head, scan = last
+            self._last = Odometry(stamp_of(scan["stamp"]), **scan["odometry"])
+            self._stamps[scan.get("lidar", "")] = self._last.stamp_ns
+            self._trip, self._sequence = head["trip_id"], head["sequence"] + 1
 
     def on_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         with self._lock:

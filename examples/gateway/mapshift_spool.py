@@ -88,7 +88,7 @@ class Spool:
     def _make_room(self) -> bool:
         """Forgets the oldest refused batches if the spool is full."""
         refused = sorted(self._refused.iterdir(), key=lambda file: file.stat().st_mtime)
-        size = sum(map(size_of, [*self._directory.iterdir(), *refused]))
+        size = sum(map(size_of, [*self._directory.glob("*.*"), *refused]))
         for file in refused:
             if size > self._bytes_max:
                 size -= size_of(file)

@@ -94,22 +94,23 @@ class Gateway {
     static constexpr Seconds PAUSE{10};
 
     /// Goes on with the trip of a batch, if it is the newest so far.
-    void resume(const fs::path &batch) {
+    void resume(const fs::path &batch) try {
         std::istringstream lines(read_file(batch));
         std::string first, line, last;
         std::getline(lines, first);
         while (std::getline(lines, line)) last = line;
-        const json head = json::parse(first, nullptr, false), scan = json::parse(last, nullptr, false);
-        if (head.is_discarded() || scan.is_discarded()) return;  // damaged by a power cut
-        const std::string trip = head["trip_id"], stamp = scan["stamp"];
-        const int next = head["sequence"].get<int>() + 1;
+        const json head = json::parse(first), scan = json::parse(last), &pose = scan.at("odometry");
+        const std::string trip = head.at("trip_id"), stamp = scan.at("stamp");
+        const int next = head.at("sequence").get<int>() + 1;
         if (std::tie(trip, next) < std::tie(trip_, sequence_)) return;
         std::tm parts{};
         strptime(stamp.c_str(), "%Y-%m-%dT%H:%M:%S", &parts);
-        const json &pose = scan["odometry"];
-        last_ = {timegm(&parts) * 1'000'000'000 + std::stoll(stamp.substr(20, 9)), pose["x"], pose["y"], pose["theta"]};
+        const std::int64_t stamp_ns = timegm(&parts) * 1'000'000'000 + std::stoll(stamp.substr(20, 9));
+        last_ = {stamp_ns, pose.at("x"), pose.at("y"), pose.at("theta")};
         trip_ = trip;
         sequence_ = next;
+    } catch (const std::exception &error) {  // damaged by a power cut: another trip begins
+        std::cerr << batch << " cannot be gone on with: " << error.what() << "\n";
     }
 
     void take_waiting(std::int64_t ready_ns) {

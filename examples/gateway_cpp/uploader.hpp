@@ -68,8 +68,9 @@ class Uploader {
   private:
     void run() {
         int failures = 0;
-        while (!pause(0)) {
+        while (true) {
             const Answer answer = attempt_next();
+            if (pause(0)) return;
             if (answer.is_stored() || answer.is_refusal()) {
                 failures = 0;
             } else {

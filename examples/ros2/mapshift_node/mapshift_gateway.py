@@ -1,0 +1,1 @@
+../../gateway/mapshift_gateway.py
