@@ -159,4 +159,6 @@ class Gateway:
 
 
 def stamp_of(text: str) -> int:
-    return calendar.timegm(time.strptime(text[:19], "%Y-%m-%dT%H:%M:%S")) * 1_000_000_000 + int(text[20:29])
+    """Nanoseconds of a time as uploads and the service write it."""
+    seconds, _, fraction = text.rstrip("Z").partition(".")
+    return calendar.timegm(time.strptime(seconds, "%Y-%m-%dT%H:%M:%S")) * 1_000_000_000 + int(f"{fraction:0<9}")

@@ -94,7 +94,7 @@ class Uploader:
                 failures = 0
             else:
                 wait_s = self._wait_s(failures, answer.retry_after_s)
-                self._log(f"{batch.stem}: {answer.status} {answer.text[:200]}; again in {wait_s:.1f} s")
+                self._log(f"{batch.stem}: {answer.status} {answer.text[:200].strip()}; again in {wait_s:.1f} s")
                 failures += 1
                 self._stop.wait(wait_s)
 

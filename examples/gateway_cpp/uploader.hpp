@@ -93,13 +93,15 @@ class Uploader {
 
     Answer attempt(const fs::path &batch) {
         const std::string name = batch.stem();
-        const Answer answer = put(url_ + "/" + name, gzip(body_of(batch)));
+        Answer answer = put(url_ + "/" + name, gzip(body_of(batch)));
         if (answer.is_stored()) {
             fs::rename(batch, spool_ / "last-stored");  // forgotten, but for where its trip goes on
         } else if (answer.is_refusal()) {
             std::cerr << name << " was refused: " << answer.status << " " << answer.text << "\n";
             std::ofstream(spool_ / "refused" / (name + ".problem.json")) << answer.text;
             fs::rename(batch, spool_ / "refused" / batch.filename());
+        } else {
+            answer.text = name + ": " + answer.text;
         }
         return answer;
     }

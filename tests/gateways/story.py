@@ -42,7 +42,8 @@ class Service:
                 break
         else:
             raise SystemExit("the service has not begun to listen")
-        threading.Thread(target=self._process.stdout.read, daemon=True).start()
+        self._reader = threading.Thread(target=self._process.stdout.read, daemon=True)
+        self._reader.start()
 
     def call(self, path: str, body: Any = None) -> Any:
         data, method = (None, "GET") if body is None else (json.dumps(body).encode(), "PUT")
@@ -54,6 +55,9 @@ class Service:
     def stop(self) -> None:
         self._process.terminate()
         self._process.wait()
+        self._reader.join()
+        assert self._process.stdout
+        self._process.stdout.close()
 
 
 def read_so_far(process: subprocess.Popen[bytes]) -> None:
