@@ -6,14 +6,14 @@ docs/how-to/write-a-gateway.md has the rules. Python 3.10 or newer, standard lib
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hashlib
 import http.client
 import os
 import random
 import threading
-import urllib.error
-import urllib.request
+import urllib.parse
 from pathlib import Path
 from typing import Callable, NamedTuple, Optional
 
@@ -46,18 +46,19 @@ def put(url: str, body: bytes, timeout_s: float) -> Answer:
     headers = {"Content-Type": "application/json", "Content-Encoding": "gzip", "Content-Digest": f"sha-256=:{digest}:"}
     if key := os.environ.get("MAPSHIFT_KEY"):
         headers["Authorization"] = f"Bearer {key}"
-    request = urllib.request.Request(url, compressed, headers, method="PUT")
+    address = urllib.parse.urlsplit(url)
+    kind = http.client.HTTPSConnection if address.scheme == "https" else http.client.HTTPConnection
+    connection = kind(address.netloc, timeout=timeout_s)
     try:
-        try:
-            with urllib.request.urlopen(request, timeout=timeout_s) as answer:
-                return Answer(answer.status, answer.read().decode())  # stored only if the answer came whole
-        except urllib.error.HTTPError as error:
-            with error:
-                after = error.headers.get("Retry-After", "")
-                stated_s = float(after) if after.isdigit() else None
-                return Answer(error.code, error.read().decode(errors="replace"), stated_s)
-    except (OSError, http.client.HTTPException) as error:
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # refused before the body came whole: read why
+            connection.request("PUT", address.path, compressed, headers)
+        answer = connection.getresponse()
+        after = answer.getheader("Retry-After", "")
+        return Answer(answer.status, answer.read().decode(errors="replace"), float(after) if after.isdigit() else None)
+    except (OSError, http.client.HTTPException) as error:  # of an answer that is cut short, too
         return Answer(0, repr(error))
+    finally:
+        connection.close()
 
 
 class Uploader:
