@@ -67,7 +67,7 @@ class Uploader:
     def __init__(self, url: str, spool: Path, timeout_s: float = 60.0, first_wait_s: float = 1.0,
                  log: Callable[[str], None] = print,
                  on_stored: Callable[[str, bytes], None] = lambda batch_id, body: None) -> None:
-        """`url` is that of a route's batches: …/v1/routes/{route}/batches."""
+        """`url` is …/v1/routes/{route}/batches; `on_stored` gets name and body, in this thread, and must not raise."""
         self._url, self._spool, self._refused = url, spool, spool / "refused"
         self._timeout_s, self._first_wait_s, self._log, self._on_stored = timeout_s, first_wait_s, log, on_stored
         self._refused.mkdir(parents=True, exist_ok=True)
