@@ -8,9 +8,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "gatew
 from mapshift_gateway import Gateway, Settings  # noqa: E402
 
 
-def main(url: str, route: str, vehicle: str, spool: str, scans_per_batch: str, timeout_s: str, first_wait_s: str) -> None:
+def main(url: str, route: str, vehicle: str, spool: str, *numbers: str) -> None:
+    scans_per_batch, timeout_s, first_wait_s = map(float, numbers)
     settings = Settings(url, route, vehicle, Path(spool), scans_per_batch=int(scans_per_batch),
-                        timeout_s=float(timeout_s), first_wait_s=float(first_wait_s))
+                        timeout_s=timeout_s, first_wait_s=first_wait_s)
     gateway = Gateway(settings, log=lambda text: print(text, file=sys.stderr))
     for line in sys.stdin:
         message = json.loads(line)

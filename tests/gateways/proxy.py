@@ -9,9 +9,12 @@ import threading
 from collections import Counter
 from typing import Optional
 
-FAULTS = ("drop_before", "reset_in_body", "reset_after", "cut_answer", "stall", "twice", "busy", "bad_gateway", "corrupt")
-BUSY = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
-BAD_GATEWAY = b"HTTP/1.1 502 Bad Gateway\r\nContent-Type: text/html\r\nContent-Length: 13\r\nConnection: close\r\n\r\n<h1>502</h1>\n"
+FAULTS = (
+    "drop_before", "reset_in_body", "reset_after", "cut_answer", "stall", "twice", "busy", "bad_gateway", "corrupt",
+)
+CLOSE = b"Connection: close\r\n"
+BUSY = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nContent-Length: 0\r\n" + CLOSE + b"\r\n"
+BAD_GATEWAY = b"HTTP/1.1 502 Bad Gateway\r\nContent-Length: 13\r\n" + CLOSE + b"\r\n<h1>502</h1>\n"
 
 
 class Proxy:

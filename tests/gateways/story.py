@@ -139,7 +139,8 @@ def check(service: Service, route: str, scans: int, trips: int) -> Finding:
     while service.call(route)["pending_batches"] and time.monotonic() < deadline:
         time.sleep(0.2)
     batches = list(pages(service, f"{route}/batches"))
-    findings = [f"batch {batch['id']} is {batch['status']}: {batch['reason']}" for batch in batches if batch["status"] != "merged"]
+    others = [batch for batch in batches if batch["status"] != "merged"]
+    findings = [f"batch {batch['id']} is {batch['status']}: {batch['reason']}" for batch in others]
     sequences: dict[str, list[int]] = {}
     for batch in batches:
         sequences.setdefault(batch["trip_id"], []).append(batch["sequence"])
@@ -152,7 +153,7 @@ def check(service: Service, route: str, scans: int, trips: int) -> Finding:
     wanted = [room.stamp_text(room.stamp_ns(k))[:-1] for k in range(scans)]
     if sorted(stamps) != wanted:
         missing = len(set(wanted) - set(stamps))
-        findings.append(f"of {scans} scans {missing} are missing; {len(stamps)} are there, {len(set(stamps))} different ones")
+        findings.append(f"of {scans} scans {missing} are missing; there are {len(stamps)}, of which {len(set(stamps))} differ")
     print(f"  {route}: {len(batches)} batches, {len(stamps)} scans, {len(sequences)} trips")
     return findings
 
@@ -201,7 +202,8 @@ def main(binary: str, scratch: Path, gateways: dict[str, list[str]]) -> int:
 
     print(f"  requests: {proxy.fates.total()}, of which {dict(sorted(proxy.fates.items()))}")
     print(f"  answers of the service: {dict(sorted(proxy.answers.items()))}; 200 is a batch that it had already")
-    print(f"  control, as it should be: {'; '.join(control)[:160]}" if control else "  CONTROL: nothing is found missing")
+    found_control = "; ".join(control)[:160]
+    print(f"  control, as it should be: {found_control}" if control else "  CONTROL: nothing is found missing")
     for name, found in findings.items():
         for finding in found:
             print(f"  {name}: {finding}")

@@ -67,7 +67,8 @@ class GatewayTest(unittest.TestCase):
         self.assertIsNone(recent.at(-1))
 
     def test_the_same_bytes_are_sent_again_with_digest_and_key(self) -> None:
-        service = self.serve((503, {"Retry-After": "0"}, ""), (408, {}, ""), (429, {}, ""), (302, {"Location": "/"}, ""), (507, {}, ""))
+        busy: Reply = (503, {"Retry-After": "0"}, "")
+        service = self.serve(busy, (408, {}, ""), (429, {}, ""), (302, {"Location": "/"}, ""), (507, {}, ""))
         with mock.patch.dict(os.environ, MAPSHIFT_KEY="ms_1_2"):
             gateway = self.gateway(service.url, scans_per_batch=3)
             self.drive(gateway, range(5))

@@ -53,7 +53,9 @@ def odometry_message(message: dict[str, Any]) -> Odometry:
     return odometry
 
 
-def frame_message(parent: str, child: str, x: float, rotation: Optional[Quaternion] = None, stamp_ns: int = 0) -> TFMessage:
+def frame_message(
+    parent: str, child: str, x: float, rotation: Optional[Quaternion] = None, stamp_ns: int = 0
+) -> TFMessage:
     stamped = TransformStamped(child_frame_id=child)
     stamped.header.frame_id, stamped.header.stamp = parent, time_of(stamp_ns)
     stamped.transform.translation.x = x
@@ -63,8 +65,8 @@ def frame_message(parent: str, child: str, x: float, rotation: Optional[Quaterni
 
 class ConversionTest(unittest.TestCase):
     def test_ranges_are_what_rep_117_says(self) -> None:
-        pairs = [(math.inf, None), (8.1, None), (8.0, 8.0), (0.1, 0.1), (0.05, INVALID), (0.0, INVALID), (-0.003, INVALID),
-                 (-math.inf, INVALID), (math.nan, INVALID), (1.23456, 1.235)]
+        pairs = [(math.inf, None), (8.1, None), (8.0, 8.0), (1.23456, 1.235), (0.1, 0.1), (0.05, INVALID),
+                 (0.0, INVALID), (-0.003, INVALID), (-math.inf, INVALID), (math.nan, INVALID)]
         for measured, sent in pairs:
             self.assertEqual(upload_range(measured, 0.1, 8.0), sent, measured)
 
@@ -206,8 +208,9 @@ class NodeTest(unittest.TestCase):
         # The first trip of a route defines the map: it begins where the trip did, at the first scan.
         truth = room.in_odometry(room.true_pose(0), room.true_pose(scans - 1 + 0.3))
         self.assertEqual(message.header.frame_id, "map")
-        self.assertLess(math.hypot(message.pose.pose.position.x - truth[0], message.pose.pose.position.y - truth[1]), 0.1)
-        heading = 2 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w)
+        pose = message.pose.pose
+        self.assertLess(math.hypot(pose.position.x - truth[0], pose.position.y - truth[1]), 0.1)
+        heading = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
         self.assertLess(abs(math.remainder(heading - truth[2], math.tau)), 0.05)
         self.assertGreaterEqual(message.pose.covariance[0], 0.05**2 - 1e-12)
 

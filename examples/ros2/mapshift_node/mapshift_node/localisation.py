@@ -86,5 +86,6 @@ class Localiser:
     def _get(self, path: str) -> Any:
         key: Optional[str] = os.environ.get("MAPSHIFT_KEY")
         headers = {"Authorization": f"Bearer {key}"} if key else {}
-        with urllib.request.urlopen(urllib.request.Request(f"{self._route_url}/{path}", headers=headers), timeout=10) as answer:
+        request = urllib.request.Request(f"{self._route_url}/{path}", headers=headers)
+        with urllib.request.urlopen(request, timeout=10) as answer:
             return json.load(answer)

@@ -91,8 +91,8 @@ class MapshiftNode(Node):
             return self._lidars[topic]
         mount = self._frames.between(self._base_frame, scan.header.frame_id)
         if mount is None:
-            pair = f"{self._base_frame} to {scan.header.frame_id}"
-            self.get_logger().warning(f"{topic} waits: /tf_static does not lead from {pair}", throttle_duration_sec=10.0)
+            text = f"{topic} waits: /tf_static does not lead from {self._base_frame} to {scan.header.frame_id}"
+            self.get_logger().warning(text, throttle_duration_sec=10.0)
             return None
         try:
             self._lidars[topic] = Lidar(scan, mount)
@@ -128,8 +128,9 @@ class MapshiftNode(Node):
         at = found.map_from_odom.then(odom_from_base)
         message = PoseWithCovarianceStamped()
         message.header.stamp, message.header.frame_id = stamp, "map"
-        message.pose.pose.position.x, message.pose.pose.position.y = at.x, at.y
-        message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(at.theta / 2), math.cos(at.theta / 2)
+        pose = message.pose.pose
+        pose.position.x, pose.position.y = at.x, at.y
+        pose.orientation.z, pose.orientation.w = math.sin(at.theta / 2), math.cos(at.theta / 2)
         covariance = [0.0] * 36  # of x, y, z and the turns about them, row by row
         for place, sigma, least in zip((0, 7, 35), found.sigma, SIGMA_MIN):
             covariance[place] = max(sigma, least) ** 2
