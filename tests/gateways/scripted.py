@@ -1,4 +1,4 @@
-"""A service that answers uploads as it is told, and remembers them."""
+"""A service that answers uploads by a script, and remembers them."""
 from __future__ import annotations
 
 import gzip
