@@ -7,6 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
+use super::access::Identity;
 use super::batch_upload::BandBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::paging::{checked_limit, cut_page, key_of_cursor};
@@ -179,7 +180,7 @@ pub(super) async fn list_nodes(
 
 /// Read a node.
 ///
-/// Its pose in the map and where it came from.
+/// Its pose in the map and where it came from; for a key that uploads for one vehicle, if it is of this vehicle.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes/{node}", tag = "graph",
     params(RouteParam, NodeParam),
@@ -187,10 +188,15 @@ pub(super) async fn list_nodes(
 )]
 pub(super) async fn get_node(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiPath((route_id, id)): ApiPath<(RouteId, NodeId)>,
     _: NoQuery,
 ) -> Result<Json<NodeBody>, Problem> {
-    Ok(Json(known_node(&state, &route_id, id).await?.into()))
+    let node = known_node(&state, &route_id, id).await?;
+    match identity.is_foreign(&node.vehicle_id) {
+        true => Err(Problem::not_found("node")),
+        false => Ok(Json(node.into())),
+    }
 }
 
 /// Read a node's scan.
@@ -216,7 +222,7 @@ pub(super) async fn get_node_scan(
     Ok(Json(NodeScanBody::new(&node, &scan)))
 }
 
-async fn known_node(
+pub(super) async fn known_node(
     state: &ApiState,
     route_id: &RouteId,
     id: NodeId,

@@ -9,8 +9,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::access::Identity;
 use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery};
+use super::nodes::known_node;
 use super::parameters::{RouteParam, TripParam};
 use super::problem::Problem;
 use super::problem_responses::RoutePartProblems;
@@ -86,7 +88,8 @@ pub(super) struct TrajectoryQuery {
 /// Read a trip's trajectory.
 ///
 /// The optimised pose of every keyframe of the trip, or of every uploaded scan: a scan between
-/// keyframes moves rigidly with the keyframe before it.
+/// keyframes moves rigidly with the keyframe before it. A key that uploads for one vehicle reads the
+/// trips of this vehicle, so that the vehicle can localise itself in the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}", tag = "graph",
     params(RouteParam, TripParam, TrajectoryQuery),
@@ -94,10 +97,12 @@ pub(super) struct TrajectoryQuery {
 )]
 pub(super) async fn get_trajectory(
     State(state): State<ApiState>,
+    identity: Identity,
     ApiPath((route_id, trip_id)): ApiPath<(RouteId, TripId)>,
     ApiQuery(query): ApiQuery<TrajectoryQuery>,
 ) -> Result<Response, Problem> {
     let (first, pieces) = poses(&state, &route_id, &trip_id, &query).await?;
+    check_own(&state, &identity, &route_id, &first).await?;
     let start = state.store.trip_start(&route_id, &trip_id).await?;
     let corrections = start.unwrap_or_default().corrections;
     let corrections = corrections.applied().iter().map(correction_body);
@@ -151,8 +156,29 @@ async fn poses(
     let poses = state.store.export_trajectory(route_id, trip_id, all);
     let mut poses = poses.await?;
     let first = poses.next().await?;
-    let first = first.ok_or_else(|| Problem::not_found("trip with keyframes in the map"))?;
+    let first = first.ok_or_else(unknown_trip)?;
     Ok((first, poses))
+}
+
+/// Refuses a vehicle the trip of another one just as a trip that is not there.
+async fn check_own(
+    state: &ApiState,
+    identity: &Identity,
+    route_id: &RouteId,
+    first: &Poses,
+) -> Result<(), Problem> {
+    let (Some(_), Some(pose)) = (identity.own_vehicle(), first.first()) else {
+        return Ok(());
+    };
+    let node = known_node(state, route_id, pose.node_id).await?;
+    match identity.is_foreign(&node.vehicle_id) {
+        true => Err(unknown_trip()),
+        false => Ok(()),
+    }
+}
+
+fn unknown_trip() -> Problem {
+    Problem::not_found("trip with keyframes in the map")
 }
 
 /// [`TrajectoryBody`], its poses as they come.

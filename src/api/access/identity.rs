@@ -109,6 +109,11 @@ impl Identity {
         self.vehicle_id.as_ref()
     }
 
+    /// Whether they upload for one vehicle, and this is another.
+    pub(in crate::api) fn is_foreign(&self, vehicle: &VehicleId) -> bool {
+        self.own_vehicle().is_some_and(|own| own != vehicle)
+    }
+
     /// Refuses uploads of other vehicles than their own.
     ///
     /// # Errors

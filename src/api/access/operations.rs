@@ -11,7 +11,7 @@ pub(super) enum Needs {
     Identity,
     /// Vehicles, for their own uploads, and maintainers: viewers only read.
     Upload,
-    /// Vehicles, for their own uploads, and viewers.
+    /// Vehicles, for their own uploads and where these lie in the map, and viewers.
     OwnUpload,
     /// Holders of this role, or of one with more.
     Role(Role),
@@ -74,12 +74,12 @@ pub(super) const OPERATIONS: &[(&str, Needs, About)] = &[
     ("get_graph", VIEWER, Route),
     ("get_graph_g2o", VIEWER, Route),
     ("list_nodes", VIEWER, Route),
-    ("get_node", VIEWER, Route),
+    ("get_node", OwnUpload, Route),
     ("get_node_scan", VIEWER, Route),
     ("list_edges", VIEWER, Route),
     ("get_edge", VIEWER, Route),
     ("list_subgraphs", VIEWER, Route),
-    ("get_trajectory", VIEWER, Route),
+    ("get_trajectory", OwnUpload, Route),
     ("get_trajectory_tum", VIEWER, Route),
     ("get_residuals", VIEWER, Route),
     ("get_map_png", VIEWER, Route),
