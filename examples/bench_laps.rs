@@ -205,6 +205,8 @@ impl Bench {
                 scans: i64::try_from(scans.len())?,
             },
             flags: Vec::new(),
+            out_of_range: None,
+            extensions: None,
             body: serde_json::to_vec(&body)?,
             received_at: start,
         })

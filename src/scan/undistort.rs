@@ -202,12 +202,16 @@ mod tests {
                 Pose2::new(0.1, 0.02, 0.1),
                 Pose2::new(0.0, 0.0, -0.12),
             ] {
-                for order in [FirstBeamFirst, LastBeamFirst] {
+                // All round and clockwise, two beams at an edge of a pillar change places: such a sweep
+                // is left alone.
+                let orders = [FirstBeamFirst, LastBeamFirst];
+                let orders = &orders[..if field_rad == TAU { 1 } else { 2 }];
+                for &order in orders {
                     let raw = swept_in(order, &lidar, beams, &motion);
                     let mended = raw.undistorted(&motion, order);
                     let (before, after) = (errors_m(&raw, &standing), errors_m(&mended, &standing));
                     // Edges apart, which a beam may pass on either side.
-                    let worst = |errors: &[f64]| errors[errors.len() * 9 / 10];
+                    let worst = |errors: &[f64]| errors[errors.len() * 95 / 100];
                     assert!(worst(&after) < 0.012, "{motion:?}: {}", worst(&after));
                     assert!(worst(&before) > 5.0 * worst(&after), "{motion:?}");
                     assert!(after.len() * 100 > beams * 93, "{} of {beams}", after.len());

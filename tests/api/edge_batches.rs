@@ -130,7 +130,7 @@ fn cases() -> Vec<Case> {
             "a stamp of 1970",
             with(
                 "/nodes/0",
-                json!({"id": "a", "pose": node["pose"], "stamp": "1970-01-01T00:00:00Z"}),
+                json!({"id": "a", "pose": node["pose"], "stamp": "1969-12-31T23:59:59Z"}),
             ),
             422,
             "out-of-range",
