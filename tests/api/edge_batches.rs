@@ -127,7 +127,7 @@ fn cases() -> Vec<Case> {
             "out-of-range",
         ),
         case(
-            "a stamp of 1970",
+            "a stamp of 1969",
             with(
                 "/nodes/0",
                 json!({"id": "a", "pose": node["pose"], "stamp": "1969-12-31T23:59:59Z"}),
