@@ -1,6 +1,6 @@
 //! `mapshift replay`.
 
-mod summary;
+mod report;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,13 +8,13 @@ use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use anyhow::{Context, bail};
-use serde::Serialize;
 
 use super::progress::Progress;
 use crate::ids::RouteId;
-use crate::pipeline::{PipelineOptions, Replayed, drawn_map, replay};
-use crate::render::{CellChanges, cell_changes};
-use crate::store::{self, Comparison, Store, StoreOptions};
+use crate::pipeline::{PipelineOptions, drawn_map, replay};
+use crate::render::cell_changes;
+use crate::store::{self, Store, StoreOptions};
+use report::Report;
 
 /// Arguments of `mapshift replay`.
 #[derive(Debug, clap::Args)]
@@ -36,26 +36,6 @@ pub struct Args {
 
 const BEGINS_LATE: &str = "its journal begins after its first batches, which an earlier version processed: it is left as it is";
 
-/// What became of one route.
-#[derive(Serialize)]
-struct Report {
-    route: RouteId,
-    #[serde(flatten)]
-    replayed: Option<Replayed>,
-    /// Why it could not be made anew.
-    error: Option<&'static str>,
-    comparison: Option<Comparison>,
-    /// Cells of the map's picture that differ; null where they are not compared, or there is no map.
-    cells: Option<CellChanges>,
-}
-
-impl Report {
-    fn is_good(&self) -> bool {
-        let is_same = self.comparison.as_ref().is_none_or(|found| found.same);
-        self.error.is_none() && is_same
-    }
-}
-
 /// Makes maps anew from the journal of what shaped them, in a copy of the database, and prints what
 /// came of it as JSON, and in short on standard error; fails if a map cannot be made anew or, where they are compared, differs.
 ///
@@ -70,7 +50,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut err = std::io::stderr().lock();
     for report in &reports {
         // For people; whoever reads the report may have closed it.
-        let _ = summary::write(report, &mut err);
+        let _ = report.write_summary(&mut err);
     }
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, &reports)?;

@@ -98,7 +98,10 @@ fn put(args: &Args, digest: Option<&str>) -> anyhow::Result<()> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let aside = data.join(format!("replaced-{now}"));
     if aside.exists() {
-        bail!("{} is there already: try again in a second", aside.display());
+        bail!(
+            "{} is there already: try again in a second",
+            aside.display()
+        );
     }
     held.put(&staged, &aside)?;
     if !earlier.is_empty() {
