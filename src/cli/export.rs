@@ -14,7 +14,7 @@ use super::progress::{Progress, say};
 use crate::client::{AlertDetail, Gateway, NodeReport, ScanReport};
 use crate::geometry::Vector2;
 use crate::ids::RouteId;
-use crate::ingest::{RecordedAlert, RecordedKeyframe, RecordedScan, RouteRecording};
+use crate::ingest::{ExportedAlert, ExportedKeyframe, ExportedScan, RouteRecording};
 use crate::model::{AlertStatus, TextEnum as _};
 
 /// Arguments of `mapshift export`.
@@ -116,7 +116,7 @@ async fn record(
     for node in &placed {
         let scan = gateway.scan(route, node.id).await?;
         scans += usize::from(scan.is_some());
-        recording.keyframe(&RecordedKeyframe {
+        recording.keyframe(&ExportedKeyframe {
             stamp_ns: nanoseconds(node.stamp)?,
             vehicle: node.vehicle_id.clone(),
             map_from_base: node.pose.into(),
@@ -144,8 +144,8 @@ fn nanoseconds(stamp: Timestamp) -> anyhow::Result<i64> {
     i64::try_from(stamp.as_nanosecond()).with_context(|| format!("{stamp} is out of range"))
 }
 
-fn recorded_scan(scan: ScanReport) -> RecordedScan {
-    RecordedScan {
+fn recorded_scan(scan: ScanReport) -> ExportedScan {
+    ExportedScan {
         base_from_lidar: scan.lidar.mount.into(),
         angle_min_rad: scan.lidar.angle_min,
         angle_max_rad: scan.lidar.angle_max,
@@ -156,9 +156,9 @@ fn recorded_scan(scan: ScanReport) -> RecordedScan {
     }
 }
 
-fn recorded_alert(alert: &AlertDetail) -> anyhow::Result<RecordedAlert> {
+fn recorded_alert(alert: &AlertDetail) -> anyhow::Result<ExportedAlert> {
     let status = AlertStatus::of_text(&alert.status)?;
-    Ok(RecordedAlert {
+    Ok(ExportedAlert {
         stamp_ns: nanoseconds(alert.first_seen)?,
         kind: alert.kind.clone(),
         title: format!("{} ({})", alert.title, alert.status),

@@ -20,5 +20,6 @@ pub use carmen::{CarmenClock, CarmenError, CarmenLog, CarmenScan};
 pub use carmen_line::SkipReason;
 pub use extensions::{EXTENSIONS_BYTES_MAX, EXTENSIONS_DEPTH_MAX};
 pub use route_recording::{
-    RecordedAlert, RecordedGrid, RecordedKeyframe, RecordedScan, RecordingError, RouteRecording,
+    ExportedAlert, ExportedGrid, ExportedKeyframe, ExportedScan, RouteRecording,
+    RouteRecordingError,
 };

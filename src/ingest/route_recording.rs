@@ -46,7 +46,7 @@ const ENDED: Color = Color {
 
 /// A map as a grid.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RecordedGrid {
+pub struct ExportedGrid {
     /// Edge of a cell, metres.
     pub resolution_m: f64,
     /// The lower left corner, map frame.
@@ -61,7 +61,7 @@ pub struct RecordedGrid {
 
 /// A keyframe's pose, and its scan if it has one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RecordedKeyframe {
+pub struct ExportedKeyframe {
     /// Nanoseconds since 1970.
     pub stamp_ns: i64,
     /// The vehicle: the prefix of its frames.
@@ -69,12 +69,12 @@ pub struct RecordedKeyframe {
     /// `map_from_base`.
     pub map_from_base: Pose2,
     /// What was measured there.
-    pub scan: Option<RecordedScan>,
+    pub scan: Option<ExportedScan>,
 }
 
 /// A keyframe's scan.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RecordedScan {
+pub struct ExportedScan {
     /// `base_from_lidar`.
     pub base_from_lidar: Pose2,
     /// Direction of the first beam, radians.
@@ -93,7 +93,7 @@ pub struct RecordedScan {
 
 /// An alert about a place.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RecordedAlert {
+pub struct ExportedAlert {
     /// When it was first seen, nanoseconds since 1970.
     pub stamp_ns: i64,
     /// What it shows.
@@ -110,7 +110,7 @@ pub struct RecordedAlert {
 
 /// Why a recording could not be written.
 #[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
+pub enum RouteRecordingError {
     /// The file could not.
     #[error("the recording could not be written")]
     File(#[from] mcap::McapError),
@@ -138,8 +138,8 @@ impl<W: Write + Seek> RouteRecording<W> {
     /// Begins a recording; `library` names the program that writes it.
     ///
     /// # Errors
-    /// [`RecordingError`].
-    pub fn create(into: W, library: &str) -> Result<Self, RecordingError> {
+    /// [`RouteRecordingError`].
+    pub fn create(into: W, library: &str) -> Result<Self, RouteRecordingError> {
         let mut writer = WriteOptions::new()
             .profile("ros2")
             .library(library)
@@ -157,8 +157,8 @@ impl<W: Write + Seek> RouteRecording<W> {
     /// Writes the map as it is from a time on.
     ///
     /// # Errors
-    /// [`RecordingError`].
-    pub fn grid(&mut self, stamp_ns: i64, grid: RecordedGrid) -> Result<(), RecordingError> {
+    /// [`RouteRecordingError`].
+    pub fn grid(&mut self, stamp_ns: i64, grid: ExportedGrid) -> Result<(), RouteRecordingError> {
         let origin = Pose2::new(grid.origin.x, grid.origin.y, 0.0);
         let message = OccupancyGrid {
             header: header(stamp_ns, MAP_FRAME),
@@ -175,8 +175,8 @@ impl<W: Write + Seek> RouteRecording<W> {
     /// Writes where a vehicle was, and its scan.
     ///
     /// # Errors
-    /// [`RecordingError`].
-    pub fn keyframe(&mut self, keyframe: &RecordedKeyframe) -> Result<(), RecordingError> {
+    /// [`RouteRecordingError`].
+    pub fn keyframe(&mut self, keyframe: &ExportedKeyframe) -> Result<(), RouteRecordingError> {
         let stamp_ns = keyframe.stamp_ns;
         let base = format!("{}/base", keyframe.vehicle);
         let lidar = format!("{}/lidar", keyframe.vehicle);
@@ -217,8 +217,8 @@ impl<W: Write + Seek> RouteRecording<W> {
     /// Writes an alert.
     ///
     /// # Errors
-    /// [`RecordingError`].
-    pub fn alert(&mut self, alert: &RecordedAlert) -> Result<(), RecordingError> {
+    /// [`RouteRecordingError`].
+    pub fn alert(&mut self, alert: &ExportedAlert) -> Result<(), RouteRecordingError> {
         // Ids are unique within a namespace, which is the kind and what is drawn.
         let id = i32::try_from(self.alerts.messages).unwrap_or(i32::MAX);
         let corners = alert.region.iter().chain(alert.region.first());
@@ -242,8 +242,8 @@ impl<W: Write + Seek> RouteRecording<W> {
     /// Writes the index and ends the recording.
     ///
     /// # Errors
-    /// [`RecordingError`].
-    pub fn finish(mut self) -> Result<W, RecordingError> {
+    /// [`RouteRecordingError`].
+    pub fn finish(mut self) -> Result<W, RouteRecordingError> {
         self.writer.finish()?;
         Ok(self.writer.into_inner())
     }
@@ -253,7 +253,7 @@ impl Topic {
     fn add<M: Message, W: Write + Seek>(
         writer: &mut Writer<W>,
         topic: &str,
-    ) -> Result<Self, RecordingError> {
+    ) -> Result<Self, RouteRecordingError> {
         let definition = M::DEFINITION.as_bytes();
         let schema_id = writer.add_schema(M::NAME, "ros2msg", definition)?;
         let channel_id = writer.add_channel(schema_id, topic, "cdr", &BTreeMap::new())?;
@@ -268,7 +268,7 @@ impl Topic {
         writer: &mut Writer<W>,
         stamp_ns: i64,
         message: &M,
-    ) -> Result<(), RecordingError> {
+    ) -> Result<(), RouteRecordingError> {
         let mut data = ENCAPSULATION.to_vec();
         data.extend(cdr_encoding::to_vec::<M, LittleEndian>(message)?);
         let time_ns = u64::try_from(stamp_ns).unwrap_or_default();
@@ -308,7 +308,7 @@ fn uniform(size_m: f64) -> Vector {
 }
 
 /// A marker without what it shows.
-fn marker(alert: &RecordedAlert, part: &str, id: i32, shape: i32) -> Marker {
+fn marker(alert: &ExportedAlert, part: &str, id: i32, shape: i32) -> Marker {
     Marker {
         header: header(alert.stamp_ns, MAP_FRAME),
         ns: format!("{}/{part}", alert.kind),
@@ -341,12 +341,12 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
-    fn keyframe() -> RecordedKeyframe {
-        RecordedKeyframe {
+    fn keyframe() -> ExportedKeyframe {
+        ExportedKeyframe {
             stamp_ns: 1_700_000_000_250_000_000,
             vehicle: "agv-07".to_owned(),
             map_from_base: Pose2::new(1.0, 2.0, std::f64::consts::FRAC_PI_2),
-            scan: Some(RecordedScan {
+            scan: Some(ExportedScan {
                 base_from_lidar: Pose2::new(0.2, 0.0, 0.0),
                 angle_min_rad: -1.0,
                 angle_max_rad: 1.0,
@@ -363,7 +363,7 @@ mod tests {
         let mut recording = RouteRecording::create(Cursor::new(Vec::new()), "test").unwrap();
         recording.keyframe(&keyframe()).unwrap();
         recording
-            .alert(&RecordedAlert {
+            .alert(&ExportedAlert {
                 stamp_ns: 1_700_000_000_000_000_000,
                 kind: "appeared".to_owned(),
                 title: "Appeared".to_owned(),

@@ -3,13 +3,13 @@
 use anyhow::{Context, bail};
 
 use crate::geometry::Vector2;
-use crate::ingest::RecordedGrid;
+use crate::ingest::ExportedGrid;
 
 /// Reads the two files.
 ///
 /// # Errors
 /// If they are not what the service writes.
-pub(super) fn grid(yaml: &[u8], pgm: &[u8]) -> anyhow::Result<RecordedGrid> {
+pub(super) fn grid(yaml: &[u8], pgm: &[u8]) -> anyhow::Result<ExportedGrid> {
     let yaml = std::str::from_utf8(yaml).context("the map's description is not text")?;
     let value = |key: &str| {
         let line = yaml.lines().find_map(|line| line.strip_prefix(key));
@@ -22,7 +22,7 @@ pub(super) fn grid(yaml: &[u8], pgm: &[u8]) -> anyhow::Result<RecordedGrid> {
     // The picture begins on top.
     let rows = pixels.chunks(row_bytes).rev();
     let cells: Result<Vec<i8>, _> = rows.flatten().map(|grey| occupancy(*grey)).collect();
-    Ok(RecordedGrid {
+    Ok(ExportedGrid {
         resolution_m,
         origin: Vector2::new(x, y),
         width,

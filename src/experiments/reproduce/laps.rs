@@ -34,7 +34,7 @@ pub(super) struct TrueChange {
 
 /// One scan.
 #[derive(Debug, Clone)]
-pub(super) struct RecordedScan {
+pub(super) struct ExportedScan {
     /// As the map takes it.
     pub scan: DriveScan,
     /// From 0.
@@ -51,7 +51,7 @@ pub(super) struct RecordedScan {
 #[derive(Debug, Clone)]
 pub(super) struct Laps {
     /// In the order of time.
-    pub scans: Vec<RecordedScan>,
+    pub scans: Vec<ExportedScan>,
     /// All changes, seen or not.
     pub changes: Vec<TrueChange>,
     /// Laps before them.
@@ -83,7 +83,7 @@ impl Laps {
         let mut scans = Vec::with_capacity(recorded.len());
         for (k, scan) in recorded.into_iter().enumerate() {
             let beams = LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?;
-            scans.push(RecordedScan {
+            scans.push(ExportedScan {
                 differing: differing(&before[k], &after[k]),
                 looks_at: stage.looks(&before[k], &after[k]),
                 lap: scan.lap,
