@@ -1,74 +1,114 @@
 //! Recordings on disk, whatever their format.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use flate2::read::MultiGzDecoder;
 
-use crate::ids::{NAME_LENGTH_MAX, TripId};
-use crate::ingest::{CarmenClock, CarmenLog};
+use crate::ids::{NAME_LENGTH_MAX, StampNs, TripId};
+use crate::ingest::mcap::TopicChoice;
+use crate::ingest::{LidarLog, Recording, format_of};
+use crate::model::RecordingFormat;
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Room that a batch id needs behind the trip's name.
 const SEQUENCE_DIGITS: usize = 6;
 
-/// Beginnings of files that are no CARMEN logs, and what to tell who sends them.
-const FOREIGN: [(&[u8], &str); 6] = [
-    (
-        b"\x89MCAP0\r\n",
-        "an MCAP recording: this version reads CARMEN logs only",
-    ),
-    (
-        b"#ROSBAG V",
-        "a ROS 1 bag: this version reads CARMEN logs only",
-    ),
-    (
-        b"SQLite format 3\0",
-        "a database (a ROS 2 bag?): this version reads CARMEN logs only",
-    ),
-    (
-        b"\x28\xb5\x2f\xfd",
-        "compressed with zstd: unpack it first, or use gzip",
-    ),
-    (b"PK\x03\x04", "a zip archive: unpack it first"),
-    (
-        b"BZh",
-        "compressed with bzip2: unpack it first, or use gzip",
-    ),
-];
-
-/// Reads a recording; the format is known by its first bytes, not by its name.
-pub(super) fn read(path: &Path) -> anyhow::Result<CarmenLog> {
-    read_log(path).with_context(|| path.display().to_string())
+/// A recording on the disk, of which everything but the scans is read.
+pub(super) struct RecordingFile {
+    path: PathBuf,
+    /// What it holds.
+    pub recording: Recording,
 }
 
-fn read_log(path: &Path) -> anyhow::Result<CarmenLog> {
+/// Reads a recording but for its scans; the format is known by its first bytes, not by its name.
+pub(super) fn open(path: &Path, choice: &TopicChoice) -> anyhow::Result<RecordingFile> {
+    let open = || {
+        let mut reader = reader(path)?;
+        let start = reader.fill_buf().context("it could not be unpacked")?;
+        let format = format_of(start)?;
+        anyhow::Ok(Recording::open(reader, format, choice)?)
+    };
+    Ok(RecordingFile {
+        path: path.to_owned(),
+        recording: open().with_context(|| path.display().to_string())?,
+    })
+}
+
+/// Reads the scans of a recording's first lidar.
+pub(super) fn read(path: &Path, beam_spacing: f64) -> anyhow::Result<LidarLog> {
+    let file = open(path, &TopicChoice::default())?.with_beam_spacing(beam_spacing);
+    let log = file.recording.first_lidar(file.reader()?);
+    log.with_context(|| path.display().to_string())
+}
+
+fn reader(path: &Path) -> anyhow::Result<Box<dyn BufRead>> {
     let mut file = BufReader::new(File::open(path)?);
-    if file.fill_buf()?.starts_with(&GZIP_MAGIC) {
-        parse(BufReader::new(MultiGzDecoder::new(file)))
-    } else {
-        parse(file)
-    }
+    Ok(match file.fill_buf()?.starts_with(&GZIP_MAGIC) {
+        true => Box::new(BufReader::new(MultiGzDecoder::new(file))),
+        false => Box::new(file),
+    })
 }
 
-fn parse(mut reader: BufReader<impl Read>) -> anyhow::Result<CarmenLog> {
-    let start = reader.fill_buf().context("it could not be unpacked")?;
-    if start.is_empty() {
-        bail!("the file is empty");
+impl RecordingFile {
+    /// The file once more, from its beginning.
+    pub(super) fn reader(&self) -> anyhow::Result<Box<dyn BufRead>> {
+        reader(&self.path).with_context(|| self.path.display().to_string())
     }
-    if let Some((_, advice)) = FOREIGN.iter().find(|(magic, _)| start.starts_with(magic)) {
-        bail!("this is {advice}");
+
+    /// With beams so many times as far apart as the recording states.
+    pub(super) fn with_beam_spacing(mut self, factor: f64) -> Self {
+        let lidars = std::mem::take(&mut self.recording.lidars).into_iter();
+        self.recording.lidars = lidars
+            .map(|lidar| lidar.with_beam_spacing(factor))
+            .collect();
+        self
     }
-    Ok(CarmenLog::read(reader)?)
+
+    /// What is taken of it, line by line for people.
+    pub(super) fn describe(
+        &self,
+        scans: usize,
+        stamps: [StampNs; 2],
+        skipped: &[String],
+    ) -> Vec<String> {
+        let recording = &self.recording;
+        let format = match recording.format {
+            RecordingFormat::Carmen => "CARMEN log",
+            RecordingFormat::Mcap => "MCAP recording",
+        };
+        let duration_s = stamps[1].seconds() - stamps[0].seconds();
+        let mut lines = vec![format!(
+            "{}: {format}, {scans} scans in {duration_s:.1} s",
+            self.path.display()
+        )];
+        lines.extend(recording.lidars.iter().map(|lidar| {
+            let (geometry, mount) = (&lidar.geometry, &lidar.geometry.mount);
+            let name = lidar.name.as_ref();
+            format!(
+                "  lidar{}: {} beams of {:.2}°, up to {} m, mounted at ({:.3} m, {:.3} m, {:.1}°)",
+                name.map_or_else(String::new, |name| format!(" {name}")),
+                lidar.beams,
+                geometry.angle_increment_rad.to_degrees(),
+                geometry.range_max_m,
+                mount.x,
+                mount.y,
+                mount.theta.to_degrees(),
+            )
+        }));
+        lines.extend(recording.notes.iter().map(|note| format!("  {note}")));
+        lines.extend(skipped.iter().map(|reason| format!("  skipped {reason}")));
+        lines
+    }
 }
 
 /// The trip's name where none is given: the file's name without its endings.
 pub(super) fn trip_of(path: &Path) -> anyhow::Result<TripId> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
-    let stem = [".log", ".clf", ".txt", ".carmen"]
+    let stem = [".log", ".clf", ".txt", ".carmen", ".mcap"]
         .iter()
         .find_map(|ending| name.strip_suffix(ending))
         .unwrap_or(name);
@@ -83,30 +123,6 @@ pub(super) fn trip_of(path: &Path) -> anyhow::Result<TripId> {
             path.display()
         )
     })
-}
-
-/// What was found in a recording, line by line for people.
-pub(super) fn describe(path: &Path, log: &CarmenLog) -> Vec<String> {
-    let beams = log.scans.first().map_or(0, |s| s.ranges_m.len());
-    let mount = &log.lidar.mount;
-    let mut lines = vec![format!(
-        "{}: CARMEN log, {} scans × {beams} beams in {:.1} s, lidar up to {} m, mounted at \
-         ({:.3} m, {:.3} m, {:.1}°)",
-        path.display(),
-        log.scans.len(),
-        log.duration_s(),
-        log.lidar.range_max_m,
-        mount.x,
-        mount.y,
-        mount.theta.to_degrees(),
-    )];
-    if log.clock == CarmenClock::Relative {
-        lines.push("  its times count from an unknown start: taken as 2000-01-01T00:00:00Z".into());
-    }
-    for (reason, lines_skipped) in &log.skipped {
-        lines.push(format!("  skipped {lines_skipped} × {reason}"));
-    }
-    lines
 }
 
 #[cfg(test)]
@@ -127,26 +143,24 @@ mod tests {
         let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
         encoder.write_all(LOG.as_bytes()).unwrap();
         let zipped = encoder.finish().unwrap();
-        let plain = read(file(LOG.as_bytes()).path()).unwrap();
-        assert_eq!(plain, read(file(&zipped).path()).unwrap());
+        let plain = read(file(LOG.as_bytes()).path(), 1.0).unwrap();
+        assert_eq!(plain, read(file(&zipped).path(), 1.0).unwrap());
         assert_eq!(plain.scans.len(), 1);
-        let cut = read(file(&zipped[..zipped.len() / 2]).path());
+        let cut = read(file(&zipped[..zipped.len() / 2]).path(), 1.0);
         assert!(cut.is_err());
     }
 
     #[test]
-    fn other_formats_are_named() {
+    fn what_is_no_recording_is_named() {
         for (bytes, word) in [
-            (&b"\x89MCAP0\r\nxxxx"[..], "MCAP"),
-            (b"#ROSBAG V2.0\n", "ROS 1"),
-            (b"\x28\xb5\x2f\xfdxx", "zstd"),
-            (b"", "empty"),
+            (&b"#ROSBAG V2.0\n"[..], "ROS 1"),
             (b"P5 10 10", "CARMEN"),
+            (b"\x89MCAP0\r\nxxxx", "no messages"),
         ] {
-            let error = format!("{:#}", read(file(bytes).path()).unwrap_err());
+            let error = format!("{:#}", read(file(bytes).path(), 1.0).unwrap_err());
             assert!(error.contains(word), "{error}");
         }
-        let missing = format!("{:#}", read(Path::new("no/such.log")).unwrap_err());
+        let missing = format!("{:#}", read(Path::new("no/such.log"), 1.0).unwrap_err());
         assert!(missing.contains("no/such.log"), "{missing}");
     }
 
@@ -154,6 +168,7 @@ mod tests {
     fn trips_are_named_after_their_files() {
         let trip = |path: &str| trip_of(Path::new(path)).map(|t| t.to_string());
         assert_eq!(trip("data/intel.log.gz").unwrap(), "intel");
+        assert_eq!(trip("patrol_0.mcap").unwrap(), "patrol_0");
         assert_eq!(trip("2026-11-20.a.clf").unwrap(), "2026-11-20.a");
         assert_eq!(trip("Halle 4 früh.log").unwrap(), "Halle-4-fr-h");
         assert_eq!(trip(&"x".repeat(100)).unwrap().len(), 58);

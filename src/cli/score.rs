@@ -62,7 +62,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 fn recordings_of(args: &Args) -> anyhow::Result<Vec<Recording>> {
     let mut logs = Vec::new();
     for path in &args.logs {
-        let log = recording::read(path)?.with_beam_spacing(args.beam_spacing);
+        let log = recording::read(path, args.beam_spacing)?;
         logs.push((recording::trip_of(path)?, log));
     }
     in_sequence(logs)

@@ -36,7 +36,7 @@ pub struct Args {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let mut logs = Vec::new();
     for path in &args.logs {
-        let log = recording::read(path)?.with_beam_spacing(args.beam_spacing);
+        let log = recording::read(path, args.beam_spacing)?;
         logs.push((recording::trip_of(path)?, log));
     }
     let recordings = in_sequence(logs)?;

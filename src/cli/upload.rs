@@ -1,6 +1,7 @@
 //! `mapshift upload`.
 
 mod args;
+mod drive;
 mod graph;
 mod tally;
 
@@ -11,15 +12,13 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 
 use super::graph_file::{is_graph, read_graph};
-use super::progress::{Progress, say};
-use super::recording;
-use crate::client::{Gateway, GatewayError, Outcome, RouteReport};
-use crate::client::{ScanToSend, Trip};
+use super::progress::say;
+use crate::client::{Gateway, GatewayError, RouteReport};
 use crate::graph::PoseGraph;
-use crate::ingest::CarmenLog;
 pub use args::Args;
 pub(super) use args::parse_beam_spacing;
-use tally::{Tally, advice};
+use drive::PreparedTrip;
+use tally::Tally;
 
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 
@@ -43,17 +42,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 async fn upload_all(args: &Args) -> anyhow::Result<()> {
     let gateway = Gateway::new(&args.url, args.key.key.as_deref(), say)?;
-    if gateway.ensure_route(&args.route, None).await? {
-        say(&format!("route {} was made", args.route));
-    }
     let mut tally = Tally::begin();
     for path in &args.files {
         let (args, tally) = (&args, &mut tally);
-        match read(path) {
-            Ok(Content::Log(log)) => {
-                let log = log.with_beam_spacing(args.beam_spacing);
-                upload_log(&gateway, args, path, &log, tally).await?;
-            }
+        match read(args, path) {
+            Ok(Content::Trip(trip)) => drive::upload(&gateway, args, path, *trip, tally).await?,
             Ok(Content::Graph(graph)) => {
                 graph::upload(&gateway, args, path, &graph, tally).await?;
             }
@@ -70,7 +63,7 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
     for failure in &tally.failures {
         say(&format!("not taken: {failure}"));
     }
-    if args.wait {
+    if args.wait && !tally.batches.is_empty() {
         wait_until_settled(&gateway, args, &tally).await?;
     }
     if tally.failures.is_empty() {
@@ -86,65 +79,26 @@ async fn upload_all(args: &Args) -> anyhow::Result<()> {
 
 /// What a file holds.
 enum Content {
-    Log(CarmenLog),
+    Trip(Box<PreparedTrip>),
     Graph(Box<PoseGraph>),
 }
 
-fn read(path: &Path) -> anyhow::Result<Content> {
+fn read(args: &Args, path: &Path) -> anyhow::Result<Content> {
     let is_graph = is_graph(path).with_context(|| path.display().to_string())?;
     Ok(match is_graph {
         true => Content::Graph(Box::new(read_graph(path)?.graph)),
-        false => Content::Log(recording::read(path)?),
+        false => Content::Trip(Box::new(PreparedTrip::of(args, path)?)),
     })
 }
 
-async fn upload_log(
-    gateway: &Gateway,
-    args: &Args,
-    path: &Path,
-    log: &CarmenLog,
-    tally: &mut Tally,
-) -> anyhow::Result<()> {
-    for line in recording::describe(path, log) {
-        say(&line);
-    }
-    let trip_id = args.trip_of(path)?;
-    let trip = Trip {
-        vehicle_id: args.vehicle.clone(),
-        trip_id,
-        lidar: log.lidar.clone(),
-        initial_pose: args.initial_pose,
-    };
-    let progress = Progress::new(log.scans.len() as u64, "scans");
-    let gateway = gateway.notifying(progress.speaker());
-    for (sequence, scans) in log.scans.chunks(args.batch_scans.into()).enumerate() {
-        let to_send = scans.iter().map(|scan| ScanToSend {
-            stamp: scan.stamp,
-            odom_from_base: scan.odom_from_base,
-            ranges_m: &scan.ranges_m,
-        });
-        let batch = trip.encode(sequence, to_send)?;
-        match gateway.put_batch(&args.route, &batch).await {
-            Ok(Outcome::Stored) => {
-                tally.stored += 1;
-                tally.scans_stored += scans.len();
-            }
-            Ok(Outcome::Replayed) => tally.replayed += 1,
-            Err(error @ GatewayError::Refused { .. }) => {
-                let left = log.scans.len() - sequence * usize::from(args.batch_scans);
-                tally.failures.push(format!(
-                    "{}: {error}{}; its last {left} scans are not stored",
-                    path.display(),
-                    advice(&error),
-                ));
-                break;
-            }
-            Err(error) => return Err(error.into()),
+/// Makes the route unless it is there, once there is something to send.
+async fn ensure_route(gateway: &Gateway, args: &Args, tally: &mut Tally) -> anyhow::Result<()> {
+    if !tally.has_route {
+        if gateway.ensure_route(&args.route, None).await? {
+            say(&format!("route {} was made", args.route));
         }
-        tally.batches.push(batch.id);
-        progress.advance(scans.len() as u64);
+        tally.has_route = true;
     }
-    progress.finish();
     Ok(())
 }
 
@@ -266,6 +220,11 @@ mod tests {
             batch_nodes: 2,
             beam_spacing: 1.0,
             initial_pose: Some(Pose2::new(1.0, 2.0, 0.5)),
+            topic: Vec::new(),
+            odometry_topic: None,
+            mount_x: None,
+            mount_y: None,
+            mount_theta: None,
             wait: true,
         }
     }
@@ -347,5 +306,17 @@ mod tests {
         args.files.push(good.path().to_owned());
         assert!(upload_all(&args).await.is_err());
         assert_eq!(service.state.lock().unwrap().batches.len(), 1);
+    }
+
+    #[tokio::test]
+    async fn nothing_to_send_makes_no_route() {
+        let service = Pretend::start(Faults::default()).await;
+        let bad = tempfile::NamedTempFile::new().unwrap();
+        assert!(
+            upload_all(&args(&service.url, bad.path(), 60))
+                .await
+                .is_err()
+        );
+        assert_eq!(service.state.lock().unwrap().routes_made, 0);
     }
 }

@@ -5,11 +5,12 @@ use std::io::Write;
 use anyhow::Context;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use jiff::Timestamp;
 use serde::Serialize;
 
 use crate::geometry::Pose2;
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
+use crate::ingest::{BatchHead, RecordedLidar, ScanToWrite, write_batch};
+use crate::mapping::InitialPose;
 use crate::model::BatchKind;
 use crate::scan::Lidar;
 
@@ -52,25 +53,27 @@ impl Trip {
         sequence: usize,
         scans: impl IntoIterator<Item = ScanToSend<'a>>,
     ) -> anyhow::Result<EncodedBatch> {
-        let scans: Vec<_> = scans.into_iter().map(scan_json).collect::<Result<_, _>>()?;
-        let body = BatchJson {
-            vehicle_id: self.vehicle_id.as_str(),
-            trip_id: self.trip_id.as_str(),
-            sequence,
-            lidar: lidar_json(&self.lidar),
-            initial_pose: self
-                .initial_pose
-                .filter(|_| sequence == 0)
-                .map(|pose| InitialPoseJson {
-                    x: pose.x,
-                    y: pose.y,
-                    theta: pose.theta,
-                    sigma_xy: INITIAL_SIGMA_XY_M,
-                    sigma_theta: INITIAL_SIGMA_THETA_RAD,
-                }),
-            scans,
+        let lidars = [RecordedLidar {
+            name: None,
+            geometry: self.lidar.clone(),
+            beams: 0,
+            time_increment_s: 0.0,
+            scan_time_s: 0.0,
+        }];
+        let head = BatchHead {
+            vehicle_id: &self.vehicle_id,
+            trip_id: &self.trip_id,
+            initial_pose: self.initial_pose.map(rough),
+            lidars: &lidars,
         };
-        EncodedBatch::of(BatchKind::Scans, &self.trip_id, sequence, &body)
+        let scans = scans.into_iter().map(|scan| ScanToWrite {
+            lidar: 0,
+            stamp: scan.stamp,
+            odom_from_base: scan.odom_from_base,
+            ranges_m: scan.ranges_m,
+        });
+        let json = write_batch(&head, sequence, scans)?;
+        EncodedBatch::of_json(BatchKind::Scans, &self.trip_id, sequence, &json)
     }
 }
 
@@ -82,9 +85,18 @@ impl EncodedBatch {
         sequence: usize,
         body: &impl Serialize,
     ) -> anyhow::Result<Self> {
-        let json = serde_json::to_vec(body)?;
+        Self::of_json(kind, trip_id, sequence, &serde_json::to_vec(body)?)
+    }
+
+    /// The trip's batch `sequence`, of its JSON.
+    pub fn of_json(
+        kind: BatchKind,
+        trip_id: &TripId,
+        sequence: usize,
+        json: &[u8],
+    ) -> anyhow::Result<Self> {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-        encoder.write_all(&json)?;
+        encoder.write_all(json)?;
         Ok(Self {
             kind,
             id: batch_id(trip_id, sequence)?,
@@ -93,99 +105,19 @@ impl EncodedBatch {
     }
 }
 
+/// A stated initial pose with how far it may be off.
+pub fn rough(pose: Pose2) -> InitialPose {
+    InitialPose {
+        pose,
+        sigma_xy_m: INITIAL_SIGMA_XY_M,
+        sigma_theta_rad: INITIAL_SIGMA_THETA_RAD,
+    }
+}
+
 /// The id of a trip's batch.
 fn batch_id(trip_id: &TripId, sequence: usize) -> anyhow::Result<BatchId> {
     BatchId::new(format!("{trip_id}-{sequence:05}"))
         .with_context(|| format!("the trip's name {trip_id} is too long: choose one with --trip"))
-}
-
-#[derive(Serialize)]
-struct BatchJson<'a> {
-    vehicle_id: &'a str,
-    trip_id: &'a str,
-    sequence: usize,
-    lidar: LidarJson,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    initial_pose: Option<InitialPoseJson>,
-    scans: Vec<ScanJson<'a>>,
-}
-
-#[derive(Serialize)]
-struct LidarJson {
-    angle_min: f64,
-    angle_increment: f64,
-    range_min: f64,
-    range_max: f64,
-    mount: PoseJson,
-    range_sigma: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    band: Option<BandJson>,
-}
-
-#[derive(Serialize)]
-struct BandJson {
-    from: f64,
-    to: f64,
-    clear_from: f64,
-    clear_to: f64,
-}
-
-/// A pose as the interface has it.
-#[derive(Serialize)]
-pub struct PoseJson {
-    x: f64,
-    y: f64,
-    theta: f64,
-}
-
-#[derive(Serialize)]
-struct InitialPoseJson {
-    x: f64,
-    y: f64,
-    theta: f64,
-    sigma_xy: f64,
-    sigma_theta: f64,
-}
-
-#[derive(Serialize)]
-struct ScanJson<'a> {
-    stamp: Timestamp,
-    odometry: PoseJson,
-    ranges: &'a [Option<f64>],
-}
-
-/// A pose as the interface has it.
-pub fn pose_json(pose: &Pose2) -> PoseJson {
-    PoseJson {
-        x: pose.x,
-        y: pose.y,
-        theta: pose.theta,
-    }
-}
-
-fn lidar_json(lidar: &Lidar) -> LidarJson {
-    LidarJson {
-        angle_min: lidar.angle_min_rad,
-        angle_increment: lidar.angle_increment_rad,
-        range_min: lidar.range_min_m,
-        range_max: lidar.range_max_m,
-        mount: pose_json(&lidar.mount),
-        range_sigma: lidar.range_sigma_m,
-        band: lidar.band.map(|view| BandJson {
-            from: view.band.from_m,
-            to: view.band.to_m,
-            clear_from: view.clear_from_m,
-            clear_to: view.clear_to_m,
-        }),
-    }
-}
-
-fn scan_json(scan: ScanToSend<'_>) -> Result<ScanJson<'_>, jiff::Error> {
-    Ok(ScanJson {
-        stamp: Timestamp::from_nanosecond(i128::from(scan.stamp.0))?,
-        odometry: pose_json(&scan.odom_from_base),
-        ranges: scan.ranges_m,
-    })
 }
 
 #[cfg(test)]

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::batch_body::{EncodedBatch, PoseJson, pose_json};
+use super::batch_body::EncodedBatch;
 use crate::graph::{Edge, EdgeKind, Node, PoseGraph};
 use crate::ids::{NodeId, TripId, VehicleId};
 use crate::ingest::edges_json::EDGES_MAX;
+use crate::ingest::{PoseJson, pose_json};
 use crate::model::BatchKind;
 
 /// A graph cut into batches.

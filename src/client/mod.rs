@@ -9,7 +9,7 @@ mod gateway;
 #[cfg(test)]
 pub mod pretend;
 
-pub use batch_body::{EncodedBatch, ScanToSend, Trip};
+pub use batch_body::{EncodedBatch, ScanToSend, Trip, rough};
 pub use edge_batch_body::GraphParts;
 pub use gateway::{
     AlertDetail, AlertLocation, AlertReport, BatchReport, Gateway, GatewayError, KeyReport,

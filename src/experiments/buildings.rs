@@ -16,7 +16,7 @@ use super::stability::{distances_m, with_noise};
 use super::table::Table;
 use crate::geometry::{Pose2, Vector2, angle_difference_rad};
 use crate::ids::{StampNs, TripId};
-use crate::ingest::CarmenScan;
+use crate::ingest::RecordedScan;
 use crate::sim::{FloorPlan, OdometryError, Rooms, SimLidar, SimScan, Vehicle};
 
 /// Width of the corridors, metres.
@@ -181,7 +181,7 @@ fn recorded(
     let stamp = |scan: &SimScan| StampNs((1e9 * scan.time_s) as i64);
     let truth = scans.iter().map(|scan| (stamp(scan), scan.map_from_base));
     let truth = truth.collect();
-    let scans = scans.iter().map(|scan| CarmenScan {
+    let scans = scans.iter().map(|scan| RecordedScan {
         stamp: stamp(scan),
         odom_from_base: scan.odom_from_base,
         ranges_m: scan.ranges_m.clone(),

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use super::recording::Recording;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::StampNs;
-use crate::ingest::CarmenScan;
+use crate::ingest::RecordedScan;
 use crate::scan::Lidar;
 
 /// A scan, its lidar, and where the map has it.
 pub(super) struct PlacedScan<'a> {
     pub lidar: &'a Lidar,
-    pub scan: &'a CarmenScan,
+    pub scan: &'a RecordedScan,
     pub map_from_base: Pose2,
     pub map_from_lidar: Pose2,
 }
@@ -100,7 +100,7 @@ mod tests {
             range_sigma_m: 0.01,
             band: None,
         };
-        let scan = CarmenScan {
+        let scan = RecordedScan {
             stamp: StampNs(0),
             odom_from_base: Pose2::IDENTITY,
             ranges_m: vec![None; 401],

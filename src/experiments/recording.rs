@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::ensure;
 
 use crate::ids::{StampNs, TripId};
-use crate::ingest::{CarmenLog, CarmenScan};
+use crate::ingest::{LidarLog, RecordedScan};
 use crate::scan::Lidar;
 
 /// A log whose times overlap or precede those of the log before begins so long after it.
@@ -19,7 +19,7 @@ pub struct Recording {
     /// The lidar of every scan.
     pub lidar: Arc<Lidar>,
     /// In the order of time.
-    pub scans: Vec<CarmenScan>,
+    pub scans: Vec<RecordedScan>,
 }
 
 /// Logs in the order in which they are driven: each one's stamps are later than those before.
@@ -27,7 +27,7 @@ pub struct Recording {
 /// # Errors
 /// If two of them have one name, or one has no scans.
 pub fn in_sequence(
-    logs: impl IntoIterator<Item = (TripId, CarmenLog)>,
+    logs: impl IntoIterator<Item = (TripId, LidarLog)>,
 ) -> anyhow::Result<Vec<Recording>> {
     let mut recordings: Vec<Recording> = Vec::new();
     for (trip, log) in logs {
@@ -56,13 +56,14 @@ pub fn in_sequence(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ingest::CarmenLog;
 
-    fn log(first_s: f64) -> CarmenLog {
+    fn log(first_s: f64) -> LidarLog {
         let line = |s: f64| {
             format!("ROBOTLASER1 0 -0.1 0.2 0.1 5 0 0 3 1 2 3 0 0 0 0 0 0 0 0 0 0 0 0 {s} h {s}\n")
         };
         let text: String = (0..3).map(|k| line(first_s + f64::from(k))).collect();
-        CarmenLog::read(text.as_bytes()).unwrap()
+        CarmenLog::read(text.as_bytes()).unwrap().into()
     }
 
     #[test]

@@ -19,7 +19,7 @@ use super::world_conditions::{CONDITIONS, CORRELATED, Condition, LAPS, LAPS_BEFO
 use super::world_scoring::{WorldChange, WorldScore, world_changes};
 use crate::change::ChangeKind;
 use crate::ids::{StampNs, TripId};
-use crate::ingest::CarmenScan;
+use crate::ingest::RecordedScan;
 use crate::sim::{Changes, Hall, Rooms, Scene, SimScan, Vehicle};
 
 /// A scan observes an object with so many of its beams.
@@ -284,7 +284,7 @@ pub(super) fn recordings_of(
             let of_lap: Vec<&SimScan> = scans.iter().filter(|scan| scan.lap == lap).collect();
             let start_s = LAP_PAUSE_S * (lap * fleet.len() + k) as f64;
             let lap_start_s = of_lap.first().map_or(0.0, |scan| scan.time_s);
-            let scans = of_lap.into_iter().map(|scan| CarmenScan {
+            let scans = of_lap.into_iter().map(|scan| RecordedScan {
                 stamp: StampNs(((start_s + scan.time_s - lap_start_s) * 1e9) as i64),
                 odom_from_base: map_from_odom.compose(&scan.odom_from_base),
                 ranges_m: scan.ranges_m.clone(),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, BufRead, Read};
 
 use super::carmen_line::{Line, Message, SkipReason, parse_line};
+use super::recorded::{LidarLog, RecordedScan};
 use crate::geometry::{Pose2, angle_difference_rad};
 use crate::ids::StampNs;
 use crate::scan::{LaserScan, Lidar, LidarError, ScanError};
@@ -23,22 +24,11 @@ pub struct CarmenLog {
     /// The lidar of every scan; `mount` is the laser pose as seen from the robot pose.
     pub lidar: Lidar,
     /// In order of time, strictly increasing.
-    pub scans: Vec<CarmenScan>,
+    pub scans: Vec<RecordedScan>,
     /// Lines that gave no scan, comments and blank lines left out.
     pub skipped: BTreeMap<SkipReason, usize>,
     /// Where the times come from.
     pub clock: CarmenClock,
-}
-
-/// One scan of a recording.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CarmenScan {
-    /// When it was taken.
-    pub stamp: StampNs,
-    /// Where the odometry had the base.
-    pub odom_from_base: Pose2,
-    /// Metres, `None` for no return, 0 for an invalid reading.
-    pub ranges_m: Vec<Option<f64>>,
 }
 
 /// What a log's time stamps count from.
@@ -109,24 +99,13 @@ impl CarmenLog {
             }
         }
     }
+}
 
-    /// The log with its beams so many times as far apart as it states, about the middle of the
-    /// fan: for recordings that state the spacing wrongly.
-    pub fn with_beam_spacing(mut self, factor: f64) -> Self {
-        let beams = self.scans.first().map_or(0, |scan| scan.ranges_m.len());
-        let half_fan = 0.5 * beams.saturating_sub(1) as f64;
-        let lidar = &mut self.lidar;
-        let spacing_rad = factor * lidar.angle_increment_rad;
-        lidar.angle_min_rad += half_fan * (lidar.angle_increment_rad - spacing_rad);
-        lidar.angle_increment_rad = spacing_rad;
-        self
-    }
-
-    /// Seconds from the first scan to the last.
-    pub fn duration_s(&self) -> f64 {
-        match (self.scans.first(), self.scans.last()) {
-            (Some(first), Some(last)) => last.stamp.seconds() - first.stamp.seconds(),
-            _ => 0.0,
+impl From<CarmenLog> for LidarLog {
+    fn from(log: CarmenLog) -> Self {
+        Self {
+            lidar: log.lidar,
+            scans: log.scans,
         }
     }
 }
@@ -148,7 +127,7 @@ fn skip_to_line_end(reader: &mut impl BufRead) -> io::Result<()> {
 #[derive(Default)]
 struct Builder {
     first: Option<First>,
-    scans: Vec<CarmenScan>,
+    scans: Vec<RecordedScan>,
     skipped: BTreeMap<SkipReason, usize>,
 }
 
@@ -176,7 +155,7 @@ impl Builder {
             Ok(stamp) if self.scans.last().is_some_and(|s| s.stamp >= stamp) => {
                 self.skip(SkipReason::NotLater);
             }
-            Ok(stamp) => self.scans.push(CarmenScan {
+            Ok(stamp) => self.scans.push(RecordedScan {
                 stamp,
                 odom_from_base: line.odom_from_base,
                 ranges_m: line.ranges_m,
@@ -330,21 +309,6 @@ mod tests {
     }
 
     #[test]
-    fn another_beam_spacing_keeps_the_middle_of_the_fan() {
-        let log = read(&line("1", 1.0)).unwrap();
-        let last = log.scans[0].ranges_m.len() - 1;
-        let ends = |log: &CarmenLog| {
-            let lidar = &log.lidar;
-            (lidar.beam_angle_rad(0), lidar.beam_angle_rad(last))
-        };
-        let (first_rad, last_rad) = ends(&log);
-        let (narrow_first_rad, narrow_last_rad) = ends(&log.clone().with_beam_spacing(0.9));
-        assert!((narrow_first_rad + narrow_last_rad - first_rad - last_rad).abs() < 1e-12);
-        let shares = (narrow_last_rad - narrow_first_rad) / (last_rad - first_rad);
-        assert!((shares - 0.9).abs() < 1e-12);
-    }
-
-    #[test]
     fn public_logs_are_read_whole() {
         let Ok(data) = std::env::var("MAPSHIFT_DATA") else {
             eprintln!("skipped: MAPSHIFT_DATA is not set");
@@ -367,9 +331,8 @@ mod tests {
             let file = std::fs::File::open(format!("{data}/logs/{name}.log.gz")).unwrap();
             let log = CarmenLog::read(BufReader::new(flate2::read::GzDecoder::new(file))).unwrap();
             eprintln!(
-                "{name}: {} scans in {:.1} s, {:?}, {:?}, skipped {:?}",
+                "{name}: {} scans, {:?}, {:?}, skipped {:?}",
                 log.scans.len(),
-                log.duration_s(),
                 log.clock,
                 log.lidar,
                 log.skipped

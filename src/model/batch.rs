@@ -13,6 +13,16 @@ text_enum! {
 }
 
 text_enum! {
+    /// How a recording of a drive is written.
+    RecordingFormat {
+        /// MCAP: a ROS 2 bag, or Foxglove's JSON messages.
+        Mcap = "mcap",
+        /// A CARMEN log.
+        Carmen = "carmen",
+    }
+}
+
+text_enum! {
     /// Where a batch is on its way.
     BatchStatus {
         /// Stored; a worker will take it.

@@ -23,7 +23,7 @@ pub use alert::{
     PassOutcome, PassSide, ShownSide, Tier,
 };
 pub use audit::{Actor, AuditAction, SYSTEM};
-pub use batch::{BatchFlag, BatchKind, BatchStatus};
+pub use batch::{BatchFlag, BatchKind, BatchStatus, RecordingFormat};
 pub use calibration::Quantity;
 pub use edge::{EdgeKind, EdgeStatus};
 pub use map::{MapLayer, VersionAction, VersionState};
@@ -150,6 +150,7 @@ mod tests {
         check_read(PassOutcome::name);
         check_read(PassSide::name);
         check_read(Quantity::name);
+        check_read(RecordingFormat::name);
         check_read(ResidualMeasurement::name);
         check_read(ResidualVerdict::name);
         check_read(ShownSide::name);

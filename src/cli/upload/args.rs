@@ -6,11 +6,13 @@ use crate::cli::key_arg::KeyArg;
 use crate::cli::recording;
 use crate::geometry::Pose2;
 use crate::ids::{RouteId, TripId, VehicleId};
+use crate::ingest::mcap::{MountOverride, TopicChoice};
 
 /// Arguments of `mapshift upload`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings (CARMEN logs) or pose graphs (planar g2o: edges alone); also gzipped.
+    /// Recordings (ROS 2 bags and others in MCAP, CARMEN logs) or pose graphs (planar g2o: edges alone);
+    /// also gzipped.
     #[arg(required = true, value_name = "FILE")]
     pub(super) files: Vec<PathBuf>,
     /// The route that was driven; made if it is not there.
@@ -39,18 +41,54 @@ pub struct Args {
     /// Where the vehicle started in the route's map, roughly: metres, metres, radians.
     #[arg(long, value_name = "X,Y,THETA", value_parser = parse_pose, allow_hyphen_values = true)]
     pub(super) initial_pose: Option<Pose2>,
+    /// Topics of the lidars' scans in an MCAP recording, the one that takes keyframes first; all topics with
+    /// scans if none is named.
+    #[arg(long, value_name = "TOPIC", value_delimiter = ',')]
+    pub(super) topic: Vec<String>,
+    /// Topic of the odometry in an MCAP recording; /tf for the transforms from odom to the vehicle.
+    #[arg(long, value_name = "TOPIC")]
+    pub(super) odometry_topic: Option<String>,
+    /// Where the lidar is mounted, in place of what the recording says: metres ahead of the base.
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = parse_finite)]
+    pub(super) mount_x: Option<f64>,
+    /// Metres to the left of the base.
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = parse_finite)]
+    pub(super) mount_y: Option<f64>,
+    /// Its heading on the base, radians, counter-clockwise.
+    #[arg(long, value_name = "RADIANS", allow_hyphen_values = true, value_parser = parse_finite)]
+    pub(super) mount_theta: Option<f64>,
     /// Wait until everything is in the map, and say what became of it.
     #[arg(long)]
     pub(super) wait: bool,
 }
 
 impl Args {
+    /// What is taken of an MCAP recording.
+    pub(super) fn topics(&self) -> TopicChoice {
+        TopicChoice {
+            lidars: self.topic.clone(),
+            odometry: self.odometry_topic.clone(),
+            mount: MountOverride {
+                x: self.mount_x,
+                y: self.mount_y,
+                theta: self.mount_theta,
+            },
+        }
+    }
+
     /// The name of the drive that a file holds.
     pub(super) fn trip_of(&self, path: &Path) -> anyhow::Result<TripId> {
         match &self.trip {
             Some(trip) => Ok(trip.clone()),
             None => recording::trip_of(path),
         }
+    }
+}
+
+fn parse_finite(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if f64::is_finite(value) => Ok(value),
+        _ => Err("give a number, like 0.25".into()),
     }
 }
 

@@ -9,6 +9,8 @@ use crate::ids::BatchId;
 #[derive(Debug)]
 pub(super) struct Tally {
     pub started: Instant,
+    /// Whether the route is known to be there.
+    pub has_route: bool,
     pub scans_stored: usize,
     pub nodes_stored: usize,
     pub batches: Vec<BatchId>,
@@ -22,6 +24,7 @@ impl Tally {
     pub(super) fn begin() -> Self {
         Self {
             started: Instant::now(),
+            has_route: false,
             scans_stored: 0,
             nodes_stored: 0,
             batches: Vec::new(),

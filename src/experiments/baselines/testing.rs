@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::experiments::recording::Recording;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{StampNs, TripId};
-use crate::ingest::CarmenScan;
+use crate::ingest::RecordedScan;
 use crate::scan::Lidar;
 use crate::sim::{Shape, normal};
 
@@ -38,7 +38,7 @@ pub(crate) fn room(count: usize, late: Option<&Shape>) -> Vec<Recording> {
             let range_m = hits.min_by(f64::total_cmp)?;
             Some(range_m + normal(&mut rng, 0.01))
         };
-        CarmenScan {
+        RecordedScan {
             stamp: StampNs(k as i64 * 1_000_000_000),
             odom_from_base: Pose2::new(x, 0.0, 0.0),
             ranges_m: lidar.beam_directions(311).map(range_m).collect(),

@@ -1,0 +1,206 @@
+//! The second reading: the scans in the order of time, each with the odometry at its stamp.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io::Read;
+
+use super::container::MessageReader;
+use super::decode;
+use super::error::McapError;
+use super::messages::ScanMessage;
+use super::plan::{Plan, PlannedTopic};
+use crate::ids::StampNs;
+use crate::ingest::recorded::{RecordedLidar, RecordedScan};
+
+/// A scan waits so long for one that was taken before it and recorded after it, nanoseconds.
+const WAIT_NS: i64 = 1_000_000_000;
+/// Angles that differ by less are the same, radians.
+const SAME_ANGLE_RAD: f64 = 1e-5;
+/// The times that a scan may have: 2000 to 2100, nanoseconds since the Unix epoch.
+const STAMPS_NS: std::ops::Range<i64> = 946_684_800_000_000_000..4_102_444_800_000_000_000;
+
+/// Why a scan of a recording was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum McapSkip {
+    /// The message is damaged.
+    Unreadable,
+    /// It has another number of beams than its lidar's first scan.
+    BeamCount,
+    /// It states other angles than its lidar's first scan.
+    OtherGeometry,
+    /// Its time is none.
+    NoTime,
+    /// The odometry does not say where it was taken.
+    NoOdometry,
+    /// Its time is not later than that of the scan before.
+    NotLater,
+}
+
+impl fmt::Display for McapSkip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unreadable => "the message cannot be decoded",
+            Self::BeamCount => "another number of beams than the lidar's first scan",
+            Self::OtherGeometry => "other angles than the lidar's first scan",
+            Self::NoTime => "a stamp that is not between 2000 and 2100",
+            Self::NoOdometry => {
+                "outside of the odometry's time, or in a gap of it of more than 1 s"
+            }
+            Self::NotLater => "the time is not later than the scan before",
+        })
+    }
+}
+
+/// Reads the scans of a recording: each with the place of its lidar.
+pub struct ScanReader<'a, R> {
+    plan: &'a Plan,
+    messages: MessageReader<R>,
+    /// Scans that wait for earlier ones.
+    waiting: BTreeMap<(StampNs, usize), RecordedScan>,
+    /// The newest stamp so far.
+    newest: StampNs,
+    /// The stamp of the scan that was given last.
+    given: StampNs,
+    is_done: bool,
+    skipped: BTreeMap<McapSkip, usize>,
+}
+
+impl<'a, R: Read> ScanReader<'a, R> {
+    /// A reader of the scans that a plan takes, in a second reading of the same file.
+    ///
+    /// # Errors
+    /// [`McapError`] if it does not begin as an MCAP recording does.
+    pub fn new(plan: &'a Plan, reader: R) -> Result<Self, McapError> {
+        Ok(Self {
+            plan,
+            messages: MessageReader::new(reader)?,
+            waiting: BTreeMap::new(),
+            newest: StampNs(i64::MIN),
+            given: StampNs(i64::MIN),
+            is_done: false,
+            skipped: BTreeMap::new(),
+        })
+    }
+
+    /// The scans that were not taken so far.
+    pub fn skipped(&self) -> &BTreeMap<McapSkip, usize> {
+        &self.skipped
+    }
+
+    /// Reads one more scan; says whether there was one.
+    fn read_one(&mut self) -> Result<bool, McapError> {
+        let topics = &self.plan.topics;
+        let place_of = |name: &str| topics.iter().position(|topic| topic.name == name);
+        let message = self
+            .messages
+            .next_message(|channel| place_of(&channel.topic).is_some())?;
+        let Some(message) = message else {
+            return Ok(false);
+        };
+        let place = place_of(&message.channel.topic).unwrap_or_default();
+        let scan = decode::scan(&message).ok_or(McapSkip::Unreadable);
+        let log_time_ns = message.log_time_ns;
+        let taken = scan.and_then(|scan| self.plan.take(place, scan, log_time_ns));
+        match taken {
+            Ok(scan)
+                if scan.stamp > self.given && !self.waiting.contains_key(&(scan.stamp, place)) =>
+            {
+                self.newest = self.newest.max(scan.stamp);
+                self.waiting.insert((scan.stamp, place), scan);
+            }
+            Ok(_) => *self.skipped.entry(McapSkip::NotLater).or_default() += 1,
+            Err(reason) => *self.skipped.entry(reason).or_default() += 1,
+        }
+        Ok(true)
+    }
+}
+
+impl<R: Read> Iterator for ScanReader<'_, R> {
+    type Item = Result<(usize, RecordedScan), McapError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let is_due = |(stamp, _): &(StampNs, usize)| stamp.0 < self.newest.0 - WAIT_NS;
+            let first = self.waiting.first_key_value();
+            if first.is_some_and(|(key, _)| self.is_done || is_due(key)) {
+                let ((stamp, place), scan) = self.waiting.pop_first()?;
+                self.given = stamp;
+                return Some(Ok((place, scan)));
+            }
+            if self.is_done {
+                return None;
+            }
+            match self.read_one() {
+                Ok(there_was) => self.is_done = !there_was,
+                Err(error) => {
+                    self.is_done = true;
+                    self.waiting.clear();
+                    return Some(Err(error));
+                }
+            }
+        }
+    }
+}
+
+impl Plan {
+    /// A scan of the lidar at a place.
+    fn take(
+        &self,
+        place: usize,
+        scan: ScanMessage,
+        log_time_ns: i64,
+    ) -> Result<RecordedScan, McapSkip> {
+        let (lidar, topic) = (&self.lidars[place], &self.topics[place]);
+        if scan.ranges_m.len() != lidar.beams {
+            return Err(McapSkip::BeamCount);
+        }
+        if !topic.is_same_geometry(&scan) {
+            return Err(McapSkip::OtherGeometry);
+        }
+        let stamp_ns = match scan.stamp_ns {
+            0 => log_time_ns,
+            stamp_ns => stamp_ns,
+        };
+        let stamp = StampNs(stamp_ns.saturating_add(self.time_base_ns));
+        if !STAMPS_NS.contains(&stamp.0) {
+            return Err(McapSkip::NoTime);
+        }
+        let odom_from_base = self.track.at(stamp_ns).ok_or(McapSkip::NoOdometry)?;
+        let mut ranges_m: Vec<Option<f64>> = scan
+            .ranges_m
+            .iter()
+            .map(|range_m| reading(*range_m, lidar))
+            .collect();
+        if topic.is_reversed {
+            ranges_m.reverse();
+        }
+        Ok(RecordedScan {
+            stamp,
+            odom_from_base,
+            ranges_m,
+        })
+    }
+}
+
+impl PlannedTopic {
+    fn is_same_geometry(&self, scan: &ScanMessage) -> bool {
+        let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_ANGLE_RAD;
+        is_same(self.angle_min_rad, scan.angle_min_rad)
+            && is_same(self.angle_increment_rad, scan.angle_increment_rad)
+    }
+}
+
+/// A reading as it is sent: beyond the largest range and infinity are no return, `None`; below the least
+/// range, negative ones and what is not a number are invalid, 0 (REP-117). Rounded to 0.1 mm.
+fn reading(range_m: f64, lidar: &RecordedLidar) -> Option<f64> {
+    let geometry = &lidar.geometry;
+    if range_m > geometry.range_max_m {
+        return None;
+    }
+    let is_measured = range_m >= geometry.range_min_m;
+    Some(if is_measured {
+        (range_m * 1e4).round() / 1e4
+    } else {
+        0.0
+    })
+}
