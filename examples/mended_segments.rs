@@ -44,7 +44,7 @@ fn recordings(paths: &[String]) -> anyhow::Result<()> {
         let name = name.to_string_lossy();
         anyhow::Ok((
             TripId::new(name.split('.').next().unwrap_or_default())?,
-            log,
+            log.into(),
         ))
     });
     let logs = logs.collect::<anyhow::Result<Vec<_>>>()?;

@@ -237,6 +237,18 @@ pub(super) async fn take_upload(
     };
     metrics::counter!("mapshift_uploads_total", "outcome" => label).increment(1);
     let (journaled, batch) = outcome?;
+    upload_answer(state, journaled, batch).await
+}
+
+/// Says what became of an upload.
+///
+/// # Errors
+/// A [`Problem`] of the store.
+pub(super) async fn upload_answer(
+    state: &ApiState,
+    journaled: Journaled,
+    batch: BatchRecord,
+) -> Result<Response, Problem> {
     let alerts = match journaled {
         Journaled::Stored => Vec::new(),
         _ => state.store.batch_alerts(&batch.route_id, &batch.id).await?,

@@ -11,8 +11,8 @@ use crate::model::{
     AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
     ChangeKind, Clearance, DecisionResult, DeliveryFailure, DeliveryStatus, Detector,
     DismissReason, EdgeKind, EdgeStatus, MapLayer, OperationKind, OperationStatus, PassOutcome,
-    PassSide, ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage, TextEnum, Tier,
-    VersionAction, VersionState, WebhookEvent, ZonePurpose,
+    PassSide, RecordingFormat, ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage,
+    TextEnum, Tier, VersionAction, VersionState, WebhookEvent, ZonePurpose,
 };
 
 /// The schema of one text of a list.
@@ -65,6 +65,7 @@ enum_schemas! {
     MapLayer as "MapLayerName": "What of the world a map shows: what people have `accepted`, without changes that wait for a decision or were dismissed, or everything `observed`.";
     PassOutcome as "PassOutcomeName": "What a pass saw at the place of a change: the `old_state`, the `new_state`, or neither (`could_not_see`: it was within reach, but the place was hidden, or its scans disagree).";
     PassSide as "PassSideName": "Whether a pass was `before` the first observation of the new state, or `since`.";
+    RecordingFormat as "RecordingFormatName": "How a recording of a drive is written: `mcap` (a ROS 2 bag, or Foxglove's JSON messages) or `carmen` (a CARMEN log).";
     ResidualMeasurement as "MeasurementName": "Which residuals of the closures.";
     ResidualVerdict as "VerdictName": "What the paper's rule says about a closure.";
     ShownSide as "ShownSideName": "Whose observations to show: those from `before` the change, those `since`, or `both`.";

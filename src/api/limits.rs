@@ -45,6 +45,10 @@ pub struct Limits {
     pub wire_bytes_total: usize,
     /// Bytes of all uploads under way after decompression.
     pub body_bytes_total: usize,
+    /// Recordings under way at once.
+    pub recordings: usize,
+    /// Bytes of a recording, and of the batches that it becomes, compressed.
+    pub recording_bytes: usize,
     /// Bytes of any other request's body.
     pub small_body_bytes: usize,
 }
@@ -127,6 +131,8 @@ impl Default for Limits {
             body_bytes: 64 << 20,
             wire_bytes_total: 64 << 20,
             body_bytes_total: 128 << 20,
+            recordings: 2,
+            recording_bytes: 256 << 20,
             small_body_bytes: 64 << 10,
         }
     }

@@ -39,6 +39,7 @@ mod quarantines;
 mod quota;
 mod raw_answer;
 mod reading;
+mod recordings;
 mod releases;
 mod removals;
 mod report;
@@ -99,6 +100,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         ))
         .routes(routes!(batches::list_batches))
         .routes(routes!(batches::put_batch, batches::get_batch))
+        .routes(routes!(recordings::put_recording))
         .routes(routes!(retries::retry_batch))
         .routes(routes!(edge_batches::put_edge_batch))
         .routes(routes!(removals::post_removal))

@@ -123,6 +123,15 @@ pub(super) struct IfMapChanged {
     if_none_match: Option<String>,
 }
 
+/// How a recording is sent.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct RecordingHeaders {
+    /// `sha-256=:BASE64:` of the file (RFC 9530)
+    #[param(rename = "Content-Digest", nullable = false)]
+    content_digest: Option<String>,
+}
+
 /// How the body of an upload is sent.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Header)]

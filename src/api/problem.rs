@@ -56,6 +56,7 @@ problem_kinds! {
     NotFound = NOT_FOUND, "not-found", "There is nothing here";
     MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
     BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
+    TripTaken = CONFLICT, "trip-taken", "The trip has batches already";
     BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
     FirstKey = CONFLICT, "first-key", "The first key is an administrator's";
     DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
@@ -76,6 +77,8 @@ problem_kinds! {
     EdgeGraph = UNPROCESSABLE_ENTITY, "edge-graph", "The nodes and edges make no graph";
     OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
     TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
+    Recording = UNPROCESSABLE_ENTITY, "recording", "The recording cannot be used";
+    RecordingTopics = UNPROCESSABLE_ENTITY, "recording-topics", "The recording has other topics";
     WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
     ForeignHost = MISDIRECTED_REQUEST, "foreign-host", "The request is meant for another host";
     TooManySignIns = TOO_MANY_REQUESTS, "too-many-sign-ins", "This address has failed to sign in too often";

@@ -90,6 +90,14 @@ problem_responses! {
     RouteDeletionProblems = [K::InvalidField, K::UnknownRoute, K::PreconditionFailed, K::DiskFull];
     /// Of uploading scans.
     ScanUploadProblems = [K::ScanGeometry, K::TimestampOrder], with UPLOAD, with BODY;
+    /// Of uploading a recording.
+    RecordingUploadProblems = [
+        K::TripTaken,
+        K::Recording,
+        K::RecordingTopics,
+        K::ScanGeometry,
+        K::TimestampOrder,
+    ], with UPLOAD, with BODY;
     /// Of uploading edges.
     EdgeUploadProblems = [K::EdgeGraph], with UPLOAD, with BODY;
 

@@ -51,6 +51,10 @@ pub struct Shared {
     pub(super) wire_budget: Shares,
     /// Kibibytes of decompressed uploads.
     pub(super) body_budget: Arc<Semaphore>,
+    /// Recordings that may be under way.
+    pub(super) recordings: Shares,
+    /// Where recordings are written as batches, one at a time.
+    pub(super) transcoding: Offload,
     /// Where uploads are decoded.
     pub(super) decoding: Offload,
     /// Where pictures and large documents are made.
@@ -103,6 +107,8 @@ impl ApiState {
             upload_slots: requests("uploads", limits.uploads),
             wire_budget: Shares::of_bytes("upload-bytes", wire_bytes, wire_share),
             body_budget: Arc::new(Semaphore::new(limits.body_bytes_total >> 10)),
+            recordings: requests("recordings", limits.recordings),
+            transcoding: Offload::new(1),
             decoding: Offload::new(limits.decoders),
             rendering: Offload::new(2),
             short_reads: Gate::new("short-reads", limits.short_reads, &limits),

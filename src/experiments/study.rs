@@ -322,7 +322,7 @@ mod tests {
         let file = std::fs::File::open(format!("{data}/logs/intel.log.gz")).unwrap();
         let reader = std::io::BufReader::new(flate2::read::GzDecoder::new(file));
         let log = CarmenLog::read(reader).unwrap();
-        let recordings = in_sequence([(TripId::new("intel").unwrap(), log)]).unwrap();
+        let recordings = in_sequence([(TripId::new("intel").unwrap(), log.into())]).unwrap();
         let study = score_recordings(&recordings, &options(20), || {}).unwrap();
         let score = &study.rows[0].score;
         eprintln!("found {}, {} false", score.found.text(), score.false_alerts);

@@ -20,3 +20,6 @@ pub use error::McapError;
 pub use plan::{MountOverride, Plan, TopicChoice};
 pub use scans::{McapSkip, ScanReader};
 pub use survey::Survey;
+
+#[cfg(test)]
+mod tests;

@@ -26,7 +26,7 @@ pub struct RecordedScan {
     pub stamp: StampNs,
     /// Where the odometry had the base.
     pub odom_from_base: Pose2,
-    /// Metres, `None` for no return.
+    /// Metres, `None` for no return, 0 for an invalid reading.
     pub ranges_m: Vec<Option<f64>>,
 }
 

@@ -137,7 +137,8 @@ impl Request for Journal {
 }
 
 impl Journal {
-    async fn store(
+    /// Writes the batch, whose id is not there, and its job if it is its turn.
+    pub(super) async fn store(
         &self,
         transaction: &mut SqliteConnection,
         route_key: i64,

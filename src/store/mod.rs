@@ -49,6 +49,7 @@ mod operations;
 mod place_scans;
 mod quarantines;
 mod rebuild;
+mod recordings;
 mod records;
 mod releases;
 mod removal_records;
@@ -96,6 +97,7 @@ pub use map_layers::{ActiveClosure, TripTrack};
 pub use operation_records::*;
 pub use quarantines::Quarantine;
 pub use rebuild::InputsToRepeat;
+pub use recordings::{RecordedBatches, RecordingJournaled};
 pub use records::*;
 pub use removal_records::*;
 pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts, ReportScope};
@@ -142,6 +144,7 @@ pub struct Store {
 }
 
 struct Shared {
+    data_dir: PathBuf,
     database: Database,
     outbox: Outbox,
     readers: SqlitePool,
@@ -295,6 +298,7 @@ impl Store {
             space: space.clone(),
         };
         let shared = Shared {
+            data_dir: options.data_dir,
             database,
             outbox,
             readers,

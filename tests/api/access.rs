@@ -52,7 +52,10 @@ const EXPECTED: [(&str, &[&str]); 13] = [
             "get_report",
         ],
     ),
-    ("a+ff+++-", &["put_batch", "put_edge_batch"]),
+    (
+        "a+ff+++-",
+        &["put_batch", "put_edge_batch", "put_recording"],
+    ),
     ("a+-++++-", &["get_batch", "get_node", "get_trajectory"]),
     ("a++++++-", &["list_batches"]),
     (

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mapshift::ids::TripId;
-use mapshift::ingest::CarmenLog;
+use mapshift::ingest::{CarmenLog, RecordedLidar};
 use mapshift::mapping::{Drive, DriveScan, RouteMap, Weighting};
 use mapshift::scan::LaserScan;
 
@@ -25,8 +25,14 @@ fn drive(data: &Path, name: &str) -> Drive {
     let file = File::open(data.join(format!("logs/{name}.log.gz"))).unwrap();
     let reader = BufReader::new(flate2::read::GzDecoder::new(file));
     let log = CarmenLog::read(reader).unwrap();
-    let log = log.with_beam_spacing(BEAM_SPACING);
-    let lidar = Arc::new(log.lidar);
+    let lidar = RecordedLidar {
+        name: None,
+        beams: log.scans[0].ranges_m.len(),
+        geometry: log.lidar,
+        time_increment_s: 0.0,
+        scan_time_s: 0.0,
+    };
+    let lidar = Arc::new(lidar.with_beam_spacing(BEAM_SPACING).geometry);
     let scans = log.scans.iter().map(|scan| DriveScan {
         beam_interval_s: 0.0,
         lidar: Default::default(),

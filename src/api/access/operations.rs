@@ -61,6 +61,7 @@ pub(super) const OPERATIONS: &[(&str, Needs, About)] = &[
     ("put_route", MAINTAINER, Route),
     ("delete_route", ADMIN, Route),
     ("put_batch", Upload, Route),
+    ("put_recording", Upload, Route),
     ("put_edge_batch", Upload, Route),
     ("get_batch", OwnUpload, Route),
     ("list_batches", OwnUpload, Route),

@@ -8,6 +8,8 @@ use sha2::{Digest, Sha256};
 use crate::api::problem::{Problem, ProblemKind};
 
 const CONTENT_DIGEST: &str = "content-digest";
+const JSON: &str = "application/json";
+const BINARY: &str = "application/octet-stream";
 
 /// How the body is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,12 +32,23 @@ impl UploadHead {
     pub(super) fn check(headers: &HeaderMap, wire_bytes_max: usize) -> Result<Self, Problem> {
         check_media_type(headers).map_err(Problem::closing)?;
         let encoding = encoding(headers).map_err(Problem::closing)?;
+        Self::of(headers, encoding, wire_bytes_max)
+    }
+
+    /// Of a recording, which is not compressed by its sender.
+    pub(super) fn check_recording(headers: &HeaderMap, bytes_max: usize) -> Result<Self, Problem> {
+        check_type(headers, BINARY).map_err(Problem::closing)?;
+        check_plain(headers).map_err(Problem::closing)?;
+        Self::of(headers, Encoding::Identity, bytes_max)
+    }
+
+    fn of(headers: &HeaderMap, encoding: Encoding, bytes_max: usize) -> Result<Self, Problem> {
         let digest = digest(headers).map_err(Problem::closing)?;
         let content_length = headers
             .get(header::CONTENT_LENGTH)
             .and_then(|v| v.to_str().ok()?.parse::<usize>().ok());
-        if content_length.is_some_and(|length| length > wire_bytes_max) {
-            return Err(too_large(wire_bytes_max).closing());
+        if content_length.is_some_and(|length| length > bytes_max) {
+            return Err(too_large(bytes_max).closing());
         }
         Ok(Self {
             encoding,
@@ -46,10 +59,16 @@ impl UploadHead {
 
     /// Compares the bytes on the wire with the stated digest.
     pub(in crate::api) fn check_digest(&self, wire: &[u8]) -> Result<(), Problem> {
-        let Some(stated) = &self.digest else {
-            return Ok(());
-        };
-        if *stated == STANDARD.encode(Sha256::digest(wire)) {
+        match self.digest {
+            Some(_) => self.check_sha256(&Sha256::digest(wire)),
+            None => Ok(()),
+        }
+    }
+
+    /// Compares the SHA-256 of the bytes on the wire with the stated digest.
+    pub(super) fn check_sha256(&self, sha256: &[u8]) -> Result<(), Problem> {
+        let is_same = |stated: &String| *stated == STANDARD.encode(sha256);
+        if self.digest.as_ref().is_none_or(is_same) {
             return Ok(());
         }
         Err(Problem::new(
@@ -65,26 +84,30 @@ pub(super) fn too_large(wire_bytes_max: usize) -> Problem {
 }
 
 pub(super) fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+    check_type(headers, JSON)
+}
+
+/// Whether the body has a media type; text must be UTF-8.
+fn check_type(headers: &HeaderMap, expected: &'static str) -> Result<(), Problem> {
     let value = headers.get(header::CONTENT_TYPE);
     let text = value.and_then(|v| v.to_str().ok()).unwrap_or_default();
     let mut parts = text.split(';').map(str::trim);
-    let is_json = parts
+    let is_expected = parts
         .next()
-        .is_some_and(|media_type| media_type.eq_ignore_ascii_case("application/json"));
+        .is_some_and(|media_type| media_type.eq_ignore_ascii_case(expected));
     let is_utf8 = parts.all(|parameter| match parameter.split_once('=') {
         Some((name, value)) if name.trim().eq_ignore_ascii_case("charset") => {
             value.trim().trim_matches('"').eq_ignore_ascii_case("utf-8")
         }
         _ => true,
     });
-    if is_json && is_utf8 {
+    if is_expected && is_utf8 {
         return Ok(());
     }
-    let problem = Problem::new(
-        ProblemKind::UnsupportedMediaType,
-        "the body must be application/json, in UTF-8",
-    );
-    Err(problem.header(header::ACCEPT, "application/json"))
+    let in_utf8 = if expected == JSON { ", in UTF-8" } else { "" };
+    let detail = format!("the body must be {expected}{in_utf8}");
+    let problem = Problem::new(ProblemKind::UnsupportedMediaType, detail);
+    Err(problem.header(header::ACCEPT, expected))
 }
 
 fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {

@@ -3,6 +3,9 @@
 mod decompress;
 mod head;
 mod read;
+mod spool;
+
+use std::fs::File;
 
 use axum::body::Body;
 use axum::http::HeaderMap;
@@ -75,6 +78,51 @@ pub(super) async fn receive(
             _wire: wire_place,
             body: Some(body_place.map_err(Problem::internal)?),
         },
+    })
+}
+
+/// A recording on the disk, with the places it holds until it is stored.
+pub(super) struct ReceivedRecording {
+    pub file: File,
+    pub sha256: [u8; 32],
+    pub bytes: u64,
+    pub places: RecordingPlaces,
+}
+
+/// What the upload of a recording has reserved; given back when dropped.
+pub(super) struct RecordingPlaces {
+    _slot: Share,
+    _recording: Share,
+}
+
+/// Checks the headers, reserves a place, and only then reads the body into a file.
+///
+/// # Errors
+/// As [`receive`]; 507 if the disk is full.
+pub(super) async fn receive_recording(
+    state: &ApiState,
+    client: ClientAddress,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<ReceivedRecording, Problem> {
+    let limits = &state.limits;
+    let head = UploadHead::check_recording(headers, limits.recording_bytes)?;
+    let slot = state.upload_slots.try_take(client, 1);
+    let recording = state.recordings.try_take(client, 1);
+    let places = RecordingPlaces {
+        _slot: slot.map_err(Problem::closing)?,
+        _recording: recording.map_err(Problem::closing)?,
+    };
+    let file = state.store.temporary_file().await?;
+    let bytes_max = limits.recording_bytes;
+    let spooled = spool::spool_body(body, bytes_max, limits.body_pace, file).await?;
+    let (file, sha256, bytes) = spooled;
+    head.check_sha256(&sha256)?;
+    Ok(ReceivedRecording {
+        file,
+        sha256,
+        bytes,
+        places,
     })
 }
 

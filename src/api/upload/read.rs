@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use axum::body::Body;
+use axum::body::{Body, BodyDataStream, Bytes};
 use futures::StreamExt;
 use tokio::time::timeout_at;
 
@@ -20,20 +20,55 @@ pub(super) async fn read_body(
     bytes_max: usize,
     pace: Pace,
 ) -> Result<Vec<u8>, Problem> {
-    let begun = Instant::now();
+    let mut reader = BodyReader::new(body, bytes_max, pace);
     let mut bytes = Vec::new();
-    let mut chunks = body.into_data_stream();
-    loop {
-        let deadline = pace.deadline(begun, bytes.len() as u64);
-        let chunk = timeout_at(deadline.into(), chunks.next()).await;
-        let Some(chunk) = chunk.map_err(|_| too_slow(pace).closing())? else {
-            return Ok(bytes);
+    while let Some(chunk) = reader.next().await? {
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok(bytes)
+}
+
+/// A body that is read part by part.
+pub(super) struct BodyReader {
+    chunks: BodyDataStream,
+    bytes_max: usize,
+    pace: Pace,
+    begun: Instant,
+    bytes: usize,
+}
+
+impl BodyReader {
+    pub(super) fn new(body: Body, bytes_max: usize, pace: Pace) -> Self {
+        Self {
+            chunks: body.into_data_stream(),
+            bytes_max,
+            pace,
+            begun: Instant::now(),
+            bytes: 0,
+        }
+    }
+
+    /// What was read so far.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes as u64
+    }
+
+    /// The next part; `None` at the end.
+    ///
+    /// # Errors
+    /// As [`read_body`].
+    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        let deadline = self.pace.deadline(self.begun, self.bytes());
+        let chunk = timeout_at(deadline.into(), self.chunks.next()).await;
+        let Some(chunk) = chunk.map_err(|_| too_slow(self.pace).closing())? else {
+            return Ok(None);
         };
         let chunk = chunk.map_err(|_| broken_off().closing())?;
-        if bytes.len() + chunk.len() > bytes_max {
-            return Err(too_large(bytes_max).closing());
+        if self.bytes + chunk.len() > self.bytes_max {
+            return Err(too_large(self.bytes_max).closing());
         }
-        bytes.extend_from_slice(&chunk);
+        self.bytes += chunk.len();
+        Ok(Some(chunk))
     }
 }
 
