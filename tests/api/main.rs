@@ -31,6 +31,7 @@ mod operators;
 mod proxies;
 #[path = "../common/receiver.rs"]
 mod receiver;
+mod recordings;
 mod releases;
 mod resources;
 mod secrets;
