@@ -1,23 +1,32 @@
-//! Maps CARMEN logs without a service: every log is one trip of one route, in the order given.
+//! Maps recordings (CARMEN logs, MCAP) without a service: every one is one trip of one route, in the order given.
 //!
 //! `cargo run --release --example map_log -- OUT_DIR LOG…` writes a TUM trajectory for each log,
 //! the map as a picture and the graph as g2o, and prints what became of each log. An argument
 //! `--beam-spacing=0.925` in front takes the beams to be 0.925 times as far apart as the logs state.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use mapshift::ids::TripId;
-use mapshift::ingest::CarmenLog;
-use mapshift::mapping::{Drive, DriveScan, RouteMap, Weighting};
+use jiff::Timestamp;
+use mapshift::ids::{TripId, VehicleId};
+use mapshift::ingest::mcap::TopicChoice;
+use mapshift::ingest::{BatchHead, BatchWriter, Recording, batch_json, format_of};
+use mapshift::mapping::{Drive, RouteMap, Weighting};
 use mapshift::render::{OccupancyGrid, to_png};
-use mapshift::scan::LaserScan;
 
 const PICTURE_RESOLUTION_M: f64 = 0.05;
 const BATCH_SCANS: usize = 60;
+
+/// What became of a recording.
+#[derive(Default)]
+struct Mapped {
+    scans: usize,
+    nodes: usize,
+    closures: usize,
+    refused: Option<String>,
+}
 const BEAM_SPACING: &str = "--beam-spacing=";
 const USAGE: &str = "usage: map_log [--beam-spacing=FACTOR] OUT_DIR LOG…";
 
@@ -41,19 +50,19 @@ fn main() -> anyhow::Result<()> {
     let mut map = RouteMap::new(Weighting::Robust);
     let mut console = std::io::stdout();
     for path in &logs {
-        let log = read_log(path)?.with_beam_spacing(beam_spacing);
+        let recording = read_recording(path, beam_spacing)?;
         let trip = trip_of(path)?;
         let started = std::time::Instant::now();
-        let outcome = extend_in_batches(&mut map, &trip, &log);
-        let said = match outcome {
-            Ok((nodes, closures)) => format!("{nodes} nodes, {closures} loop closures"),
-            Err(reason) => format!("not used: {reason}"),
+        let mapped = extend_in_batches(&mut map, &trip, path, &recording)?;
+        let said = match &mapped.refused {
+            None => format!("{} nodes, {} loop closures", mapped.nodes, mapped.closures),
+            Some(reason) => format!("not used: {reason}"),
         };
         let took_s = started.elapsed().as_secs_f64();
         writeln!(
             console,
             "{trip}: {} scans, {said}, {took_s:.2} s",
-            log.scans.len()
+            mapped.scans
         )?;
     }
     for path in &logs {
@@ -69,36 +78,48 @@ fn trip_of(path: &Path) -> anyhow::Result<TripId> {
     Ok(TripId::new(name.split('.').next().unwrap_or_default())?)
 }
 
-fn read_log(path: &Path) -> anyhow::Result<CarmenLog> {
+/// The format is known by the file's first bytes.
+fn reader(path: &Path) -> anyhow::Result<Box<dyn BufRead>> {
     let file = File::open(path).with_context(|| path.display().to_string())?;
-    let reader: Box<dyn Read> = if path.extension().is_some_and(|e| e == "gz") {
-        Box::new(flate2::read::GzDecoder::new(file))
-    } else {
-        Box::new(file)
-    };
-    Ok(CarmenLog::read(BufReader::new(reader))?)
+    Ok(match path.extension().is_some_and(|e| e == "gz") {
+        true => Box::new(BufReader::new(flate2::read::GzDecoder::new(file))),
+        false => Box::new(BufReader::new(file)),
+    })
+}
+
+fn read_recording(path: &Path, beam_spacing: f64) -> anyhow::Result<Recording> {
+    let mut reader = reader(path)?;
+    let format = format_of(reader.fill_buf()?)?;
+    let mut recording = Recording::open(reader, format, &TopicChoice::default())?;
+    let lidars = recording.lidars.into_iter();
+    recording.lidars = lidars
+        .map(|lidar| lidar.with_beam_spacing(beam_spacing))
+        .collect();
+    Ok(recording)
 }
 
 /// Batches as a gateway would send them: those that cannot be placed wait for the next.
 fn extend_in_batches(
     map: &mut RouteMap,
     trip: &TripId,
-    log: &CarmenLog,
-) -> anyhow::Result<(usize, usize)> {
-    let lidar = Arc::new(log.lidar.clone());
+    path: &Path,
+    recording: &Recording,
+) -> anyhow::Result<Mapped> {
+    let head = BatchHead {
+        vehicle_id: &VehicleId::new("vehicle")?,
+        trip_id: trip,
+        initial_pose: None,
+        lidars: &recording.lidars,
+    };
+    let batches = BatchWriter::new(head, recording.scans(reader(path)?)?, BATCH_SCANS);
     let mut waiting = Vec::new();
-    let (mut nodes, mut closures) = (0, 0);
+    let mut mapped = Mapped::default();
     let mut refused = None;
-    for batch in log.scans.chunks(BATCH_SCANS) {
-        for scan in batch {
-            waiting.push(DriveScan {
-                beam_interval_s: 0.0,
-                lidar: Default::default(),
-                stamp: scan.stamp,
-                odom_from_base: scan.odom_from_base,
-                scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?,
-            });
-        }
+    for batch in batches {
+        // As the service reads it.
+        let batch = batch_json::decode(&batch?.json, Timestamp::UNIX_EPOCH)?;
+        mapped.scans += batch.scans.len();
+        waiting.extend(batch.scans);
         let drive = Drive {
             wheels: Default::default(),
             trip: trip.clone(),
@@ -107,18 +128,16 @@ fn extend_in_batches(
         };
         match map.extend(&drive) {
             Ok(added) => {
-                nodes += added.nodes.len();
-                closures += added.closures.len();
+                mapped.nodes += added.nodes.len();
+                mapped.closures += added.closures.len();
                 waiting.clear();
                 refused = None;
             }
             Err(reason) => refused = Some(reason),
         }
     }
-    match refused {
-        Some(reason) => Err(reason.into()),
-        None => Ok((nodes, closures)),
-    }
+    mapped.refused = refused.map(|reason| reason.to_string());
+    Ok(mapped)
 }
 
 fn write_tum(map: &RouteMap, trip: &TripId, out: &Path) -> anyhow::Result<()> {

@@ -229,6 +229,12 @@ fn request(operation: &str, method: &'static str, path: String) -> Request {
             });
             Request::new(method, path.replace("b-0", "e-0")).json(&edges)
         }
+        "put_recording" => {
+            let query = "vehicle_id=agv-07&trip_id=monday&format=carmen";
+            Request::new(method, format!("{path}?{query}"))
+                .header("content-type", "application/octet-stream")
+                .body("no log")
+        }
         "get_batch" | "get_node" | "get_trajectory" => Request::new(method, path),
         _ => Request::new(method, format!("{path}?nonsense=1")),
     }

@@ -2,18 +2,22 @@
 //! does not; `tests/decoders.rs` keeps those that were found from coming back.
 
 use mapshift::geometry::Pose2;
+use mapshift::ids::{TripId, VehicleId};
 use mapshift::ingest::g2o::{read_g2o, write_g2o};
-use mapshift::ingest::{CarmenLog, batch_json, edges_json};
+use mapshift::ingest::mcap::TopicChoice;
+use mapshift::ingest::{BatchHead, BatchWriter, CarmenLog, Recording, batch_json, edges_json};
+use mapshift::model::RecordingFormat;
 use mapshift::scan::{LaserScan, decode_scan, encode_scan};
 
 /// What must hold of one decoder for these bytes; panics if it does not.
 pub type Law = fn(&[u8]);
 
 /// The decoders by the names of their corpora.
-pub const DECODERS: [(&str, Law); 5] = [
+pub const DECODERS: [(&str, Law); 6] = [
     ("batch_json", batch_json),
     ("edges_json", edges_json),
     ("carmen", carmen),
+    ("mcap", mcap),
     ("g2o", g2o),
     ("scan", scan),
 ];
@@ -83,6 +87,29 @@ pub fn carmen(bytes: &[u8]) {
                     .all(|range_m| range_m.is_finite())
             );
         }
+    }
+}
+
+/// What is taken of a recording is a trip that the service takes, or there is a reason.
+pub fn mcap(bytes: &[u8]) {
+    let recording = Recording::open(bytes, RecordingFormat::Mcap, &TopicChoice::default());
+    let recording = match recording {
+        Ok(recording) => recording,
+        Err(error) => return assert!(!error.to_string().is_empty()),
+    };
+    let head = BatchHead {
+        vehicle_id: &VehicleId::new("agv-07").unwrap(),
+        trip_id: &TripId::new("monday").unwrap(),
+        initial_pose: None,
+        lidars: &recording.lidars,
+    };
+    let mut last = None;
+    for batch in BatchWriter::new(head, recording.scans(bytes).unwrap(), 4) {
+        let Ok(batch) = batch else { return };
+        let batch = batch_json::decode(&batch.json, received_at()).unwrap();
+        let stamps = batch.scans.iter().map(|scan| Some(scan.stamp));
+        assert!(std::iter::once(last).chain(stamps.clone()).is_sorted());
+        last = stamps.last().flatten();
     }
 }
 

@@ -349,6 +349,37 @@ def foxglove():
     write_expected("foxglove", {"lidar": geometry}, expected)
 
 
+def small():
+    """What the mutations of tests/decoders.rs begin with: without checksums, which would find each of them."""
+    lidar = Lidar((0.2, 0.0, 0.0), 6, -1.0, 0.4, 8.0)
+    level = quaternion(0.0)
+    frames = transforms(transform(0.0, "base_link", "laser", 0.2, 0.0, 0.2, level))
+    messages = [(0.0, "/tf_static", TF, frames)]
+    for t in (0.0, 0.4, 0.8):
+        messages.append((t, "/tf", TF, odometry_transform(t, "base_link")))
+    for number, t in enumerate((0.1, 0.3, 0.5)):
+        scan = scan_message(t, "laser", lidar, lidar.ranges(t, number), time_increment=0.01)
+        messages.append((t, "/scan", SCAN, scan))
+    folder = HERE.parent / "fuzz" / "corpus" / "mcap"
+    folder.mkdir(exist_ok=True)
+    for compression in (CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4):
+        with (folder / f"{compression.name.lower()}.mcap").open("wb") as file:
+            write_small(file, compression, messages)
+
+
+def write_small(file, compression, messages):
+    writer = McapWriter(file, chunk_size=1024, compression=compression, enable_crcs=False)
+    writer.start(profile="ros2")
+    channels = {}
+    for t, topic, kind, message in sorted(messages, key=lambda m: m[0]):
+        if topic not in channels:
+            schema = writer.register_schema(kind, "ros2msg", b"")
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
+        data = bytes(STORE.serialize_cdr(message, kind))
+        writer.add_message(channels[topic], nanoseconds(t), data, nanoseconds(t))
+    writer.finish()
+
+
 if __name__ == "__main__":
-    for make in (turtlebot3, turtlebot4, amr, foxglove):
+    for make in (turtlebot3, turtlebot4, amr, foxglove, small):
         make()

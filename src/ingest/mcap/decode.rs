@@ -19,7 +19,6 @@ pub(super) fn odometry(message: &Message<'_>) -> Option<OdometryMessage> {
         "cdr" => cdr::odometry(message.data),
         _ => foxglove::odometry(message.data),
     }
-    .filter(|odometry| odometry.odom_from_base.is_finite())
 }
 
 /// Transforms; none if the bytes are none.

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::scan::LidarError;
+use crate::scan::{LidarError, ScanError};
 
 /// Why an MCAP recording cannot be used; the text says what to do about it.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +55,14 @@ pub enum McapError {
         topic: String,
         /// What is wrong.
         source: LidarError,
+    },
+    /// A lidar's beams fit no lidar.
+    #[error("the scans of {topic} cannot be right")]
+    Scan {
+        /// The topic of its scans.
+        topic: String,
+        /// What is wrong.
+        source: ScanError,
     },
     /// None of its scans could be used.
     #[error("none of its scans can be used{0}")]

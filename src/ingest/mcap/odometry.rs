@@ -2,6 +2,7 @@
 
 use super::error::McapError;
 use crate::geometry::{Pose2, wrap_angle};
+use crate::ingest::batch_json::COORDINATE_MAX_M;
 
 /// Most poses that are kept: half a day at 100 Hz.
 const POSES_MAX: usize = 5_000_000;
@@ -16,11 +17,15 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// Adds a pose.
+    /// Adds a pose, if it can be one.
     ///
     /// # Errors
     /// [`McapError::TooMuchOdometry`].
     pub fn push(&mut self, stamp_ns: i64, odom_from_base: Pose2) -> Result<(), McapError> {
+        let farthest_m = odom_from_base.x.abs().max(odom_from_base.y.abs());
+        if !odom_from_base.is_finite() || farthest_m > COORDINATE_MAX_M {
+            return Ok(());
+        }
         if self.poses.len() >= POSES_MAX {
             return Err(McapError::TooMuchOdometry(POSES_MAX));
         }

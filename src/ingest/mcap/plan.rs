@@ -8,7 +8,7 @@ use crate::geometry::Pose2;
 use crate::ids::LidarId;
 use crate::ingest::batch_json::LIDARS_MAX;
 use crate::ingest::recorded::RecordedLidar;
-use crate::scan::{Lidar, RANGE_SIGMA_DEFAULT_M};
+use crate::scan::{LaserScan, Lidar, NO_RETURN_TICK, RANGE_SIGMA_DEFAULT_M};
 
 /// Times before 1973 are no times of day but seconds of a simulation, nanoseconds.
 const RELATIVE_TIME_MAX_NS: i64 = 100_000_000_000_000_000;
@@ -171,6 +171,13 @@ impl Plan {
         let geometry = geometry.validated().map_err(|source| McapError::Lidar {
             topic: topic.to_owned(),
             source,
+        })?;
+        let no_returns = vec![NO_RETURN_TICK; found.beams];
+        LaserScan::from_ticks(geometry.clone().into(), no_returns).map_err(|source| {
+            McapError::Scan {
+                topic: topic.to_owned(),
+                source,
+            }
         })?;
         let has_times = has_times(found) && !is_reversed;
         if is_reversed {

@@ -9,7 +9,6 @@ use super::error::McapError;
 use super::messages::{Content, ScanMessage, content_of};
 use super::odometry::Track;
 use super::transforms::Transforms;
-use crate::ingest::batch_json::COORDINATE_MAX_M;
 use crate::scan::BEAMS_MAX;
 
 /// What was found in a recording.
@@ -124,17 +123,13 @@ impl Survey {
         let Some(odometry) = decode::odometry(message) else {
             return Ok(());
         };
-        let pose = odometry.odom_from_base;
-        if pose.x.abs().max(pose.y.abs()) > COORDINATE_MAX_M {
-            return Ok(());
-        }
         let found = self.odometry.entry(topic.to_owned()).or_default();
         found.base_frame = found.base_frame.take().or(odometry.base_frame);
         let stamp_ns = match odometry.stamp_ns {
             0 => message.log_time_ns,
             stamp_ns => stamp_ns,
         };
-        found.track.push(stamp_ns, pose)
+        found.track.push(stamp_ns, odometry.odom_from_base)
     }
 
     /// Whether a topic carries transforms.
