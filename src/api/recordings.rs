@@ -25,7 +25,8 @@ use super::upload::receive_recording;
 use crate::ids::{BatchId, NAME_LENGTH_MAX, RouteId, TripId, VehicleId};
 use crate::ingest::mcap::{McapError, MountOverride, TopicChoice};
 use crate::ingest::{
-    BatchHead, BatchWriter, Recording, RecordingError, WriteError, WrittenBatch, batch_json,
+    BatchHead, BatchWriter, CarmenError, Recording, RecordingError, WriteError, WrittenBatch,
+    batch_json,
 };
 use crate::model::RecordingFormat;
 use crate::store::{BatchContent, Journaled, NewBatch, RecordedBatches, RecordingJournaled};
@@ -288,6 +289,9 @@ impl About {
 impl From<RecordingError> for Problem {
     fn from(error: RecordingError) -> Self {
         let kind = match &error {
+            RecordingError::Mcap(McapError::Io(_)) | RecordingError::Carmen(CarmenError::Io(_)) => {
+                return Self::internal(error);
+            }
             RecordingError::Mcap(McapError::Topics { .. }) | RecordingError::NoTopics => {
                 ProblemKind::RecordingTopics
             }

@@ -14,7 +14,7 @@ use crate::experiments::{
 /// Arguments of `mapshift score`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings of one route (CARMEN logs, also gzipped): one trip each, in the order given. With
+    /// Recordings of one route (CARMEN logs or MCAP, of several lidars the first; also gzipped): one trip each, in the order given. With
     /// --worlds none is needed, and it is only measured how far its observations err together.
     #[arg(required_unless_present = "worlds", value_name = "LOG")]
     logs: Vec<PathBuf>,

@@ -12,7 +12,7 @@ const DISTURBANCES: [Disturbance; 2] = [Disturbance::RangeNoise(0.001), Disturba
 /// Arguments of `mapshift stability`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings of one route (CARMEN logs, also gzipped): one trip each, in the order given.
+    /// Recordings of one route (CARMEN logs or MCAP, of several lidars the first; also gzipped): one trip each, in the order given.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// How often noise and objects are drawn.

@@ -22,6 +22,9 @@ const WINDOW_LOG_MAX: u32 = 24;
 /// Opcode and length.
 const RECORD_HEAD_BYTES: usize = 9;
 
+/// Longest name of a topic, a type or a frame, bytes.
+pub(super) const NAME_BYTES_MAX: usize = 1_024;
+
 /// A topic with its type.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Channel {
@@ -272,9 +275,12 @@ impl<R: Read> MessageReader<R> {
         let record = record.map_err(|error| self.damaged(offset, error.to_string()))?;
         match record {
             Record::Schema { header, .. } => {
+                self.check_name(&header.name, offset)?;
                 self.schemas.insert(header.id, header.name);
             }
             Record::Channel(channel) => {
+                self.check_name(&channel.topic, offset)?;
+                self.check_name(&channel.message_encoding, offset)?;
                 let schema = self.schemas.get(&channel.schema_id).cloned();
                 let channel_of = Channel {
                     topic: channel.topic,
@@ -298,6 +304,13 @@ impl<R: Read> MessageReader<R> {
             _ => {}
         }
         Ok(Step::Other)
+    }
+
+    fn check_name(&self, name: &str, offset: u64) -> Result<(), McapError> {
+        match name.len() {
+            0..=NAME_BYTES_MAX => Ok(()),
+            length => Err(self.damaged(offset, format!("a name of {length} bytes"))),
+        }
     }
 
     fn damaged(&self, offset: u64, detail: String) -> McapError {

@@ -3,13 +3,18 @@
 use std::collections::BTreeMap;
 use std::io::Read;
 
-use super::container::MessageReader;
+use super::container::{Message, MessageReader, NAME_BYTES_MAX};
 use super::decode;
 use super::error::McapError;
 use super::messages::{Content, ScanMessage, content_of};
 use super::odometry::Track;
 use super::transforms::Transforms;
 use crate::scan::BEAMS_MAX;
+
+/// Most poses of odometry that are kept, of all topics together: some hours of two at 100 Hz.
+const POSES_MAX: usize = 2_000_000;
+/// Most topics that are named to people.
+const TOPICS_NAMED: usize = 40;
 
 /// What was found in a recording.
 #[derive(Debug, Default)]
@@ -57,7 +62,7 @@ impl Survey {
     /// [`McapError`] if it cannot be read to its end.
     pub fn of(reader: impl Read) -> Result<Self, McapError> {
         let mut messages = MessageReader::new(reader)?;
-        let mut survey = Self::default();
+        let (mut survey, mut poses) = (Self::default(), 0);
         while let Some(message) = messages.next_message(|_| true)? {
             let channel = message.channel;
             let content = content_of(channel);
@@ -80,13 +85,18 @@ impl Survey {
                         survey.take_scan(&channel.topic, scan, at_ns);
                     }
                 }
-                Some(Content::Odometry) => survey.take_odometry(&channel.topic, &message)?,
+                Some(Content::Odometry) => {
+                    poses += usize::from(survey.take_odometry(&channel.topic, &message));
+                }
                 Some(Content::Transforms) => {
                     for transform in decode::transforms(&message) {
-                        survey.transforms.add(transform, at_ns)?;
+                        poses += usize::from(survey.transforms.add(transform, at_ns));
                     }
                 }
                 None => {}
+            }
+            if poses > POSES_MAX {
+                return Err(McapError::TooMuchOdometry(POSES_MAX));
             }
         }
         survey
@@ -100,7 +110,7 @@ impl Survey {
     fn take_scan(&mut self, topic: &str, mut scan: ScanMessage, log_time_ns: i64) {
         let ranges_m = std::mem::take(&mut scan.ranges_m);
         let beams = ranges_m.len();
-        if !(1..=BEAMS_MAX).contains(&beams) {
+        if !(1..=BEAMS_MAX).contains(&beams) || scan.frame_id.len() > NAME_BYTES_MAX {
             return;
         }
         let measured = ranges_m.into_iter().filter(|range_m| range_m.is_finite());
@@ -115,21 +125,21 @@ impl Survey {
         found.longest_m = found.longest_m.max(longest_m);
     }
 
-    fn take_odometry(
-        &mut self,
-        topic: &str,
-        message: &super::container::Message<'_>,
-    ) -> Result<(), McapError> {
+    /// Says whether it is one more pose.
+    fn take_odometry(&mut self, topic: &str, message: &Message<'_>) -> bool {
         let Some(odometry) = decode::odometry(message) else {
-            return Ok(());
+            return false;
         };
+        let named = odometry.base_frame;
+        let named = named.filter(|frame| frame.len() <= NAME_BYTES_MAX);
         let found = self.odometry.entry(topic.to_owned()).or_default();
-        found.base_frame = found.base_frame.take().or(odometry.base_frame);
+        found.base_frame = found.base_frame.take().or(named);
         let stamp_ns = match odometry.stamp_ns {
             0 => message.log_time_ns,
             stamp_ns => stamp_ns,
         };
-        found.track.push(stamp_ns, odometry.odom_from_base)
+        found.track.push(stamp_ns, odometry.odom_from_base);
+        true
     }
 
     /// Whether a topic carries transforms.
@@ -143,12 +153,17 @@ impl Survey {
         if self.topics.is_empty() {
             return "the recording has no messages".into();
         }
-        let topics = self.topics.iter().map(|(name, topic)| {
+        let topics = self.topics.iter().take(TOPICS_NAMED);
+        let topics = topics.map(|(name, topic)| {
             let (schema, encoding) = (&topic.schema, &topic.encoding);
             format!("{name} ({schema}, {encoding}: {} messages)", topic.messages)
         });
         let topics: Vec<String> = topics.collect();
-        format!("the recording has {}", topics.join(", "))
+        let more = match self.topics.len() - topics.len() {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        format!("the recording has {}{more}", topics.join(", "))
     }
 
     /// That the choice of topics does not fit the recording.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 
-use super::error::McapError;
+use super::container::NAME_BYTES_MAX;
 use super::messages::{TransformMessage, from_above};
 use super::odometry::Track;
 
@@ -34,30 +34,29 @@ pub(super) struct OnVehicle {
 }
 
 impl Transforms {
-    /// Takes a transform that was recorded at a time.
-    ///
-    /// # Errors
-    /// [`McapError::TooMuchOdometry`].
-    pub fn add(&mut self, message: TransformMessage, log_time_ns: i64) -> Result<(), McapError> {
+    /// Takes a transform that was recorded at a time; says whether it is one more pose of an odometry.
+    pub fn add(&mut self, message: TransformMessage, log_time_ns: i64) -> bool {
         let child = plain(&message.child);
         let is_known = self.first.contains_key(child);
-        if !is_known && self.first.len() >= FRAMES_MAX {
-            return Ok(());
-        }
-        if last_part(&message.parent).contains("odom") {
-            let track = self.odometry.entry(child.to_owned()).or_default();
-            let stamp_ns = match message.stamp_ns {
-                0 => log_time_ns,
-                stamp_ns => stamp_ns,
-            };
-            track.push(stamp_ns, from_above(&message.parent_from_child))?;
+        let is_name_long = child.len().max(message.parent.len()) > NAME_BYTES_MAX;
+        if is_name_long || !is_known && self.first.len() >= FRAMES_MAX {
+            return false;
         }
         if !is_known {
             let parent = plain(&message.parent).to_owned();
             let transform = (parent, message.parent_from_child);
             self.first.insert(child.to_owned(), transform);
         }
-        Ok(())
+        let is_odometry = last_part(&message.parent).contains("odom");
+        if is_odometry {
+            let track = self.odometry.entry(child.to_owned()).or_default();
+            let stamp_ns = match message.stamp_ns {
+                0 => log_time_ns,
+                stamp_ns => stamp_ns,
+            };
+            track.push(stamp_ns, from_above(&message.parent_from_child));
+        }
+        is_odometry
     }
 
     /// Where a frame is on the vehicle, whose frame the odometry may name; `None` if no transforms lead
@@ -130,9 +129,7 @@ mod tests {
         let mut transforms = Transforms::default();
         for (k, (parent, child)) in edges.iter().enumerate() {
             let turn_rad = std::f64::consts::FRAC_PI_2;
-            transforms
-                .add(transform(parent, child, 1.0, turn_rad), k as i64)
-                .unwrap();
+            transforms.add(transform(parent, child, 1.0, turn_rad), k as i64);
         }
         transforms
     }
