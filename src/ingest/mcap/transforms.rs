@@ -112,7 +112,6 @@ fn last_part(frame: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose2;
     use nalgebra::{Translation3, UnitQuaternion};
 
     fn transform(parent: &str, child: &str, x: f64, yaw_rad: f64) -> TransformMessage {
