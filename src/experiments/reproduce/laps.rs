@@ -34,7 +34,7 @@ pub(super) struct TrueChange {
 
 /// One scan.
 #[derive(Debug, Clone)]
-pub(super) struct ExportedScan {
+pub(super) struct RecordedScan {
     /// As the map takes it.
     pub scan: DriveScan,
     /// From 0.
@@ -51,7 +51,7 @@ pub(super) struct ExportedScan {
 #[derive(Debug, Clone)]
 pub(super) struct Laps {
     /// In the order of time.
-    pub scans: Vec<ExportedScan>,
+    pub scans: Vec<RecordedScan>,
     /// All changes, seen or not.
     pub changes: Vec<TrueChange>,
     /// Laps before them.
@@ -83,7 +83,7 @@ impl Laps {
         let mut scans = Vec::with_capacity(recorded.len());
         for (k, scan) in recorded.into_iter().enumerate() {
             let beams = LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?;
-            scans.push(ExportedScan {
+            scans.push(RecordedScan {
                 differing: differing(&before[k], &after[k]),
                 looks_at: stage.looks(&before[k], &after[k]),
                 lap: scan.lap,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::Context;
 
 use super::case::Acceptance;
-use super::laps::{ExportedScan, Laps};
+use super::laps::{Laps, RecordedScan};
 use crate::change::paper::ClosurePlace;
 use crate::change::{FALSE_ALERTS_PER_LAP, Finding};
 use crate::geometry::{Vector2, angle_difference_rad};
@@ -149,7 +149,7 @@ impl Mapped {
 }
 
 /// Where the first lap starts is known; a trip that goes on does not ask.
-fn start(scan: &ExportedScan) -> InitialPose {
+fn start(scan: &RecordedScan) -> InitialPose {
     InitialPose {
         pose: scan.truth,
         sigma_xy_m: 0.01,

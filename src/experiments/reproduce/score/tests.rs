@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::super::laps::ExportedScan;
+use super::super::laps::RecordedScan;
 use super::super::mapped::{MadeClosure, MapError};
 use super::*;
 use crate::change::paper::ClosurePlace;
@@ -31,7 +31,7 @@ fn laps() -> Laps {
     });
     let scan = |k: usize| {
         let spot = k % SCANS_A_LAP;
-        ExportedScan {
+        RecordedScan {
             scan: DriveScan {
                 beam_interval_s: 0.0,
                 lidar: Default::default(),
