@@ -12,6 +12,7 @@ mod socket;
 mod started;
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
@@ -69,7 +70,8 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let pipeline = pipeline::start(&store, config.pipeline, &stopping)?;
     let mut background = pipeline.tasks;
     let receivers = config.delivery.policy;
-    let callers = webhooks::start(&store, config.delivery, api::alert_text, &stopping)
+    let forms = Arc::new(api::EventForms::new(config.access.public_url.clone()));
+    let callers = webhooks::start(&store, config.delivery, forms, &stopping)
         .context("cannot call webhooks")?;
     background.extend(callers);
     let upkeep_metrics = metrics.clone();

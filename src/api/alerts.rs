@@ -10,6 +10,7 @@ mod geojson;
 mod handling;
 mod observations;
 mod observations_body;
+mod pacing;
 mod passes;
 mod preview;
 mod query;
@@ -99,7 +100,7 @@ pub(super) async fn get_alert(
 ///
 /// # Errors
 /// If it does not serialise.
-pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
+pub(super) fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
     serde_json::to_string(&AlertBody::from(alert))
 }
 

@@ -142,7 +142,7 @@ pub(super) struct BatchQuery {
 impl BatchBody {
     /// # Errors
     /// The [`Problem`] that what the store has is no JSON.
-    fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, Problem> {
+    pub(super) fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, Problem> {
         let extensions = batch.extensions.map(RawValue::from_string).transpose();
         Ok(Self {
             id: batch.id.to_string(),

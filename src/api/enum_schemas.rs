@@ -8,11 +8,11 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 use crate::model::{
-    AlertAction, AlertEventKind, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict,
-    ChangeKind, Clearance, DecisionResult, DeliveryFailure, DeliveryStatus, Detector,
-    DismissReason, EdgeKind, EdgeStatus, MapLayer, OperationKind, OperationStatus, PassOutcome,
-    PassSide, RecordingFormat, ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage,
-    TextEnum, Tier, VersionAction, VersionState, WebhookEvent, ZonePurpose,
+    AlertAction, AlertStatus, AuditAction, BatchKind, BatchStatus, BeamVerdict, ChangeKind,
+    Clearance, DecisionResult, DeliveryFailure, DeliveryStatus, Detector, DismissReason, EdgeKind,
+    EdgeStatus, MapLayer, OperationKind, OperationStatus, PassOutcome, PassSide, RecordingFormat,
+    ResidualMeasurement, ResidualVerdict, Role, ShownSide, Stage, TextEnum, Tier, VehicleState,
+    VersionAction, VersionState, WebhookEvent, WebhookTopic, ZonePurpose,
 };
 
 /// The schema of one text of a list.
@@ -46,7 +46,6 @@ macro_rules! enum_schemas {
 enum_schemas! {
     DismissReason as "DismissReasonName": "Why an alert is dismissed: `temporary`, what is there will be gone again; `people` were standing there; `sensor`, a lidar saw what is not so; `wrong_place`, the map or the vehicle's pose is off there; `other`, as the note says.";
     AlertAction as "AlertActionName": "What can be done with an alert: the last part of a path.";
-    AlertEventKind as "WebhookEventName": "What a webhook can tell of.";
     AlertStatus as "AlertStatusName": "What became of an alert.";
     AuditAction as "AuditActionName": "What was done.";
     BatchKind as "BatchKindName": "What a batch holds.";
@@ -75,5 +74,7 @@ enum_schemas! {
     VersionAction as "MapVersionAction": "What begins a version: a change was accepted, that was undone, or the version before was released.";
     VersionState as "MapVersionState": "Where a version is in its life: the `draft` grows with every batch; a `released` one is for vehicles; a `retired` one is not any more, or ended without a release. Only the draft changes.";
     ZonePurpose as "ZonePurposeName": "What a zone does with the alerts in it: `mute`, they are recorded and shown, but not sent, and do not count among the open ones.";
-    WebhookEvent as "DeliveryEventName": "What a delivery tells of.";
+    VehicleState as "VehicleState": "Whether what a vehicle sends is believed: `trusted`, nothing speaks against it; `suspect`, an undecided alert of kind `vehicle_suspect` names it, or three of its newest ten batches were kept out of the map; `quarantined`, somebody keeps its uploads out of the map.";
+    WebhookEvent as "DeliveryEventName": "What happened, or `webhook.test`.";
+    WebhookTopic as "WebhookEventName": "What a webhook can subscribe to: `alert.raised` and `alert.updated`; `batch.quarantined`, an upload was kept out of the map; `vehicle.suspect`, a vehicle has become suspect or quarantined; `operation.finished`, whether it succeeded or failed.";
 }

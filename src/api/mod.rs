@@ -78,13 +78,13 @@ pub use access::{
     AccessOptions, GroupRole, InvalidGroupRole, InvalidNetwork, InvalidUrl, Network, PublicUrl,
     TrustedProxies,
 };
-pub use alerts::alert_text;
 pub use client_address::{ClientAddress, PeerAddress};
 pub use limits::{Limits, Pace, Reads};
 pub use quota::Quota;
 pub use raw_answer::raw_answer;
 pub use reading::Held;
 pub use state::{ApiSettings, ApiState};
+pub use webhooks::EventForms;
 
 use access::Rules;
 use reading::Weight;
@@ -145,6 +145,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
             webhooks::delete_webhook
         ))
         .routes(routes!(webhooks::test_webhook))
+        .routes(routes!(webhooks::rotate_webhook_secret))
         .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(audit::list_audit))
         .routes(routes!(

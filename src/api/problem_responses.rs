@@ -180,6 +180,8 @@ problem_responses! {
     WebhookRegistrationProblems = [K::UnknownRoute, K::TooManyWebhooks, K::WebhookUrlRefused], with BODY;
     /// Of changing a webhook.
     WebhookChangeProblems = [K::NotFound, K::PreconditionFailed, K::WebhookUrlRefused], with BODY;
+    /// Of replacing a webhook's secret.
+    WebhookRotationProblems = [K::NotFound, K::PreconditionFailed], with BODY;
     /// Of deleting a webhook.
     WebhookDeletionProblems = [K::InvalidField, K::NotFound, K::PreconditionFailed, K::DiskFull];
     /// Of trying a webhook out.

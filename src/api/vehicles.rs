@@ -17,6 +17,7 @@ use crate::calibration::{
     AppliedCorrection, CalibratedTrip, Quantity, TripCorrections, VehicleCalibration,
 };
 use crate::ids::{AlertId, LidarId, RouteId, VehicleId};
+use crate::model::VehicleState;
 use crate::store::{KeptOut, LidarRecord, VehicleRecord};
 
 /// A vehicle as a route knows it.
@@ -25,8 +26,10 @@ use crate::store::{KeptOut, LidarRecord, VehicleRecord};
 pub(super) struct VehicleBody {
     /// Its name.
     id: String,
+    /// The route that knows it so.
+    route_id: String,
     /// Whether what it sends is believed.
-    state: VehicleStateName,
+    state: VehicleState,
     /// Why it is not trusted, for people; empty for one that is.
     reasons: Vec<String>,
     /// Undecided alerts that suspect it.
@@ -77,20 +80,6 @@ struct RelativeMountBody {
     /// What the newest trips contradict of what those before said, until four of them say the same:
     /// names of the fields above.
     changed: Vec<String>,
-}
-
-/// Whether what a vehicle sends is believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
-#[schema(as = VehicleState)]
-#[serde(rename_all = "snake_case")]
-enum VehicleStateName {
-    /// Nothing speaks against it.
-    Trusted,
-    /// An undecided alert of kind `vehicle_suspect` names it, or three of its newest ten batches were
-    /// kept out of the map.
-    Suspect,
-    /// Somebody keeps its uploads out of the map.
-    Quarantined,
 }
 
 /// What a vehicle has sent.
@@ -259,8 +248,8 @@ pub(super) async fn known_vehicle(
     Ok(Json(known.into()))
 }
 
-/// Whether a vehicle is believed, and why not.
-fn state_of(vehicle: &VehicleRecord) -> (VehicleStateName, Vec<String>) {
+/// Why a vehicle is not believed.
+fn reasons_of(vehicle: &VehicleRecord) -> Vec<String> {
     let quarantine = vehicle.quarantine.as_ref().map(|quarantine| {
         let note = quarantine.note.as_deref().unwrap_or("no reason was given");
         format!("kept out of the map since {}: {note}", quarantine.since)
@@ -274,22 +263,17 @@ fn state_of(vehicle: &VehicleRecord) -> (VehicleStateName, Vec<String>) {
             "{batches} of its newest batches were kept out of the map, the last because: {newest}"
         )
     });
-    let state = match (&quarantine, vehicle.suspected_by.is_empty(), &kept_out) {
-        (Some(_), ..) => VehicleStateName::Quarantined,
-        (None, true, None) => VehicleStateName::Trusted,
-        _ => VehicleStateName::Suspect,
-    };
     let reasons = quarantine.into_iter().chain(alerts).chain(kept_out);
-    (state, reasons.collect())
+    reasons.collect()
 }
 
 impl From<VehicleRecord> for VehicleBody {
     fn from(vehicle: VehicleRecord) -> Self {
-        let (state, reasons) = state_of(&vehicle);
         Self {
             id: vehicle.id.to_string(),
-            state,
-            reasons,
+            route_id: vehicle.route_id.to_string(),
+            state: vehicle.state(),
+            reasons: reasons_of(&vehicle),
             suspected_by: vehicle.suspected_by.clone(),
             counts: VehicleCountsBody {
                 trips: vehicle.trips,

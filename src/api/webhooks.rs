@@ -1,10 +1,12 @@
-//! Webhooks: who is told of alerts by a POST.
+//! Webhooks: who is sent events by a POST.
 
 mod body;
 mod calls;
 mod change;
 mod deliveries;
+mod forms;
 mod registration;
+mod rotation;
 
 use axum::Json;
 use axum::extract::State;
@@ -31,7 +33,9 @@ use body::{WebhookBody, etag};
 pub(super) use calls::add_calls;
 pub(super) use change::*;
 pub(super) use deliveries::*;
+pub use forms::EventForms;
 pub(super) use registration::*;
+pub(super) use rotation::*;
 
 /// A part of the list of webhooks.
 #[derive(Debug, Serialize, ToSchema)]
@@ -70,7 +74,7 @@ pub(super) async fn list_webhooks(
 
 /// Read a webhook.
 ///
-/// Where it leads, what it tells of, and whether it is active.
+/// Where it leads, which events it is sent, and whether it is active.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}", tag = "webhooks",
     params(WebhookParam),
@@ -150,4 +154,15 @@ fn url_refused(refusal: UrlRefusal) -> Problem {
 fn with_etag(webhook: WebhookRecord) -> Response {
     let headers = [(header::ETAG, etag(&webhook))];
     (headers, Json(WebhookBody::from(webhook))).into_response()
+}
+
+/// A webhook with its secret, which no other answer has: it must not be stored on the way.
+fn with_secret(webhook: WebhookRecord, secret: String) -> Response {
+    let headers = [
+        (header::ETAG, etag(&webhook)),
+        (header::CACHE_CONTROL, "no-store".to_owned()),
+    ];
+    let mut body = WebhookBody::from(webhook);
+    body.secret = Some(secret);
+    (headers, Json(body)).into_response()
 }

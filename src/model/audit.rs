@@ -149,6 +149,8 @@ text_enum! {
         VersionReleased = "version.released",
         /// A released version was withdrawn.
         VersionRetired = "version.retired",
+        /// A webhook has a new secret.
+        WebhookSecretRotated = "webhook.secret_rotated",
     }
 }
 

@@ -14,6 +14,7 @@ mod map;
 mod operation;
 mod residual;
 mod route;
+mod vehicle;
 mod webhook;
 mod zone;
 
@@ -30,7 +31,8 @@ pub use map::{MapLayer, VersionAction, VersionState};
 pub use operation::{OperationKind, OperationStatus};
 pub use residual::{ResidualMeasurement, ResidualVerdict};
 pub use route::{Detector, Stage};
-pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
+pub use vehicle::VehicleState;
+pub use webhook::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent, WebhookTopic};
 pub use zone::ZonePurpose;
 
 /// An enumeration whose values have texts.
@@ -160,6 +162,8 @@ mod tests {
         check_read(VersionAction::name);
         check_read(VersionState::name);
         check_read(ZonePurpose::name);
+        check_read(VehicleState::name);
+        check_read(WebhookTopic::name);
         check(WebhookEvent::name);
     }
 

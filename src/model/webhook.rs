@@ -14,11 +14,41 @@ text_enum! {
     }
 }
 
-/// What a webhook is told.
+text_enum! {
+    /// What a webhook can subscribe to.
+    WebhookTopic {
+        /// An alert was raised.
+        AlertRaised = "alert.raised",
+        /// What a decision about an alert is about has changed.
+        AlertUpdated = "alert.updated",
+        /// An upload was kept out of the map.
+        BatchQuarantined = "batch.quarantined",
+        /// A vehicle has become suspect, or its uploads are kept out from now on.
+        VehicleSuspect = "vehicle.suspect",
+        /// An operation has ended.
+        OperationFinished = "operation.finished",
+    }
+}
+
+impl WebhookTopic {
+    /// What a webhook subscribes to that does not say.
+    pub const DEFAULT: [Self; 2] = [Self::AlertRaised, Self::AlertUpdated];
+}
+
+impl From<AlertEventKind> for WebhookTopic {
+    fn from(kind: AlertEventKind) -> Self {
+        match kind {
+            AlertEventKind::Raised => Self::AlertRaised,
+            AlertEventKind::Updated => Self::AlertUpdated,
+        }
+    }
+}
+
+/// What a webhook is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WebhookEvent {
-    /// Something happened to an alert.
-    Alert(AlertEventKind),
+    /// Something that it has subscribed to.
+    Topic(WebhookTopic),
     /// Somebody tries the webhook out.
     Test,
 }
@@ -27,7 +57,7 @@ impl WebhookEvent {
     /// Its text in columns and in JSON.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Alert(event) => event.name(),
+            Self::Topic(topic) => topic.name(),
             Self::Test => "webhook.test",
         }
     }
@@ -35,8 +65,11 @@ impl WebhookEvent {
 
 impl TextEnum for WebhookEvent {
     const TABLE: &'static [(Self, &'static str)] = &[
-        Self::Alert(AlertEventKind::Raised).with_name(),
-        Self::Alert(AlertEventKind::Updated).with_name(),
+        Self::Topic(WebhookTopic::AlertRaised).with_name(),
+        Self::Topic(WebhookTopic::AlertUpdated).with_name(),
+        Self::Topic(WebhookTopic::BatchQuarantined).with_name(),
+        Self::Topic(WebhookTopic::VehicleSuspect).with_name(),
+        Self::Topic(WebhookTopic::OperationFinished).with_name(),
         Self::Test.with_name(),
     ];
 }

@@ -135,6 +135,8 @@ pub struct AlertEvent {
     pub revision: i64,
     /// When.
     pub at: Timestamp,
+    /// Whether what a decision is about has changed: status, kind, tier or region.
+    pub is_decision: bool,
 }
 
 /// Everything that one decision changes, applied in one transaction. It is about one alert, or accepts

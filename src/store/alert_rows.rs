@@ -5,9 +5,10 @@ use sqlx::SqliteConnection;
 use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
-use super::handling::{Handled, count_open, happen};
+use super::handling::{Handled, Happening, count_open, happen};
+use super::vehicle_states::note_state;
 use super::zones::Mutes;
-use crate::model::{Clearance, DismissReason};
+use crate::model::{ChangeKind, Clearance, DismissReason};
 use crate::scan::HeightBand;
 
 /// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
@@ -26,6 +27,7 @@ pub(super) async fn write_alerts(
     let mutes = Mutes::of(transaction, route_key).await?;
     for alert in alerts {
         check(alert)?;
+        let is_decision = is_decision(transaction, alert).await?;
         let (alert_key, confirmed_revision) = upsert(transaction, route_key, alert)
             .await?
             .ok_or_else(|| invalid(alert, "is not the next revision of what is stored"))?;
@@ -38,16 +40,32 @@ pub(super) async fn write_alerts(
             confirmed_revision,
             status: alert.status,
         };
-        let muted_until_us = mutes.until_us(alert.evidence.kind, &alert.evidence.location);
-        happen(
-            transaction,
-            &handled,
-            muted_until_us,
-            micros(alert.updated_at),
-        )
-        .await?;
+        let happening = Happening {
+            muted_until_us: mutes.until_us(alert.evidence.kind, &alert.evidence.location),
+            is_decision,
+            at_us: micros(alert.updated_at),
+        };
+        happen(transaction, &handled, happening).await?;
+        if alert.evidence.kind == ChangeKind::VehicleSuspect {
+            for vehicle in &alert.vehicles {
+                note_state(transaction, route_key, vehicle, alert.updated_at).await?;
+            }
+        }
     }
     count_open(transaction, route_key).await
+}
+
+/// Whether what a decision is about differs from what is stored.
+async fn is_decision(
+    transaction: &mut SqliteConnection,
+    alert: &AlertRecord,
+) -> Result<bool, StoreError> {
+    let stored: Option<i64> =
+        sqlx::query_scalar("SELECT decision_revision FROM alerts WHERE id = ?")
+            .bind(alert.id.to_string())
+            .fetch_optional(transaction)
+            .await?;
+    Ok(stored.is_none_or(|stored| stored < alert.decision_revision))
 }
 
 fn invalid(alert: &AlertRecord, what: &str) -> StoreError {

@@ -245,7 +245,7 @@ pub(super) async fn alert_events(
     limit: u32,
 ) -> Result<Vec<AlertEvent>, StoreError> {
     let rows = sqlx::query(
-        "SELECT sequence, alerts.id, alert_events.revision, at_us FROM alert_events \
+        "SELECT sequence, alerts.id, alert_events.revision, at_us, is_decision FROM alert_events \
          JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
          WHERE sequence > ?1 AND (?2 IS NULL OR routes.id = ?2) ORDER BY sequence LIMIT ?3",
     )
@@ -260,6 +260,7 @@ pub(super) async fn alert_events(
             alert_id: alert_id(row, "id")?,
             revision: row.try_get("revision")?,
             at: time(row, "at_us")?,
+            is_decision: row.try_get("is_decision")?,
         })
     };
     rows.iter().map(event).collect()

@@ -157,38 +157,65 @@ pub(super) struct Handled {
     pub(super) status: AlertStatus,
 }
 
-/// Writes that an alert has its next revision, for streams and webhooks; zones mute it until
-/// `muted_until_us`.
+/// What happens to an alert.
+#[derive(Clone, Copy)]
+pub(super) struct Happening {
+    /// Until when zones mute it from now on.
+    pub(super) muted_until_us: Option<i64>,
+    /// Whether what a decision is about has changed.
+    pub(super) is_decision: bool,
+    pub(super) at_us: i64,
+}
+
+/// Writes that an alert has its next revision, for streams and webhooks.
 pub(super) async fn happen(
+    transaction: &mut SqliteConnection,
+    alert: &Handled,
+    happening: Happening,
+) -> Result<(), StoreError> {
+    let (changes, withheld_from, was_muted): (i64, Option<i64>, bool) =
+        row_of(transaction, alert.alert_key).await?;
+    let standing = Standing {
+        news_from: alert.revision,
+        confirmed_revision: alert.confirmed_revision,
+        withheld_from,
+        was_muted,
+        muted: happening.muted_until_us.is_some(),
+        pending: alert.status.is_pending(),
+        is_decision: happening.is_decision,
+    };
+    set_mute(transaction, alert.alert_key, happening.muted_until_us).await?;
+    let revision = alert.revision + changes;
+    tell(transaction, alert, standing, revision, happening.at_us).await
+}
+
+/// Writes that somebody has written about an alert, or sees to it: for streams alone.
+async fn touch(
+    transaction: &mut SqliteConnection,
+    alert: &Handled,
+    at_us: i64,
+) -> Result<(), StoreError> {
+    let (.., was_muted): (i64, Option<i64>, bool) = row_of(transaction, alert.alert_key).await?;
+    handle(transaction, alert, was_muted, at_us).await
+}
+
+/// Mutes an alert until a time, or (`None`) no longer, and writes that for streams and webhooks.
+pub(super) async fn mute(
     transaction: &mut SqliteConnection,
     alert: &Handled,
     muted_until_us: Option<i64>,
     at_us: i64,
 ) -> Result<(), StoreError> {
-    let (changes, withheld_from): (i64, Option<i64>) = row_of(transaction, alert.alert_key).await?;
-    let standing = Standing {
-        news_from: alert.revision,
-        confirmed_revision: alert.confirmed_revision,
-        withheld_from,
-        muted: muted_until_us.is_some(),
-        pending: alert.status.is_pending(),
-        is_revision: true,
-    };
+    let (.., was_muted): (i64, Option<i64>, bool) = row_of(transaction, alert.alert_key).await?;
     set_mute(transaction, alert.alert_key, muted_until_us).await?;
-    tell(
-        transaction,
-        alert,
-        standing,
-        alert.revision + changes,
-        at_us,
-    )
-    .await
+    handle(transaction, alert, was_muted, at_us).await
 }
 
-/// Writes that the handling of an alert has changed, for streams and webhooks.
-pub(super) async fn touch(
+/// Writes that the handling of an alert has changed.
+async fn handle(
     transaction: &mut SqliteConnection,
     alert: &Handled,
+    was_muted: bool,
     at_us: i64,
 ) -> Result<(), StoreError> {
     let (changes, withheld_from, muted): (i64, Option<i64>, bool) = sqlx::query_as(
@@ -203,34 +230,33 @@ pub(super) async fn touch(
         news_from: alert.revision + 1,
         confirmed_revision: alert.confirmed_revision,
         withheld_from,
+        was_muted,
         muted,
         pending: alert.status.is_pending(),
-        is_revision: false,
+        is_decision: false,
     };
-    tell(
-        transaction,
-        alert,
-        standing,
-        alert.revision + changes,
-        at_us,
-    )
-    .await
+    let revision = alert.revision + changes;
+    tell(transaction, alert, standing, revision, at_us).await
 }
 
+/// How often the handling of an alert has changed, since which revision it is withheld, and whether it is
+/// muted.
 async fn row_of(
     transaction: &mut SqliteConnection,
     alert_key: i64,
-) -> Result<(i64, Option<i64>), StoreError> {
-    let row =
-        sqlx::query_as("SELECT changes, withheld_from FROM alert_handling WHERE alert_key = ?")
-            .bind(alert_key)
-            .fetch_optional(transaction)
-            .await?;
-    Ok(row.unwrap_or((0, None)))
+) -> Result<(i64, Option<i64>, bool), StoreError> {
+    let row = sqlx::query_as(
+        "SELECT changes, withheld_from, muted_until_us IS NOT NULL FROM alert_handling \
+         WHERE alert_key = ?",
+    )
+    .bind(alert_key)
+    .fetch_optional(transaction)
+    .await?;
+    Ok(row.unwrap_or((0, None, false)))
 }
 
 /// Notes until when an alert is muted; an alert that never was needs no row.
-pub(super) async fn set_mute(
+async fn set_mute(
     transaction: &mut SqliteConnection,
     alert_key: i64,
     muted_until_us: Option<i64>,
@@ -256,12 +282,13 @@ async fn tell(
     at_us: i64,
 ) -> Result<(), StoreError> {
     let sequence = sqlx::query_scalar(
-        "INSERT INTO alert_events (alert_key, revision, at_us) VALUES (?, ?, ?) \
+        "INSERT INTO alert_events (alert_key, revision, at_us, is_decision) VALUES (?, ?, ?, ?) \
          RETURNING sequence",
     )
     .bind(alert.alert_key)
     .bind(shown_revision)
     .bind(at_us)
+    .bind(standing.is_decision)
     .fetch_one(&mut *transaction)
     .await?;
     let sent = standing.sent();

@@ -8,6 +8,7 @@ use super::columns::micros;
 use super::error::StoreError;
 use super::inputs;
 use super::news::GivenUp;
+use super::notices::batch_ended;
 use super::request::Request;
 use super::trips::{Place, end_turn};
 
@@ -108,6 +109,7 @@ pub(super) async fn quarantine(
     .fetch_one(&mut *transaction)
     .await?;
     inputs::note_kept_out(transaction, batch_key, now).await?;
+    batch_ended(transaction, batch_key, now).await?;
     let reason = reason.to_owned();
     Ok(GivenUp {
         route_id,

@@ -6,6 +6,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
 use super::body::{SealedBody, unseal};
 use super::columns::{flags_text, json_text, micros, name, optional_time, parse_flags, text, time};
 use super::error::{Corruption, StoreError};
+use super::notices::batch_ended;
 use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch, OutOfRange};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
@@ -159,6 +160,9 @@ impl Journal {
                 sequence: placement.sequence,
             };
             add_job(transaction, &place).await?;
+        }
+        if placement.status == BatchStatus::Quarantined {
+            batch_ended(transaction, batch_key, self.batch.received_at).await?;
         }
         Ok(placement)
     }

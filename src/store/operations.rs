@@ -10,6 +10,7 @@ use super::columns::{
     corrupt, json, json_text, micros, optional_json, optional_name, optional_time, text, time,
 };
 use super::error::StoreError;
+use super::notices::operation_ended;
 use super::operation_records::{OperationRecord, OperationRequest, OperationResult};
 use super::removal_records::{Meant, RemovalRequest};
 use super::request::Request;
@@ -202,7 +203,7 @@ pub(super) async fn end(
     let result = outcome.as_ref().ok().map(result_text).transpose()?;
     let ended = sqlx::query(
         "UPDATE operations SET status = $1, result = $2, reason = $3, ended_at_us = $4 \
-         WHERE id = $5 AND ended_at_us IS NULL RETURNING kind, request, \
+         WHERE id = $5 AND ended_at_us IS NULL RETURNING kind, request, route_key, \
          (SELECT id FROM routes WHERE routes.route_key = operations.route_key) AS route_id",
     )
     .bind(status.name())
@@ -213,6 +214,7 @@ pub(super) async fn end(
     .fetch_optional(&mut *transaction)
     .await?;
     let Some(row) = ended else { return Ok(false) };
+    operation_ended(transaction, id, row.try_get("route_key")?, now).await?;
     let request = request_of(&row)?;
     if request.kind() == OperationKind::Removal && !request.is_dry_run() {
         note_end(transaction, id, row.try_get("route_id")?, outcome, now).await?;

@@ -9,6 +9,7 @@ use super::columns::{json_text, micros, time};
 use super::error::StoreError;
 use super::inputs::{self, Input};
 use super::request::Request;
+use super::vehicle_states::note_state;
 use super::{Store, named, news};
 use crate::ids::{RouteId, VehicleId};
 use crate::model::{Actor, AuditAction};
@@ -173,6 +174,7 @@ impl PutQuarantine {
             after: after.as_ref().map(json_text).transpose()?,
         };
         audit::write(transaction, change).await?;
+        note_state(transaction, route_key, &self.vehicle, self.now).await?;
         Ok(true)
     }
 }

@@ -37,12 +37,13 @@ const SET_ASIDE: [&str; 7] = [
      FROM alerts JOIN alert_comments USING (alert_key) WHERE route_key = $1",
     "CREATE TABLE rebuild_marks AS SELECT revision, updated_at_us, \
      (SELECT coalesce(max(audit_key), 0) FROM audit) AS audit_key, \
-     (SELECT coalesce(max(input_key), 0) FROM inputs) AS input_key \
+     (SELECT coalesce(max(input_key), 0) FROM inputs) AS input_key, \
+     (SELECT coalesce(max(delivery_key), 0) FROM webhook_deliveries) AS delivery_key \
      FROM routes WHERE route_key = $1",
 ];
 
 /// … and what it makes is cleared away.
-const CLEAR: [&str; 9] = [
+const CLEAR: [&str; 10] = [
     "DELETE FROM jobs WHERE route_key = $1",
     "DELETE FROM alerts WHERE route_key = $1",
     "DELETE FROM edges WHERE route_key = $1",
@@ -51,6 +52,7 @@ const CLEAR: [&str; 9] = [
     "DELETE FROM archive_sums WHERE route_key = $1",
     "DELETE FROM lidar_calibrations WHERE route_key = $1",
     "DELETE FROM vehicle_quarantines WHERE route_key = $1",
+    "DELETE FROM vehicle_states WHERE route_key = $1",
     "UPDATE trips SET corrections = NULL, clock_ahead_ns = 0 WHERE route_key = $1",
 ];
 
@@ -82,14 +84,14 @@ const PUT_BACK: [&str; 15] = [
     "DELETE FROM alert_events WHERE (SELECT (id, revision) IN (SELECT alert_id, was.revision \
          FROM rebuild_events AS was) FROM alerts \
          WHERE alerts.alert_key = alert_events.alert_key AND route_key = $1)",
-    "INSERT INTO alert_events (sequence, alert_key, revision, at_us) \
-     SELECT sequence, alerts.alert_key, was.revision, at_us FROM rebuild_events AS was \
+    "INSERT INTO alert_events (sequence, alert_key, revision, at_us, is_decision) \
+     SELECT sequence, alerts.alert_key, was.revision, at_us, is_decision FROM rebuild_events AS was \
      JOIN alerts ON alerts.id = was.alert_id AND was.revision <= alerts.revision \
          + coalesce((SELECT changes FROM alert_handling AS handling \
              WHERE handling.alert_key = alerts.alert_key), 0) \
      WHERE route_key = $1",
-    "DELETE FROM webhook_deliveries WHERE alert_key IN \
-         (SELECT alert_key FROM alerts WHERE route_key = $1)",
+    "DELETE FROM webhook_deliveries WHERE $1 = $1 \
+         AND delivery_key > (SELECT delivery_key FROM rebuild_marks)",
     "UPDATE rebuild_deliveries SET alert_key = (SELECT alert_key FROM alerts \
          WHERE alerts.id = alert_id AND route_key = $1)",
     "DELETE FROM inputs WHERE route_key = $1 AND input_key > (SELECT input_key FROM rebuild_marks)",

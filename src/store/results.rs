@@ -11,6 +11,7 @@ use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
 use super::inputs::{self, Input};
 use super::intermediate_scans::insert_intermediate;
 use super::jobs::{Job, held_job};
+use super::notices::batch_ended;
 use super::records::{Applied, BatchOutcome, JobResult};
 use super::request::Request;
 use super::trips::{Place, end_turn, queue};
@@ -291,9 +292,9 @@ async fn end_batch(
     .bind(nodes_at_try)
     .bind(micros(result.processed_at))
     .bind(member.batch_key)
-    .execute(transaction)
+    .execute(&mut *transaction)
     .await?;
-    Ok(())
+    batch_ended(transaction, member.batch_key, result.processed_at).await
 }
 
 /// Queues the last unanchored batch of every trip (its job brings the earlier ones along) once

@@ -53,6 +53,8 @@ pub struct LidarRecord {
 pub struct VehicleRecord {
     /// Its name.
     pub id: VehicleId,
+    /// The route.
+    pub route_id: RouteId,
     /// Batches it has sent, whatever became of them.
     pub batches: i64,
     /// Scans in them.
@@ -174,6 +176,7 @@ impl Store {
                 calibrations,
                 lidars,
                 id,
+                route_id: route.clone(),
             });
         }
         Ok(vehicles)
@@ -353,7 +356,7 @@ async fn calibrations(
 }
 
 /// What became of a vehicle's newest ten batches of which something has, if three were kept out.
-async fn kept_out(
+pub(super) async fn kept_out(
     reader: &mut SqliteConnection,
     route_key: i64,
     vehicle: &VehicleId,
@@ -379,7 +382,8 @@ async fn kept_out(
     Ok((batches >= KEPT_OUT_MIN).then_some(KeptOut { batches, reason }))
 }
 
-async fn suspected_by(
+/// The undecided alerts that suspect a vehicle.
+pub(super) async fn suspected_by(
     reader: &mut SqliteConnection,
     route_key: i64,
     vehicle: &VehicleId,

@@ -9,7 +9,7 @@ use super::columns::json_text;
 use super::error::StoreError;
 use super::webhook_records::WebhookRecord;
 use crate::ids::RouteId;
-use crate::model::{Actor, AlertEventKind, AuditAction};
+use crate::model::{Actor, AuditAction, WebhookTopic};
 
 /// Writes the row of a webhook that was registered, changed or deleted, unless everything is as it was.
 pub(super) async fn note(
@@ -38,6 +38,36 @@ pub(super) async fn note(
     audit::write(transaction, change).await
 }
 
+/// Writes the row of a webhook whose secret was replaced: until when the one before is valid, and neither of
+/// them.
+pub(super) async fn note_rotation(
+    transaction: &mut SqliteConnection,
+    webhook: &WebhookRecord,
+    previous_until: Option<Timestamp>,
+    by: &Actor,
+    at: Timestamp,
+) -> Result<(), StoreError> {
+    #[derive(Serialize)]
+    struct Overlap {
+        previous_secret_until: Option<Timestamp>,
+    }
+    let overlap = |previous_secret_until| {
+        json_text(&Overlap {
+            previous_secret_until,
+        })
+    };
+    let change = Change {
+        at,
+        actor: by,
+        action: AuditAction::WebhookSecretRotated,
+        route_id: webhook.route_id.as_ref().map(RouteId::as_str),
+        subject: &webhook.id.to_string(),
+        before: Some(overlap(webhook.previous_secret_until)?),
+        after: Some(overlap(previous_until)?),
+    };
+    audit::write(transaction, change).await
+}
+
 /// Whether nothing but its edition differs.
 fn is_as_before(before: &WebhookRecord, after: &WebhookRecord) -> bool {
     let of_that_edition = WebhookRecord {
@@ -54,7 +84,7 @@ fn set_of(webhook: &WebhookRecord) -> Result<String, StoreError> {
     #[derive(Serialize)]
     struct Set<'a> {
         url: String,
-        events: &'a [AlertEventKind],
+        events: &'a [WebhookTopic],
         route_id: Option<&'a str>,
         description: Option<&'a str>,
         include_tentative: bool,

@@ -4,14 +4,16 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection, SqlitePool};
 
-use super::columns::{alert_id, corrupt, micros, optional_time, text, time, value_of};
+use super::columns::{alert_id, corrupt, micros, name, optional_time, text, time, value_of};
 use super::error::StoreError;
 use super::request::Request;
-use super::webhook_records::{AttemptEnd, DeliveryRecord, NextDelivery, TestQueued, WebhookSecret};
+use super::webhook_records::{
+    AttemptEnd, DeliveryRecord, NextDelivery, Subject, TestQueued, WebhookSecret,
+};
 use super::webhooks::webhook_id;
 use super::{Store, named};
-use crate::ids::{AlertId, WebhookId};
-use crate::model::AlertEventKind;
+use crate::ids::WebhookId;
+use crate::model::{AlertEventKind, WebhookEvent, WebhookTopic};
 
 impl Store {
     /// Queues a test of an active webhook; while one waits, that one is handed back.
@@ -95,8 +97,10 @@ pub(super) async fn queue(
 macro_rules! select_deliveries {
     ($rest:literal) => {
         concat!(
-            "SELECT webhook_deliveries.*, alerts.id AS alert_id FROM webhook_deliveries \
-             JOIN webhooks USING (webhook_key) LEFT JOIN alerts USING (alert_key) ",
+            "SELECT webhook_deliveries.*, alerts.id AS alert_id, routes.id AS route_id \
+             FROM webhook_deliveries JOIN webhooks USING (webhook_key) \
+             LEFT JOIN alerts USING (alert_key) \
+             LEFT JOIN routes ON routes.route_key = webhook_deliveries.route_key ",
             $rest
         )
     };
@@ -161,13 +165,15 @@ impl QueueTest {
 async fn next_deliveries(readers: &SqlitePool) -> Result<Vec<NextDelivery>, StoreError> {
     let rows = sqlx::query(
         "SELECT delivery.delivery_key, delivery.id, webhooks.id AS webhook_id, \
-         webhooks.revision, url, secret, event, alerts.id AS alert_id, at_us, attempts, \
+         webhooks.revision, url, secret, previous_secret, previous_secret_until_us, event, \
+         alerts.id AS alert_id, routes.id AS route_id, subject, at_us, attempts, \
          next_attempt_at_us FROM webhooks JOIN webhook_deliveries AS delivery \
          ON delivery.delivery_key = ( \
              SELECT delivery_key FROM webhook_deliveries AS pending \
              WHERE pending.webhook_key = webhooks.webhook_key AND pending.status = 'pending' \
              ORDER BY next_attempt_at_us, delivery_key LIMIT 1) \
          LEFT JOIN alerts USING (alert_key) \
+         LEFT JOIN routes ON routes.route_key = delivery.route_key \
          WHERE webhooks.active = 1 ORDER BY next_attempt_at_us, delivery_key",
     )
     .fetch_all(readers)
@@ -193,16 +199,22 @@ async fn deliveries(
 }
 
 fn next_of(row: &SqliteRow) -> Result<NextDelivery, StoreError> {
-    let secret: &[u8] = row.try_get("secret")?;
+    let event = text(row, "event")?;
+    let until = optional_time(row, "previous_secret_until_us")?;
+    let previous_secret = match until {
+        None => None,
+        Some(until) => Some((secret(row, "previous_secret")?, until)),
+    };
     Ok(NextDelivery {
         key: row.try_get("delivery_key")?,
         id: row.try_get("id")?,
         webhook_id: webhook_id(row, "webhook_id")?,
         webhook_revision: row.try_get("revision")?,
         url: row.try_get("url")?,
-        secret: WebhookSecret(secret.try_into().map_err(|_| corrupt("secret"))?),
-        event: text(row, "event")?,
-        alert_id: optional_alert_id(row)?,
+        secret: secret(row, "secret")?,
+        previous_secret,
+        event,
+        subject: subject_of(row, event)?,
         at: time(row, "at_us")?,
         attempts: row.try_get("attempts")?,
         due_at: time(row, "next_attempt_at_us")?,
@@ -210,12 +222,13 @@ fn next_of(row: &SqliteRow) -> Result<NextDelivery, StoreError> {
 }
 
 fn delivery_of(row: &SqliteRow) -> Result<DeliveryRecord, StoreError> {
+    let event = text(row, "event")?;
     Ok(DeliveryRecord {
         key: row.try_get("delivery_key")?,
         id: row.try_get("id")?,
-        event: text(row, "event")?,
+        event,
         event_sequence: row.try_get("event_sequence")?,
-        alert_id: optional_alert_id(row)?,
+        subject: subject_of(row, event)?,
         at: time(row, "at_us")?,
         status: text(row, "status")?,
         attempts: row.try_get("attempts")?,
@@ -235,7 +248,29 @@ fn last_end_of(row: &SqliteRow) -> Result<Option<AttemptEnd>, StoreError> {
     Ok(failure.transpose()?.map(AttemptEnd::Failure))
 }
 
-fn optional_alert_id(row: &SqliteRow) -> Result<Option<AlertId>, StoreError> {
-    let there: Option<&str> = row.try_get("alert_id")?;
-    there.map(|_| alert_id(row, "alert_id")).transpose()
+fn subject_of(row: &SqliteRow, event: WebhookEvent) -> Result<Option<Subject>, StoreError> {
+    let WebhookEvent::Topic(topic) = event else {
+        return Ok(None);
+    };
+    Ok(Some(match topic {
+        WebhookTopic::AlertRaised | WebhookTopic::AlertUpdated => {
+            Subject::Alert(alert_id(row, "alert_id")?)
+        }
+        WebhookTopic::BatchQuarantined => {
+            Subject::Batch(name(row, "route_id")?, name(row, "subject")?)
+        }
+        WebhookTopic::VehicleSuspect => {
+            Subject::Vehicle(name(row, "route_id")?, name(row, "subject")?)
+        }
+        WebhookTopic::OperationFinished => {
+            let id: &str = row.try_get("subject")?;
+            Subject::Operation(id.parse().map_err(|_| corrupt("subject"))?)
+        }
+    }))
+}
+
+fn secret(row: &SqliteRow, column: &'static str) -> Result<WebhookSecret, StoreError> {
+    let key: &[u8] = row.try_get(column)?;
+    let key = key.try_into().map_err(|_| corrupt(column))?;
+    Ok(WebhookSecret(key))
 }

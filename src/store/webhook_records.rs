@@ -4,8 +4,8 @@ use std::fmt;
 
 use jiff::Timestamp;
 
-use crate::ids::{AlertId, RouteId, WebhookId};
-use crate::model::{AlertEventKind, DeliveryFailure, DeliveryStatus, WebhookEvent};
+use crate::ids::{AlertId, BatchId, OperationId, RouteId, VehicleId, WebhookId};
+use crate::model::{DeliveryFailure, DeliveryStatus, WebhookEvent, WebhookTopic};
 
 /// Most webhooks of a service: each costs a row for every event, and a connection.
 pub const WEBHOOKS_MAX: u32 = 100;
@@ -20,6 +20,15 @@ impl fmt::Debug for WebhookSecret {
     }
 }
 
+/// A secret in the place of another.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NewSecret {
+    /// What is signed with from now on.
+    pub secret: WebhookSecret,
+    /// Until when the one before is signed with as well; `None` for no longer.
+    pub previous_until: Option<Timestamp>,
+}
+
 /// A webhook to register.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewWebhook {
@@ -30,7 +39,7 @@ pub struct NewWebhook {
     /// What they are signed with.
     pub secret: WebhookSecret,
     /// Which ones; not empty.
-    pub events: Vec<AlertEventKind>,
+    pub events: Vec<WebhookTopic>,
     /// Of this route alone; `None` for all.
     pub route_id: Option<RouteId>,
     /// For people.
@@ -51,7 +60,7 @@ pub struct WebhookRecord {
     /// Where events are sent.
     pub url: String,
     /// Which ones.
-    pub events: Vec<AlertEventKind>,
+    pub events: Vec<WebhookTopic>,
     /// Of this route alone; `None` for all.
     pub route_id: Option<RouteId>,
     /// For people.
@@ -62,6 +71,8 @@ pub struct WebhookRecord {
     pub active: bool,
     /// When its receiver said 410 Gone, which disabled it; `None` once it is enabled again.
     pub gone_at: Option<Timestamp>,
+    /// Until when calls are signed with the secret before as well; `None` if there is none.
+    pub previous_secret_until: Option<Timestamp>,
     /// When it was registered.
     pub created_at: Timestamp,
     /// When it last changed.
@@ -74,7 +85,7 @@ pub struct WebhookUpdate {
     /// Where events are sent.
     pub url: Option<String>,
     /// Which ones; not empty.
-    pub events: Option<Vec<AlertEventKind>>,
+    pub events: Option<Vec<WebhookTopic>>,
     /// For people.
     pub description: Option<String>,
     /// Whether alerts are sent also while they are tentative.
@@ -116,6 +127,19 @@ pub enum TestQueued {
     Unknown,
 }
 
+/// What an event is about.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Subject {
+    /// An alert.
+    Alert(AlertId),
+    /// An upload.
+    Batch(RouteId, BatchId),
+    /// A vehicle of a route.
+    Vehicle(RouteId, VehicleId),
+    /// An operation.
+    Operation(OperationId),
+}
+
 /// An event on its way to a receiver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeliveryRecord {
@@ -125,10 +149,10 @@ pub struct DeliveryRecord {
     pub id: String,
     /// What it tells of.
     pub event: WebhookEvent,
-    /// The event in the stream of alerts; `None` for a test.
+    /// The event in the stream of alerts; `None` for what is about no alert.
     pub event_sequence: Option<i64>,
-    /// The alert; `None` for a test.
-    pub alert_id: Option<AlertId>,
+    /// What it is about; `None` for a test.
+    pub subject: Option<Subject>,
     /// When the event happened.
     pub at: Timestamp,
     /// How far it has come.
@@ -167,10 +191,12 @@ pub struct NextDelivery {
     pub url: String,
     /// What it is signed with.
     pub secret: WebhookSecret,
-    /// What it tells of.
+    /// What it is signed with as well, until when.
+    pub previous_secret: Option<(WebhookSecret, Timestamp)>,
+    /// What happened.
     pub event: WebhookEvent,
-    /// The alert; `None` for a test.
-    pub alert_id: Option<AlertId>,
+    /// What it is about; `None` for a test.
+    pub subject: Option<Subject>,
     /// When the event happened.
     pub at: Timestamp,
     /// Attempts so far.
@@ -188,7 +214,7 @@ pub struct Attempt {
     pub attempts: i64,
     /// The webhook's revision when it was made.
     pub webhook_revision: i64,
-    /// The revision of the alert that was sent; `None` for a test.
+    /// The revision of the alert that was sent; `None` for what is about no alert.
     pub alert_revision: Option<i64>,
     /// When it ended.
     pub ended_at: Timestamp,

@@ -12,7 +12,7 @@ use super::webhook_records::{
 };
 use super::{Store, named, webhook_audit};
 use crate::ids::{RouteId, WebhookId};
-use crate::model::{Actor, AlertEventKind};
+use crate::model::{Actor, WebhookTopic};
 
 impl Store {
     /// Registers a webhook. It is told of what happens from now on.
@@ -237,7 +237,8 @@ macro_rules! select_webhooks {
     ($rest:literal) => {
         concat!(
             "SELECT webhooks.id, webhooks.revision, url, events, routes.id AS route_id, \
-             description, include_tentative, active, gone_at_us, webhooks.created_at_us, webhooks.updated_at_us \
+             description, include_tentative, active, gone_at_us, previous_secret_until_us, \
+             webhooks.created_at_us, webhooks.updated_at_us \
              FROM webhooks LEFT JOIN routes USING (route_key) ",
             $rest
         )
@@ -303,6 +304,7 @@ fn webhook_of(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
         include_tentative: row.try_get("include_tentative")?,
         active: row.try_get("active")?,
         gone_at: optional_time(row, "gone_at_us")?,
+        previous_secret_until: optional_time(row, "previous_secret_until_us")?,
         created_at: time(row, "created_at_us")?,
         updated_at: time(row, "updated_at_us")?,
     })
@@ -314,12 +316,12 @@ pub(super) fn webhook_id(row: &SqliteRow, column: &'static str) -> Result<Webhoo
     text.parse().map_err(|_| corrupt(column))
 }
 
-fn events_text(events: &[AlertEventKind]) -> Result<String, StoreError> {
+fn events_text(events: &[WebhookTopic]) -> Result<String, StoreError> {
     let names: Vec<&str> = events.iter().map(|event| event.name()).collect();
     json_text(&names)
 }
 
-fn parse_events(row: &SqliteRow) -> Result<Vec<AlertEventKind>, StoreError> {
+fn parse_events(row: &SqliteRow) -> Result<Vec<WebhookTopic>, StoreError> {
     let names: Vec<String> = json(row, "events")?;
     names.iter().map(|name| value_of(name, "events")).collect()
 }

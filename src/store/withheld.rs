@@ -1,6 +1,7 @@
 //! Which webhooks are sent an event of an alert that a zone may mute.
 //!
-//! What happens while an alert is muted is not sent. Once it is not any more, receivers are sent what
+//! They are sent what a decision is about: evidence that grows, comments and assignees are not sent. What
+//! happens while an alert is muted is not sent either. Once it is not any more, receivers are sent what
 //! they have missed: `alert.raised` if they know nothing of the alert yet, else `alert.updated`.
 
 use crate::model::AlertEventKind;
@@ -26,23 +27,33 @@ pub(super) struct Standing {
     pub(super) confirmed_revision: Option<i64>,
     /// The first revision that was withheld before.
     pub(super) withheld_from: Option<i64>,
-    /// Whether a zone mutes it.
+    /// Whether a zone muted it before the event.
+    pub(super) was_muted: bool,
+    /// Whether a zone mutes it now.
     pub(super) muted: bool,
     /// Whether it waits for a decision.
     pub(super) pending: bool,
-    /// Whether the event is a revision of the alert.
-    pub(super) is_revision: bool,
+    /// Whether what a decision is about has changed with the event.
+    pub(super) is_decision: bool,
 }
 
 impl Standing {
     /// What is sent of the event.
     pub(super) fn sent(&self) -> Sent {
         if self.muted {
-            let own = self.is_revision.then_some(self.news_from);
+            let own = self.is_decision.then_some(self.news_from);
             return Sent {
                 tentative: None,
                 confirmed: None,
                 withheld_from: self.withheld_from.or(own),
+            };
+        }
+        let is_made_good = self.was_muted && self.withheld_from.is_some();
+        if !self.is_decision && !is_made_good {
+            return Sent {
+                tentative: None,
+                confirmed: None,
+                withheld_from: self.withheld_from,
             };
         }
         let from = self.withheld_from.unwrap_or(self.news_from);
@@ -86,9 +97,10 @@ mod tests {
             news_from: revision,
             confirmed_revision,
             withheld_from: None,
+            was_muted: false,
             muted: false,
             pending: true,
-            is_revision: true,
+            is_decision: true,
         }
     }
 
@@ -102,6 +114,29 @@ mod tests {
         assert_eq!(sent(revision(1, None)), (RAISED, None, None));
         assert_eq!(sent(revision(3, Some(3))), (UPDATED, RAISED, None));
         assert_eq!(sent(revision(4, Some(3))), (UPDATED, UPDATED, None));
+    }
+
+    #[test]
+    fn what_no_decision_is_about_is_not_sent() {
+        let grown = |withheld_from| Standing {
+            withheld_from,
+            is_decision: false,
+            ..revision(4, Some(3))
+        };
+        assert_eq!(sent(grown(None)), (None, None, None));
+        // What could not be made good stays withheld, whatever comments follow.
+        assert_eq!(sent(grown(Some(1))), (None, None, Some(1)));
+        let muted = Standing {
+            muted: true,
+            was_muted: true,
+            ..grown(None)
+        };
+        assert_eq!(sent(muted), (None, None, None));
+        let ended = Standing {
+            was_muted: true,
+            ..grown(None)
+        };
+        assert_eq!(sent(ended), (None, None, None), "nothing was missed");
     }
 
     #[test]
@@ -120,7 +155,8 @@ mod tests {
         let ended = |withheld_from, pending| Standing {
             withheld_from,
             pending,
-            is_revision: false,
+            was_muted: true,
+            is_decision: false,
             ..revision(6, Some(2))
         };
         assert_eq!(sent(ended(Some(1), true)), (RAISED, RAISED, None));

@@ -11,7 +11,7 @@ use super::columns::{
     time,
 };
 use super::error::StoreError;
-use super::handling::{NO_END_US, count_open, handled_of, set_mute, touch};
+use super::handling::{NO_END_US, count_open, handled_of, mute};
 use super::request::Request;
 use super::webhook_records::Edited;
 use super::{Store, named};
@@ -269,8 +269,7 @@ async fn mute_again(
         let before: Option<i64> = row.try_get("muted_until_us")?;
         if until_us != before {
             let alert = handled_of(row)?;
-            set_mute(transaction, alert.alert_key, until_us).await?;
-            touch(transaction, &alert, at_us).await?;
+            mute(transaction, &alert, until_us, at_us).await?;
         }
     }
     count_open(transaction, route_key).await

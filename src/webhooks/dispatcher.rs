@@ -2,13 +2,14 @@
 //! side, so that a slow receiver holds up nobody but itself.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
 use tokio::task::{Id, JoinError, JoinSet};
 use tokio_util::sync::CancellationToken;
 
-use super::message::{AlertForm, MessageError, message};
+use super::message::{Forms, MessageError, message};
 use super::schedule::verdict;
 use super::sender::Sender;
 use crate::ids::WebhookId;
@@ -26,7 +27,7 @@ const GRACE: Duration = Duration::from_secs(2);
 pub(super) struct Dispatcher {
     pub store: Store,
     pub sender: Sender,
-    pub form: AlertForm,
+    pub forms: Arc<dyn Forms>,
     /// Pauses after attempts that failed.
     pub pauses: Vec<Duration>,
 }
@@ -90,7 +91,7 @@ impl Dispatcher {
 
     /// Reads, sends, and notes what became of it.
     async fn attempt(&self, next: &NextDelivery) -> Result<(), AttemptError> {
-        let Some(message) = message(&self.store, self.form, next).await? else {
+        let Some(message) = message(&self.store, &*self.forms, next).await? else {
             return Ok(());
         };
         let started = std::time::Instant::now();

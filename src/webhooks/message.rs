@@ -3,11 +3,42 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
+use crate::ids::AlertId;
 use crate::model::WebhookEvent;
-use crate::store::{AlertRecord, NextDelivery, Store, StoreError};
+use crate::store::{
+    AlertRecord, BatchRecord, NextDelivery, OperationRecord, Store, StoreError, Subject,
+    VehicleRecord,
+};
 
-/// Writes an alert as readers of the interface see it: a JSON object.
-pub type AlertForm = fn(AlertRecord) -> Result<String, serde_json::Error>;
+/// How the interface shows what events are about: as JSON objects, and where its page does.
+pub trait Forms: Send + Sync {
+    /// An alert.
+    ///
+    /// # Errors
+    /// If it has no JSON; so of the others.
+    fn alert(&self, alert: AlertRecord) -> Result<String, serde_json::Error>;
+
+    /// A batch, and the alerts that rest on it.
+    ///
+    /// # Errors
+    /// If it has no JSON.
+    fn batch(&self, batch: BatchRecord, alerts: &[AlertId]) -> Result<String, serde_json::Error>;
+
+    /// A vehicle of a route.
+    ///
+    /// # Errors
+    /// If it has no JSON.
+    fn vehicle(&self, vehicle: VehicleRecord) -> Result<String, serde_json::Error>;
+
+    /// An operation.
+    ///
+    /// # Errors
+    /// If it has no JSON.
+    fn operation(&self, operation: OperationRecord) -> Result<String, serde_json::Error>;
+
+    /// Where the page shows it; `None` where it does not, or nobody said where people reach it.
+    fn url(&self, subject: &Subject) -> Option<String>;
+}
 
 /// The body of a test.
 #[derive(Serialize)]
@@ -19,8 +50,8 @@ struct TestData<'a> {
 /// Why there is no message.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum MessageError {
-    /// The alert could not be read.
-    #[error("the alert could not be read")]
+    /// What the event is about could not be read.
+    #[error("what the event is about could not be read")]
     Store(#[from] StoreError),
     /// It has no JSON.
     #[error("the message has no JSON")]
@@ -31,61 +62,106 @@ pub(super) enum MessageError {
 #[derive(Debug)]
 pub(super) struct Message {
     pub body: String,
-    /// The revision of the alert in it; `None` in a test.
+    /// The revision of the alert in it; `None` in all others.
     pub alert_revision: Option<i64>,
 }
 
-/// The message of a delivery: what happened, when, and the alert as it is now, so that an attempt
-/// that comes late never tells an old state. `None` if the alert was deleted with its route.
+/// The message of a delivery: what happened, when, and what it is about as that is now, so that an attempt
+/// that comes late never carries an old state. `None` if that was deleted with its route.
 ///
 /// # Errors
 /// [`MessageError`].
 pub(super) async fn message(
     store: &Store,
-    form: AlertForm,
+    forms: &dyn Forms,
     next: &NextDelivery,
 ) -> Result<Option<Message>, MessageError> {
-    let (alert_revision, data) = match next.alert_id {
-        None => (None, test_data(next)?),
-        Some(id) => match store.alert(id).await? {
-            None => return Ok(None),
-            Some(alert) => (Some(alert.shown_revision()), form(alert)?),
+    let (data, alert_revision) = match &next.subject {
+        None => (Some(test_data(next)?), None),
+        Some(Subject::Alert(id)) => match store.alert(*id).await? {
+            None => (None, None),
+            Some(alert) => {
+                let revision = alert.shown_revision();
+                (Some(forms.alert(alert)?), Some(revision))
+            }
         },
+        Some(other) => (data_of(store, forms, other).await?, None),
     };
-    Ok(Some(Message {
-        body: envelope(next.event, next.at, &data),
-        alert_revision,
-    }))
+    let url = next.subject.as_ref().and_then(|subject| forms.url(subject));
+    Ok(match data {
+        None => None,
+        Some(data) => Some(Message {
+            body: envelope(next.event, next.at, url.as_deref(), &data)?,
+            alert_revision,
+        }),
+    })
+}
+
+/// What an event is about that is about no alert.
+async fn data_of(
+    store: &Store,
+    forms: &dyn Forms,
+    subject: &Subject,
+) -> Result<Option<String>, MessageError> {
+    let data = match subject {
+        Subject::Alert(_) => None,
+        Subject::Batch(route, id) => match store.batch(route, id).await? {
+            None => None,
+            Some(batch) => Some(forms.batch(batch, &store.batch_alerts(route, id).await?)?),
+        },
+        Subject::Vehicle(route, id) => {
+            let vehicle = store.vehicle(route, id).await?;
+            vehicle.map(|vehicle| forms.vehicle(vehicle)).transpose()?
+        }
+        Subject::Operation(id) => {
+            let operation = store.operation(*id).await?;
+            operation
+                .map(|operation| forms.operation(operation))
+                .transpose()?
+        }
+    };
+    Ok(data)
 }
 
 fn test_data(next: &NextDelivery) -> Result<String, serde_json::Error> {
     serde_json::to_string(&TestData {
         webhook_id: next.webhook_id.to_string(),
-        message: "If you can check the signature of this, alerts will arrive as well.",
+        message: "If you can check the signature of this, events will arrive as well.",
     })
 }
 
-/// The members and their order as Standard Webhooks recommends them. Names of events and times
-/// have no character that JSON escapes.
-fn envelope(event: WebhookEvent, at: Timestamp, data: &str) -> String {
-    let kind = event.name();
-    format!(r#"{{"type":"{kind}","timestamp":"{at}","data":{data}}}"#)
+/// The members and their order as Standard Webhooks recommends them, and where people see more. Names of
+/// events and times have no character that JSON escapes.
+fn envelope(
+    event: WebhookEvent,
+    at: Timestamp,
+    url: Option<&str>,
+    data: &str,
+) -> Result<String, serde_json::Error> {
+    let (kind, url) = (event.name(), serde_json::to_string(&url)?);
+    Ok(format!(
+        r#"{{"type":"{kind}","timestamp":"{at}","url":{url},"data":{data}}}"#
+    ))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::AlertEventKind;
+    use crate::model::WebhookTopic;
 
     #[test]
     fn the_envelope_is_json_and_leaves_the_data_alone() {
         let at = Timestamp::from_microsecond(1_795_154_409_000_250).unwrap();
-        let event = WebhookEvent::Alert(AlertEventKind::Updated);
-        let body = envelope(event, at, r#"{"b":1e-9,"a":"\"ü"}"#);
+        let event = WebhookEvent::Topic(WebhookTopic::AlertUpdated);
+        let url = Some("https://maps.example.com/#/alerts/1");
+        let body = envelope(event, at, url, r#"{"b":1e-9,"a":"\"ü"}"#).unwrap();
         assert!(body.contains(r#"{"b":1e-9,"a":"\"ü"}"#));
         let value: serde_json::Value = serde_json::from_str(&body).unwrap();
         assert_eq!(value["type"], "alert.updated");
         assert_eq!(value["timestamp"], "2026-11-20T06:00:09.00025Z");
         assert_eq!(value["data"]["a"], "\"ü");
+        assert_eq!(value["url"], "https://maps.example.com/#/alerts/1");
+        let body = envelope(event, at, None, "{}").unwrap();
+        assert!(body.contains(r#""url":null"#), "{body}");
     }
 }

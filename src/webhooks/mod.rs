@@ -1,9 +1,9 @@
-//! Webhooks: events of alerts sent to whoever asked for them, signed, until they are taken.
+//! Webhooks: events sent to whoever asked for them, signed, until they are taken.
 //!
-//! Knows the store, which queues a delivery in the transaction of the change that it tells of
-//! (`store/webhook_deliveries.rs`); knows nothing of how changes come about. An event arrives at
-//! least once: its row is pending until an attempt has been noted. How an alert is written is the
-//! interface's affair and handed in.
+//! Knows the store, which queues a delivery in the transaction of the change that it is about
+//! (`store/webhook_deliveries.rs`, `store/notices.rs`); knows nothing of how changes come about. An event
+//! arrives at least once: its row is pending until an attempt has been noted. How alerts, batches, vehicles
+//! and operations are written is the interface's affair and handed in ([`Forms`]).
 //!
 //! Whatever is sent is the alert as it is then. So an update that a receiver knows already is
 //! dropped, and of those that a receiver does not take, all but the newest of each alert
@@ -27,10 +27,11 @@ mod signature;
 mod url_check;
 
 pub use address::ReceiverPolicy;
-pub use message::AlertForm;
+pub use message::Forms;
 pub use signature::{generate_secret, secret_text};
 pub use url_check::{URL_LENGTH_MAX, UrlRefusal};
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::task::JoinHandle;
@@ -74,13 +75,13 @@ pub struct DeliveryError(#[from] reqwest::Error);
 pub fn start(
     store: &Store,
     options: DeliveryOptions,
-    form: AlertForm,
+    forms: Arc<dyn Forms>,
     stopping: &CancellationToken,
 ) -> Result<Vec<JoinHandle<()>>, DeliveryError> {
     let dispatcher = Dispatcher {
         store: store.clone(),
         sender: Sender::new(options.policy, options.timeout)?,
-        form,
+        forms,
         pauses: options.pauses,
     };
     Ok(vec![

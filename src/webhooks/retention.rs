@@ -30,6 +30,9 @@ async fn delete_some(store: &Store) -> Duration {
     let Ok(before) = Timestamp::now().checked_sub(KEPT) else {
         return LOOK;
     };
+    if let Err(error) = store.delete_previous_secrets(Timestamp::now()).await {
+        tracing::warn!(%error, "secrets that are not valid any more could not be deleted");
+    }
     match store.delete_deliveries(before).await {
         Ok(0) => LOOK,
         Ok(_) => PAUSE,

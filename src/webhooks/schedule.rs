@@ -80,7 +80,7 @@ pub(super) fn asked_wait(text: &str, now: Timestamp) -> Option<Duration> {
 mod tests {
     use super::*;
     use crate::ids::WebhookId;
-    use crate::model::{AlertEventKind, DeliveryFailure};
+    use crate::model::{DeliveryFailure, WebhookTopic};
     use crate::store::WebhookSecret;
 
     fn now() -> Timestamp {
@@ -95,8 +95,9 @@ mod tests {
             webhook_revision: 1,
             url: "https://example.com/".into(),
             secret: WebhookSecret([0; 32]),
-            event: WebhookEvent::Alert(AlertEventKind::Raised),
-            alert_id: None,
+            previous_secret: None,
+            event: WebhookEvent::Topic(WebhookTopic::AlertRaised),
+            subject: None,
             at: now(),
             attempts,
             due_at: now(),

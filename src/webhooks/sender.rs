@@ -10,7 +10,7 @@ use reqwest::header::{CONTENT_TYPE, RETRY_AFTER};
 use super::address::ReceiverPolicy;
 use super::resolver::{GuardedResolver, NameRefusal};
 use super::schedule::asked_wait;
-use super::signature::signature;
+use super::signature::signatures;
 use crate::http_client;
 use crate::model::DeliveryFailure;
 use crate::store::{AttemptEnd, NextDelivery};
@@ -62,15 +62,16 @@ impl Sender {
         let Ok(url) = self.policy.parse(&next.url) else {
             return DeliveryFailure::UrlRefused.into();
         };
-        let timestamp_s = Timestamp::now().as_second();
-        let signature = signature(&next.secret, &next.id, timestamp_s, &body);
+        let now = Timestamp::now();
+        let timestamp_s = now.as_second();
+        let signatures = signatures(next, now, &body);
         let request = self
             .client
             .post(url)
             .header(CONTENT_TYPE, "application/json")
             .header("webhook-id", &next.id)
             .header("webhook-timestamp", timestamp_s)
-            .header("webhook-signature", signature)
+            .header("webhook-signature", signatures)
             .body(body);
         match request.send().await {
             Ok(answer) => {
@@ -139,8 +140,9 @@ mod tests {
             webhook_revision: 1,
             url: url.into(),
             secret: WebhookSecret([0; 32]),
+            previous_secret: None,
             event: WebhookEvent::Test,
-            alert_id: None,
+            subject: None,
             at: Timestamp::UNIX_EPOCH,
             attempts: 0,
             due_at: Timestamp::UNIX_EPOCH,

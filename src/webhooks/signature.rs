@@ -3,9 +3,10 @@
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hmac::{Hmac, KeyInit, Mac};
+use jiff::Timestamp;
 use sha2::Sha256;
 
-use crate::store::WebhookSecret;
+use crate::store::{NextDelivery, WebhookSecret};
 
 /// What a secret's text begins with.
 const SECRET_PREFIX: &str = "whsec_";
@@ -27,8 +28,20 @@ pub fn secret_text(secret: &WebhookSecret) -> String {
     format!("{SECRET_PREFIX}{}", STANDARD.encode(secret.0))
 }
 
-/// The value of `webhook-signature`: `v1,` and the HMAC-SHA256 of `id.timestamp.body` in base64.
-pub(super) fn signature(secret: &WebhookSecret, id: &str, timestamp_s: i64, body: &str) -> String {
+/// The value of `webhook-signature`: a signature with the secret and, while the one before is valid as well,
+/// one with that, separated by a space.
+pub(super) fn signatures(next: &NextDelivery, now: Timestamp, body: &str) -> String {
+    let previous = next.previous_secret.as_ref();
+    let previous = previous.filter(|(_, until)| now < *until);
+    let secrets = [&next.secret]
+        .into_iter()
+        .chain(previous.map(|(secret, _)| secret));
+    let signatures = secrets.map(|secret| signature(secret, &next.id, now.as_second(), body));
+    signatures.collect::<Vec<_>>().join(" ")
+}
+
+/// `v1,` and the HMAC-SHA256 of `id.timestamp.body` in base64.
+fn signature(secret: &WebhookSecret, id: &str, timestamp_s: i64, body: &str) -> String {
     let mut mac = keyed(secret);
     mac.update(format!("{id}.{timestamp_s}.").as_bytes());
     mac.update(body.as_bytes());

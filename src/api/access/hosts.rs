@@ -86,7 +86,7 @@ impl Hosts {
     /// Where people and vehicles reach the service, if it was said: a scheme and an authority.
     pub(in crate::api) fn public_origin(&self) -> Option<&str> {
         let url = self.public_url.as_ref();
-        url.map(|url| url.origin.as_str())
+        url.map(PublicUrl::origin)
     }
 
     /// Whether a page of this origin is the service's own, if the request was for this host.

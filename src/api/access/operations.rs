@@ -133,6 +133,7 @@ pub(super) const OPERATIONS: &[(&str, Needs, About)] = &[
     ("register_webhook", ADMIN, Service),
     ("change_webhook", ADMIN, Webhook),
     ("delete_webhook", ADMIN, Webhook),
+    ("rotate_webhook_secret", ADMIN, Webhook),
     ("test_webhook", ADMIN, Webhook),
 ];
 

@@ -14,6 +14,7 @@ use tokio::time::Instant;
 use utoipa::IntoParams;
 
 use super::body::AlertBody;
+use super::pacing::Pacing;
 use crate::api::ApiState;
 use crate::api::access::Identity;
 use crate::api::client_address::ClientAddress;
@@ -44,11 +45,16 @@ pub(in crate::api) struct StreamQuery {
 
 /// Follow what happens to alerts.
 ///
-/// Server-sent events `alert.raised` and `alert.updated`, also of alerts that are tentative. `data` is the alert as it is when the
-/// event is sent, in the form of `GET /v1/alerts/{alert}`; `id` grows with every event. Without
-/// `Last-Event-ID` the stream begins with what happens next; with it, after that event, so that a
-/// client that was away misses nothing. Events of an alert that follow each other quickly may
-/// carry the same state: compare `revision`.
+/// Server-sent events `alert.raised` and `alert.updated`, also of alerts that are tentative, and of nothing
+/// but alerts. `data` is the alert as it is when the event is sent, in the form of `GET /v1/alerts/{alert}`.
+/// An event is sent at once when what a decision is about has changed (status, kind, tier, region:
+/// `decision_revision`); an alert that only gains evidence, or is handled otherwise, is sent at most once in
+/// 5 s, as it is then. An event whose revision one before it has carried is left out.
+///
+/// Without `Last-Event-ID` the stream begins with what happens next. With it, it goes on where a client has
+/// left off, so that one that was away misses nothing. `id` is the place to go on from and never decreases;
+/// while an update waits for its 5 s, several events have the same `id`, and some come once more after a
+/// reconnection: compare `revision`.
 ///
 /// A stream ends after half an hour, and when a key is revoked, with the `id` to come back with, so that
 /// nobody holds one who is no longer there.
@@ -84,8 +90,9 @@ pub(in crate::api) async fn stream_alerts(
         identity,
         state,
         route,
-        after,
+        read: after,
         pending: VecDeque::new(),
+        pacing: Pacing::default(),
         _place: place,
     };
     let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
@@ -120,8 +127,10 @@ struct Reader {
     /// How many keys were revoked when it began.
     revocations: u64,
     route: Option<RouteId>,
-    after: i64,
+    /// The last event that was read and is not in `pending`.
+    read: i64,
     pending: VecDeque<AlertEvent>,
+    pacing: Pacing,
     ends_at: Instant,
     ended: bool,
     _place: Share,
@@ -144,50 +153,75 @@ impl Reader {
     /// Waits for the next event; `None` once the service shuts down, or the stream's time is over.
     async fn next(&mut self) -> Result<Option<Event>, StoreError> {
         while !self.ended {
-            while let Some(event) = self.pending.pop_front() {
-                self.after = event.sequence;
-                // Gone only if its route was deleted a moment ago.
-                if let Some(alert) = self.state.store.alert(event.alert_id).await?
-                    && self.identity.sees(&alert.route_id)
-                {
-                    return Ok(sent(&event, &AlertBody::from(alert)));
+            while let Some(event) = self.next_now() {
+                if let Some(event) = self.sent(event).await? {
+                    return Ok(Some(event));
                 }
             }
             let route = self.route.as_ref();
             let news = self
                 .state
                 .store
-                .alert_events(route, self.after, EVENTS_AT_ONCE);
+                .alert_events(route, self.read, EVENTS_AT_ONCE);
             self.pending = news.await?.into();
             if self.pending.is_empty() {
                 tokio::select! {
                     () = self.state.draining.cancelled() => return Ok(None),
                     () = tokio::time::sleep(POLL) => {}
                 }
-                // Whose key was revoked does not come back.
+                // Whose key was revoked does not come back, and sees nothing more.
                 let revoked = self.state.store.revocations() != self.revocations;
                 if revoked || Instant::now() >= self.ends_at {
-                    self.ended = true;
-                    return Ok(Some(self.last()));
+                    return self.last(revoked).await;
                 }
             }
         }
         Ok(None)
     }
 
-    /// No event, but the place to go on from for a client that has seen none.
-    fn last(&self) -> Event {
-        Event::default().id(self.after.to_string())
+    /// The next event whose time has come, of those that were read.
+    fn next_now(&mut self) -> Option<AlertEvent> {
+        if let Some(event) = self.pacing.due(Instant::now()) {
+            return Some(event);
+        }
+        while let Some(event) = self.pending.pop_front() {
+            self.read = event.sequence;
+            if let Some(event) = self.pacing.take(event, Instant::now()) {
+                return Some(event);
+            }
+        }
+        None
     }
-}
 
-fn sent(event: &AlertEvent, alert: &AlertBody) -> Option<Event> {
-    let kind = match event.revision {
-        1 => AlertEventKind::Raised,
-        _ => AlertEventKind::Updated,
-    };
-    let sent = Event::default()
-        .id(event.sequence.to_string())
-        .event(kind.name());
-    sent.json_data(alert).ok()
+    /// An event as it is sent; `None` if it is for somebody else, or its route was deleted a moment ago.
+    async fn sent(&mut self, event: AlertEvent) -> Result<Option<Event>, StoreError> {
+        let alert = self.state.store.alert(event.alert_id).await?;
+        let Some(alert) = alert.filter(|alert| self.identity.sees(&alert.route_id)) else {
+            return Ok(None);
+        };
+        let revision = alert.shown_revision();
+        self.pacing.note(event.alert_id, revision, Instant::now());
+        let kind = match event.revision {
+            1 => AlertEventKind::Raised,
+            _ => AlertEventKind::Updated,
+        };
+        let sent = Event::default().id(self.place()).event(kind.name());
+        Ok(sent.json_data(AlertBody::from(alert)).ok())
+    }
+
+    /// What is sent before the stream ends: an update that still waits, else no event but the place to go on
+    /// from, for a client that has seen none.
+    async fn last(&mut self, revoked: bool) -> Result<Option<Event>, StoreError> {
+        while let Some(event) = (!revoked).then(|| self.pacing.rest()).flatten() {
+            if let Some(event) = self.sent(event).await? {
+                return Ok(Some(event));
+            }
+        }
+        self.ended = true;
+        Ok(Some(Event::default().id(self.place())))
+    }
+
+    fn place(&self) -> String {
+        self.pacing.resume_after(self.read).to_string()
+    }
 }

@@ -5,17 +5,18 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::api::problem::{Problem, ProblemKind};
-use crate::model::AlertEventKind;
+use crate::model::WebhookTopic;
 use crate::store::WebhookRecord;
 
 const DESCRIPTION_CHARS_MAX: usize = 200;
 
-/// Somebody who is told of alerts by a POST.
+/// Where events are sent by a POST.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Webhook, example = json!({
     "id": "019aa000-0000-7000-8000-00000000a001", "url": "https://hooks.example.com/mapshift",
     "events": ["alert.raised", "alert.updated"], "route_id": null, "description": "tickets",
     "include_tentative": false, "active": true, "gone_at": null, "secret": null,
+    "previous_secret_until": null,
     "created_at": "2026-11-20T06:00:00Z", "updated_at": "2026-11-20T06:00:00Z"
 }))]
 pub(super) struct WebhookBody {
@@ -26,8 +27,8 @@ pub(super) struct WebhookBody {
     #[schema(format = "uri")]
     url: String,
     /// Which ones.
-    events: Vec<AlertEventKind>,
-    /// Only of alerts of this route; null for all routes.
+    events: Vec<WebhookTopic>,
+    /// Only of this route; null for all routes.
     #[schema(required)]
     route_id: Option<String>,
     /// For people.
@@ -41,10 +42,13 @@ pub(super) struct WebhookBody {
     /// When the receiver answered 410 Gone, which disabled the webhook; null otherwise.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     gone_at: Option<Timestamp>,
-    /// What events are signed with: `whsec_` and base64. Told once, in the answer to the
-    /// registration; null ever after.
+    /// What events are signed with: `whsec_` and base64. Shown once, in the answer to the registration or
+    /// to `rotate-secret`; null ever after.
     #[schema(required)]
     pub secret: Option<String>,
+    /// Until when events are signed with the secret before as well; null if it is not valid any more.
+    #[schema(value_type = Option<String>, format = DateTime, required)]
+    previous_secret_until: Option<Timestamp>,
     /// When it was registered.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
@@ -65,6 +69,9 @@ impl From<WebhookRecord> for WebhookBody {
             active: webhook.active,
             gone_at: webhook.gone_at,
             secret: None,
+            previous_secret_until: webhook
+                .previous_secret_until
+                .filter(|until| Timestamp::now() < *until),
             created_at: webhook.created_at,
             updated_at: webhook.updated_at,
         }
@@ -80,13 +87,11 @@ pub(super) fn etag(webhook: &WebhookRecord) -> String {
 ///
 /// # Errors
 /// 422 for none at all: that would be a webhook that is never called.
-pub(super) fn checked_events(
-    mut events: Vec<AlertEventKind>,
-) -> Result<Vec<AlertEventKind>, Problem> {
+pub(super) fn checked_events(mut events: Vec<WebhookTopic>) -> Result<Vec<WebhookTopic>, Problem> {
     events.sort_unstable();
     events.dedup();
     if events.is_empty() {
-        let detail = "name an event, or leave events out for all of them";
+        let detail = "name an event, or leave events out for those of alerts";
         return Err(Problem::new(ProblemKind::OutOfRange, detail).at("/events"));
     }
     Ok(events)

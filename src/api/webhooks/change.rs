@@ -17,7 +17,7 @@ use crate::api::problem::Problem;
 use crate::api::problem_responses::WebhookChangeProblems;
 use crate::api::upload::small_json;
 use crate::ids::WebhookId;
-use crate::model::{Actor, AlertEventKind};
+use crate::model::{Actor, WebhookTopic};
 use crate::store::WebhookUpdate;
 
 /// What to change of a webhook; what is left out stays as it is.
@@ -30,7 +30,7 @@ pub(in crate::api) struct WebhookChange {
     url: Option<String>,
     /// Which ones.
     #[schema(min_items = 1)]
-    events: Option<Vec<AlertEventKind>>,
+    events: Option<Vec<WebhookTopic>>,
     /// For people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,

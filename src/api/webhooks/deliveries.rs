@@ -1,4 +1,4 @@
-//! What became of the events that a webhook was to be told of, and trying a webhook out.
+//! What became of the events that a webhook was to be sent, and trying a webhook out.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,7 +17,7 @@ use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::{WebhookProblems, WebhookTestProblems};
 use crate::ids::WebhookId;
 use crate::model::{DeliveryFailure, DeliveryStatus, WebhookEvent};
-use crate::store::{AttemptEnd, DeliveryRecord, TestQueued};
+use crate::store::{AttemptEnd, DeliveryRecord, Subject, TestQueued};
 
 /// An event on its way to a receiver.
 #[derive(Debug, Serialize, ToSchema)]
@@ -26,15 +26,24 @@ pub(in crate::api) struct DeliveryBody {
     /// The header `webhook-id`: the same for every attempt.
     #[schema(example = "msg_0f1e2d3c4b5a69788796a5b4c3d2e1f0")]
     id: String,
-    /// What it tells of.
+    /// What happened.
     #[serde(rename = "type")]
     event: WebhookEvent,
-    /// The event's `id` in the stream of alerts; null for a test.
+    /// The event's `id` in the stream of alerts; null for what is about no alert.
     #[schema(required)]
     event_id: Option<i64>,
-    /// The alert; null for a test.
+    /// The alert; null for what is about no alert.
     #[schema(required, format = "uuid")]
     alert_id: Option<String>,
+    /// The batch; null for what is about no batch.
+    #[schema(required)]
+    batch_id: Option<String>,
+    /// The vehicle; null for what is about no vehicle.
+    #[schema(required)]
+    vehicle_id: Option<String>,
+    /// The operation; null for what is about no operation.
+    #[schema(required, format = "uuid")]
+    operation_id: Option<String>,
     /// When the event happened.
     #[schema(value_type = String, format = DateTime)]
     timestamp: Timestamp,
@@ -74,11 +83,23 @@ impl From<DeliveryRecord> for DeliveryBody {
             Some(AttemptEnd::Answer(status)) => (Some(status), None),
             Some(AttemptEnd::Failure(failure)) => (None, Some(failure)),
         };
+        let (mut alert_id, mut batch_id, mut vehicle_id, mut operation_id) =
+            (None, None, None, None);
+        match delivery.subject {
+            None => {}
+            Some(Subject::Alert(id)) => alert_id = Some(id.to_string()),
+            Some(Subject::Batch(_, id)) => batch_id = Some(id.to_string()),
+            Some(Subject::Vehicle(_, id)) => vehicle_id = Some(id.to_string()),
+            Some(Subject::Operation(id)) => operation_id = Some(id.to_string()),
+        }
         Self {
             id: delivery.id,
             event: delivery.event,
             event_id: delivery.event_sequence,
-            alert_id: delivery.alert_id.map(|id| id.to_string()),
+            alert_id,
+            batch_id,
+            vehicle_id,
+            operation_id,
             timestamp: delivery.at,
             status: delivery.status,
             attempts: delivery.attempts,

@@ -1,6 +1,5 @@
 //! Registering webhooks.
 
-use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
@@ -10,15 +9,15 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::body::{WebhookBody, check_description, checked_events, etag};
-use super::{known_webhook, url_refused};
+use super::body::{WebhookBody, check_description, checked_events};
+use super::{known_webhook, url_refused, with_secret};
 use crate::api::ApiState;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::WebhookRegistrationProblems;
 use crate::api::upload::small_json;
 use crate::ids::{RouteId, WebhookId};
-use crate::model::{Actor, AlertEventKind};
+use crate::model::{Actor, WebhookTopic};
 use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
 use crate::webhooks::{generate_secret, secret_text};
 
@@ -30,10 +29,10 @@ pub(in crate::api) struct WebhookRegistration {
     /// Where events are sent: an https URL of a public host, up to 2,048 bytes.
     #[schema(format = "uri", max_length = 2048)]
     url: String,
-    /// Which ones; all of them if left out.
+    /// Which ones; those of alerts if left out.
     #[schema(min_items = 1)]
-    events: Option<Vec<AlertEventKind>>,
-    /// Only of alerts of this route; of all routes if left out.
+    events: Option<Vec<WebhookTopic>>,
+    /// Only of this route; of all routes if left out.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", value_type = Option<String>)]
     route_id: Option<RouteId>,
     /// For people, up to 200 characters.
@@ -53,7 +52,7 @@ impl WebhookRegistration {
             id: WebhookId(Uuid::now_v7()),
             url,
             secret: generate_secret().map_err(Problem::internal)?,
-            events: checked_events(self.events.unwrap_or(AlertEventKind::ALL.to_vec()))?,
+            events: checked_events(self.events.unwrap_or(WebhookTopic::DEFAULT.to_vec()))?,
             route_id: self.route_id,
             description: self.description,
             include_tentative: self.include_tentative,
@@ -64,14 +63,16 @@ impl WebhookRegistration {
 
 /// Register a webhook.
 ///
-/// From now on, events of alerts are sent to the URL: signed as Standard Webhooks has it, at least
-/// once each, in order as long as the receiver takes them; an update that a call before it has
-/// told already is left out. An alert that is raised tentative, seen in one pass so far, is sent
-/// once it is confirmed, as `alert.raised`; before that only if `include_tentative` asks for it. The answer holds the secret for checking signatures, which is told
-/// only here. Registering the same URL again makes another webhook.
+/// From now on, events are sent to the URL: signed as Standard Webhooks has it, at least once each, in order
+/// as long as the receiver takes them. `alert.updated` is sent when what a decision is about has changed
+/// (status, kind, tier, region: `decision_revision`), not when evidence grows; one that a call before it has
+/// carried already is left out. An alert that is raised tentative, seen in one pass so far, is sent once it
+/// is confirmed, as `alert.raised`; before that only if `include_tentative` asks for it. The answer holds the
+/// secret for checking signatures, which is shown only here. Registering the same URL again makes another
+/// webhook.
 #[utoipa::path(
     post, path = "/v1/webhooks", tag = "webhooks",
-    request_body(content = WebhookRegistration, description = "Whom to tell, and of what"),
+    request_body(content = WebhookRegistration, description = "Where to send events, and which"),
     responses((status = 201, description = "Registered; with its secret", body = WebhookBody, headers(
         ("ETag" = String, description = "Changes with every edit"),
         ("Location" = String, description = "Path of the webhook"),
@@ -96,13 +97,6 @@ pub(in crate::api) async fn register_webhook(
         }
     }
     let webhook = known_webhook(&state, id).await?;
-    let headers = [
-        (header::ETAG, etag(&webhook)),
-        (header::LOCATION, format!("/v1/webhooks/{id}")),
-        // It holds a secret.
-        (header::CACHE_CONTROL, "no-store".to_owned()),
-    ];
-    let mut body = WebhookBody::from(webhook);
-    body.secret = Some(secret);
-    Ok((StatusCode::CREATED, headers, Json(body)).into_response())
+    let location = [(header::LOCATION, format!("/v1/webhooks/{id}"))];
+    Ok((StatusCode::CREATED, location, with_secret(webhook, secret)).into_response())
 }
