@@ -31,6 +31,7 @@ const EXPECTED: [(&str, &[&str]); 13] = [
             "change_webhook",
             "delete_webhook",
             "test_webhook",
+            "rotate_webhook_secret",
         ],
     ),
     (

@@ -3,7 +3,7 @@
 use mapshift::change::{AlertAction, AlertStatus, Tier};
 use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};
 use mapshift::model::{
-    Actor, AlertEventKind, AuditAction, BatchStatus, Detector, DismissReason, VersionState,
+    Actor, AuditAction, BatchStatus, Detector, DismissReason, VersionState, WebhookTopic,
 };
 use mapshift::store::{
     AlertRecord, Attempt, AttemptEnd, AttemptVerdict, AuditFilter, AuditRecord, Decided, Decision,
@@ -44,7 +44,7 @@ fn webhook(number: u128) -> NewWebhook {
         id: webhook_id(number),
         url: "https://example.com/hook?token=hush".to_owned(),
         secret: WebhookSecret([b'S'; 32]),
-        events: vec![AlertEventKind::Raised],
+        events: vec![WebhookTopic::AlertRaised],
         route_id: Some(route()),
         description: None,
         include_tentative: false,

@@ -14,6 +14,7 @@ mod journal;
 mod keys;
 mod life;
 mod lost;
+mod notices;
 mod rot;
 mod settled;
 mod support;

@@ -6,10 +6,10 @@ use mapshift::change::{
 use mapshift::geometry::Vector2;
 use mapshift::ids::{AlertId, NodeId, StampNs, TripId, VehicleId, WebhookId, ZoneId};
 use mapshift::model::{
-    AlertEventKind, BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent, ZonePurpose,
+    BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent, WebhookTopic, ZonePurpose,
 };
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM, Subject,
     Store, StoreError, WebhookSecret, WebhookUpdate, ZoneEdit, ZoneMade,
 };
 use uuid::Uuid;
@@ -24,7 +24,7 @@ async fn register(store: &Store, number: u128, include_tentative: bool) {
         id: WebhookId(Uuid::from_u128(number)),
         url: "https://example.com/".to_owned(),
         secret: WebhookSecret([7; 32]),
-        events: AlertEventKind::ALL.to_vec(),
+        events: WebhookTopic::DEFAULT.to_vec(),
         route_id: None,
         description: None,
         include_tentative,
@@ -103,8 +103,22 @@ fn passes() -> JudgedPasses {
 fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
     let mut next = alert.clone();
     next.revision += 1;
+    next.decision_revision += i64::from(tier != alert.evidence.tier);
     next.evidence.tier = tier;
     next
+}
+
+/// Round the alerts, for a while.
+fn mute() -> ZoneEdit {
+    ZoneEdit {
+        polygon: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(Vector2::from)
+            .to_vec(),
+        purpose: ZonePurpose::Mute,
+        kinds: None,
+        until: Some(at(100)),
+        note: None,
+    }
 }
 
 /// A batch whose job writes the alert.
@@ -119,18 +133,15 @@ pub async fn write(fixture: &Fixture, batch: &str, alert: &AlertRecord) -> Resul
 }
 
 /// What a webhook is sent, the oldest first.
-async fn sent(store: &Store, webhook: u128) -> Vec<(u128, AlertEventKind)> {
+async fn sent(store: &Store, webhook: u128) -> Vec<(u128, WebhookTopic)> {
     let webhook = WebhookId(Uuid::from_u128(webhook));
     let mut sent = store.deliveries(webhook, None, 100).await.unwrap();
     sent.reverse();
-    let alert = |id: Option<AlertId>| id.unwrap().0.as_u128();
-    let kind = |event| match event {
-        WebhookEvent::Alert(kind) => kind,
-        WebhookEvent::Test => panic!("nobody asked for a test"),
-    };
-    sent.iter()
-        .map(|one| (alert(one.alert_id), kind(one.event)))
-        .collect()
+    let sent = sent.iter().map(|one| match (&one.subject, one.event) {
+        (Some(Subject::Alert(id)), WebhookEvent::Topic(topic)) => (id.0.as_u128(), topic),
+        other => panic!("{other:?}"),
+    });
+    sent.collect()
 }
 
 #[tokio::test]
@@ -207,7 +218,7 @@ async fn a_shift_is_read_back_to_the_bit() {
 
 #[tokio::test]
 async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
-    use AlertEventKind::{Raised, Updated};
+    use WebhookTopic::{AlertRaised as Raised, AlertUpdated as Updated};
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     register(store, PLAIN, false).await;
@@ -218,10 +229,7 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
     let seen_again = next(&raised, Tier::Tentative);
     write(&fixture, "b1", &seen_again).await.unwrap();
     assert_eq!(sent(store, PLAIN).await, []);
-    assert_eq!(
-        sent(store, WITH_TENTATIVE).await,
-        [(1, Raised), (1, Updated)]
-    );
+    assert_eq!(sent(store, WITH_TENTATIVE).await, [(1, Raised)]);
 
     // Confirmed, less certain again, and confirmed once more: it begins once.
     let mut now = seen_again;
@@ -232,11 +240,15 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
     ] {
         now = next(&now, tier);
         write(&fixture, batch, &now).await.unwrap();
+        // More of the same is nothing to decide about.
+        now = next(&now, tier);
+        let again = format!("{batch}-again");
+        write(&fixture, &again, &now).await.unwrap();
     }
     let updated = [(1, Updated), (1, Updated)];
     let plain = sent(store, PLAIN).await;
     assert_eq!((plain[0], &plain[1..]), ((1, Raised), &updated[..]));
-    assert_eq!(sent(store, WITH_TENTATIVE).await.len(), 5);
+    assert_eq!(sent(store, WITH_TENTATIVE).await.len(), 4);
 
     // One that is raised confirmed is the same to both.
     write(&fixture, "b5", &alert(2, Tier::Confirmed))
@@ -265,7 +277,9 @@ async fn a_webhook_hears_of_an_alert_when_it_is_confirmed_or_asks_for_more() {
     }
     // Streams have all of it.
     let events = store.alert_events(None, 0, 100).await.unwrap();
-    assert_eq!(events.len(), 7);
+    assert_eq!(events.len(), 10);
+    let decisions = events.iter().filter(|event| event.is_decision);
+    assert_eq!(decisions.count(), 6);
 }
 
 #[tokio::test]
@@ -292,28 +306,19 @@ async fn what_was_raised_before_there_were_tiers_is_confirmed() {
     write(&fixture, "b1", &next(&first, Tier::Confirmed))
         .await
         .unwrap();
-    assert_eq!(sent(store, PLAIN).await, [(1, AlertEventKind::Updated)]);
+    assert_eq!(sent(store, PLAIN).await, [(1, WebhookTopic::AlertUpdated)]);
 }
 
 /// What is withheld while a zone mutes an alert is made good when the zone is over, and nothing twice.
 #[tokio::test]
 async fn a_webhook_is_sent_what_it_missed_once_a_zone_is_over() {
-    use AlertEventKind::{Raised, Updated};
+    use WebhookTopic::{AlertRaised as Raised, AlertUpdated as Updated};
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     register(store, PLAIN, false).await;
     register(store, WITH_TENTATIVE, true).await;
     let zone = ZoneId(Uuid::from_u128(7));
-    let edit = ZoneEdit {
-        polygon: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
-            .map(Vector2::from)
-            .to_vec(),
-        purpose: ZonePurpose::Mute,
-        kinds: None,
-        until: Some(at(100)),
-        note: None,
-    };
-    let made = store.create_zone(&route(), zone, edit, by(), at(0)).await;
+    let made = store.create_zone(&route(), zone, mute(), by(), at(0)).await;
     assert_eq!(made.unwrap(), ZoneMade::Created);
     let raised = alert(1, Tier::Tentative);
     write(&fixture, "b0", &raised).await.unwrap();
@@ -337,10 +342,35 @@ async fn a_webhook_is_sent_what_it_missed_once_a_zone_is_over() {
     for webhook in [PLAIN, WITH_TENTATIVE] {
         assert_eq!(sent(store, webhook).await, [(1, Raised)]);
     }
-    write(&fixture, "b2", &next(&confirmed, Tier::Confirmed))
+    let grown = next(&confirmed, Tier::Confirmed);
+    write(&fixture, "b2", &grown).await.unwrap();
+    let comment = store.comment_on_alert(raised.id, "kim".into(), "hm".into(), by(), at(102));
+    assert!(comment.await.unwrap().is_some());
+    for webhook in [PLAIN, WITH_TENTATIVE] {
+        assert_eq!(sent(store, webhook).await, [(1, Raised)]);
+    }
+    write(&fixture, "b3", &next(&grown, Tier::Tentative))
         .await
         .unwrap();
     for webhook in [PLAIN, WITH_TENTATIVE] {
         assert_eq!(sent(store, webhook).await, [(1, Raised), (1, Updated)]);
     }
+}
+
+/// A zone under which an alert only gains evidence leaves nothing to make good.
+#[tokio::test]
+async fn nothing_is_sent_when_a_zone_ends_under_which_nothing_was_decided_about() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    register(store, WITH_TENTATIVE, true).await;
+    let raised = alert(1, Tier::Tentative);
+    write(&fixture, "b0", &raised).await.unwrap();
+    let (route, zone) = (route(), ZoneId(Uuid::from_u128(7)));
+    let made = store.create_zone(&route, zone, mute(), by(), at(0));
+    assert_eq!(made.await.unwrap(), ZoneMade::Created);
+    let grown = next(&raised, Tier::Tentative);
+    write(&fixture, "b1", &grown).await.unwrap();
+    assert_eq!(store.end_zones(at(100)).await.unwrap(), 1);
+    let begun = [(1, WebhookTopic::AlertRaised)];
+    assert_eq!(sent(store, WITH_TENTATIVE).await, begun);
 }

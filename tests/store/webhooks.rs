@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use mapshift::ids::WebhookId;
-use mapshift::model::{AlertEventKind, DeliveryFailure, DeliveryStatus};
+use mapshift::model::{DeliveryFailure, DeliveryStatus, WebhookTopic};
 use mapshift::store::{
     Attempt, AttemptEnd, AttemptVerdict, DeliveryRecord, Edited, NewWebhook, NextDelivery,
     Registered, Store, TestQueued, WebhookSecret, WebhookUpdate,
@@ -19,7 +19,7 @@ async fn register(store: &Store, number: u128) {
         id: id(number),
         url: format!("https://example.com/{number}"),
         secret: WebhookSecret([number as u8; 32]),
-        events: vec![AlertEventKind::Raised],
+        events: vec![WebhookTopic::AlertRaised],
         route_id: None,
         description: None,
         include_tentative: false,
@@ -271,7 +271,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
         id: id(number),
         url: "https://example.com/".into(),
         secret: WebhookSecret([0; 32]),
-        events: AlertEventKind::ALL.to_vec(),
+        events: WebhookTopic::ALL.to_vec(),
         route_id: Some(mapshift::ids::RouteId::new(name).unwrap()),
         description: Some("of a route".into()),
         include_tentative: true,
@@ -288,7 +288,7 @@ async fn a_webhook_of_a_route_that_is_not_there_is_not_registered() {
     let webhook = store.webhook(id(2)).await.unwrap().unwrap();
     assert_eq!(webhook.route_id, Some(route()));
     assert!(webhook.include_tentative);
-    assert_eq!(webhook.events, AlertEventKind::ALL);
+    assert_eq!(webhook.events, WebhookTopic::ALL);
     assert_eq!(
         store
             .delete_route(&route(), None, by(), at(1))
