@@ -42,8 +42,8 @@ pub(super) async fn note(
 /// them.
 pub(super) async fn note_rotation(
     transaction: &mut SqliteConnection,
-    webhook: &WebhookRecord,
-    previous_until: Option<Timestamp>,
+    before: &WebhookRecord,
+    after: &WebhookRecord,
     by: &Actor,
     at: Timestamp,
 ) -> Result<(), StoreError> {
@@ -51,19 +51,19 @@ pub(super) async fn note_rotation(
     struct Overlap {
         previous_secret_until: Option<Timestamp>,
     }
-    let overlap = |previous_secret_until| {
+    let overlap = |webhook: &WebhookRecord| {
         json_text(&Overlap {
-            previous_secret_until,
+            previous_secret_until: webhook.previous_secret_until,
         })
     };
     let change = Change {
         at,
         actor: by,
         action: AuditAction::WebhookSecretRotated,
-        route_id: webhook.route_id.as_ref().map(RouteId::as_str),
-        subject: &webhook.id.to_string(),
-        before: Some(overlap(webhook.previous_secret_until)?),
-        after: Some(overlap(previous_until)?),
+        route_id: after.route_id.as_ref().map(RouteId::as_str),
+        subject: &after.id.to_string(),
+        before: Some(overlap(before)?),
+        after: Some(overlap(after)?),
     };
     audit::write(transaction, change).await
 }

@@ -87,7 +87,9 @@ impl Request for Rotate {
         if rotated.rows_affected() == 0 {
             return Ok(Edited::Stale);
         }
-        note_rotation(transaction, &before, until, &self.by, self.now).await?;
+        if let Some(after) = webhook(&mut *transaction, self.id).await? {
+            note_rotation(transaction, &before, &after, &self.by, self.now).await?;
+        }
         Ok(Edited::Done)
     }
 }

@@ -78,49 +78,43 @@ pub(super) async fn message(
 ) -> Result<Option<Message>, MessageError> {
     let (data, alert_revision) = match &next.subject {
         None => (Some(test_data(next)?), None),
-        Some(Subject::Alert(id)) => match store.alert(*id).await? {
-            None => (None, None),
-            Some(alert) => {
-                let revision = alert.shown_revision();
-                (Some(forms.alert(alert)?), Some(revision))
-            }
-        },
-        Some(other) => (data_of(store, forms, other).await?, None),
+        Some(subject) => data_of(store, forms, subject).await?,
     };
     let url = next.subject.as_ref().and_then(|subject| forms.url(subject));
-    Ok(match data {
-        None => None,
-        Some(data) => Some(Message {
-            body: envelope(next.event, next.at, url.as_deref(), &data)?,
-            alert_revision,
-        }),
-    })
+    let body = data.map(|data| envelope(next.event, next.at, url.as_deref(), &data));
+    Ok(body.transpose()?.map(|body| Message {
+        body,
+        alert_revision,
+    }))
 }
 
-/// What an event is about that is about no alert.
+/// What an event is about as it is now, if it is still there; of an alert with its revision.
 async fn data_of(
     store: &Store,
     forms: &dyn Forms,
     subject: &Subject,
-) -> Result<Option<String>, MessageError> {
-    let data = match subject {
-        Subject::Alert(_) => None,
-        Subject::Batch(route, id) => match store.batch(route, id).await? {
-            None => None,
-            Some(batch) => Some(forms.batch(batch, &store.batch_alerts(route, id).await?)?),
-        },
+) -> Result<(Option<String>, Option<i64>), MessageError> {
+    let (data, revision) = match subject {
+        Subject::Alert(id) => {
+            let alert = store.alert(*id).await?;
+            let revision = alert.as_ref().map(AlertRecord::shown_revision);
+            (alert.map(|alert| forms.alert(alert)), revision)
+        }
+        Subject::Batch(route, id) => {
+            let batch = store.batch(route, id).await?;
+            let alerts = store.batch_alerts(route, id).await?;
+            (batch.map(|batch| forms.batch(batch, &alerts)), None)
+        }
         Subject::Vehicle(route, id) => {
             let vehicle = store.vehicle(route, id).await?;
-            vehicle.map(|vehicle| forms.vehicle(vehicle)).transpose()?
+            (vehicle.map(|vehicle| forms.vehicle(vehicle)), None)
         }
         Subject::Operation(id) => {
             let operation = store.operation(*id).await?;
-            operation
-                .map(|operation| forms.operation(operation))
-                .transpose()?
+            (operation.map(|operation| forms.operation(operation)), None)
         }
     };
-    Ok(data)
+    Ok((data.transpose()?, revision))
 }
 
 fn test_data(next: &NextDelivery) -> Result<String, serde_json::Error> {

@@ -27,6 +27,7 @@ mod keys;
 mod lifecycle;
 mod limits;
 mod map_layers;
+mod notices;
 mod operators;
 mod proxies;
 #[path = "../common/receiver.rs"]

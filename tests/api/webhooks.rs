@@ -65,7 +65,7 @@ async fn a_webhook_is_registered_changed_and_deleted() {
         "id": null, "url": "https://hooks.example.com/alerts?team=7",
         "events": ["alert.raised", "alert.updated"], "route_id": "hall",
         "description": "tickets", "include_tentative": false, "active": true, "gone_at": null,
-        "secret": null, "created_at": null, "updated_at": null
+        "secret": null, "previous_secret_until": null, "created_at": null, "updated_at": null
     });
     assert_eq!(told, expected);
 

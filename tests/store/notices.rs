@@ -92,7 +92,10 @@ async fn every_way_into_quarantine_is_sent_once() {
     assert_eq!(sent(store, 2).await, [], "of another route");
     assert_eq!(sent(store, 3).await, [], "alerts alone");
     // With its batches goes what was to be sent of them.
-    store.delete_route(&route(), None, by(), at(2)).await.unwrap();
+    store
+        .delete_route(&route(), None, by(), at(2))
+        .await
+        .unwrap();
     assert_eq!(sent(store, 1).await, []);
 }
 
@@ -103,7 +106,10 @@ async fn a_vehicle_is_sent_when_it_becomes_suspect_and_not_while_it_is() {
     register(store, 1, &[WebhookTopic::VehicleSuspect], None).await;
     end(&fixture, "b0", BatchStatus::Quarantined).await;
     end(&fixture, "b1", BatchStatus::Quarantined).await;
-    assert_eq!((state(store).await, sent(store, 1).await), (VehicleState::Trusted, vec![]));
+    assert_eq!(
+        (state(store).await, sent(store, 1).await),
+        (VehicleState::Trusted, vec![])
+    );
     for batch in ["b2", "b3", "b4"] {
         end(&fixture, batch, BatchStatus::Quarantined).await;
         assert_eq!(state(store).await, VehicleState::Suspect);
@@ -200,7 +206,9 @@ async fn a_replaced_secret_is_kept_for_as_long_as_it_is_valid() {
     store.queue_webhook_test(WEBHOOK, at(0)).await.unwrap();
     let secrets = async || {
         let next = store.next_deliveries().await.unwrap().remove(0);
-        let previous = next.previous_secret.map(|(secret, until)| (secret.0[0], until));
+        let previous = next
+            .previous_secret
+            .map(|(secret, until)| (secret.0[0], until));
         (next.secret.0[0], previous)
     };
     let rotate = async |key: u8, revision, previous_until| {
@@ -219,7 +227,10 @@ async fn a_replaced_secret_is_kept_for_as_long_as_it_is_valid() {
     assert_eq!(secrets().await, (2, Some((1, at(9)))));
     store.delete_previous_secrets(at(8)).await.unwrap();
     let webhook = store.webhook(WEBHOOK).await.unwrap().unwrap();
-    assert_eq!((webhook.revision, webhook.previous_secret_until), (2, Some(at(9))));
+    assert_eq!(
+        (webhook.revision, webhook.previous_secret_until),
+        (2, Some(at(9)))
+    );
     store.delete_previous_secrets(at(9)).await.unwrap();
     assert_eq!(secrets().await, (2, None));
     assert_eq!(rotate(4, None, None).await, Edited::Done);

@@ -9,8 +9,8 @@ use mapshift::model::{
     BatchStatus, Clearance, PassOutcome, PassSide, WebhookEvent, WebhookTopic, ZonePurpose,
 };
 use mapshift::store::{
-    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM, Subject,
-    Store, StoreError, WebhookSecret, WebhookUpdate, ZoneEdit, ZoneMade,
+    AlertFilter, AlertRecord, Applied, Handling, HistoryEntry, NewWebhook, Registered, SYSTEM,
+    Store, StoreError, Subject, WebhookSecret, WebhookUpdate, ZoneEdit, ZoneMade,
 };
 use uuid::Uuid;
 
