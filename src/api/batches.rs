@@ -141,9 +141,12 @@ pub(super) struct BatchQuery {
 
 impl BatchBody {
     /// # Errors
-    /// The [`Problem`] that what the store has is no JSON.
-    pub(super) fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, Problem> {
-        let extensions = batch.extensions.map(RawValue::from_string).transpose();
+    /// If what the store has as extensions is no JSON.
+    pub(super) fn new(
+        batch: BatchRecord,
+        alerts: &[AlertId],
+    ) -> Result<Self, serde_json::Error> {
+        let extensions = batch.extensions.map(RawValue::from_string).transpose()?;
         Ok(Self {
             id: batch.id.to_string(),
             route_id: batch.route_id.to_string(),
@@ -155,7 +158,7 @@ impl BatchBody {
             reason: batch.reason,
             flags: batch.flags,
             out_of_range: batch.out_of_range.map(OutOfRangeBody::from),
-            extensions: extensions.map_err(Problem::internal)?,
+            extensions,
             scans: batch.scans,
             nodes_added: batch.nodes_added,
             loop_closures: batch.loop_closures,
@@ -253,7 +256,7 @@ pub(super) async fn upload_answer(
         Journaled::Stored => Vec::new(),
         _ => state.store.batch_alerts(&batch.route_id, &batch.id).await?,
     };
-    let batch = BatchBody::new(batch, &alerts)?;
+    let batch = BatchBody::new(batch, &alerts).map_err(Problem::internal)?;
     Ok(if journaled == Journaled::Stored {
         let location = format!("/v1/routes/{}/batches/{}", batch.route_id, batch.id);
         let headers = [(header::LOCATION, location)];
@@ -337,7 +340,8 @@ pub(super) async fn known_batch(
     let batch = state.store.batch(route, id).await?;
     let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
     let alerts = state.store.batch_alerts(route, id).await?;
-    BatchBody::new(batch, &alerts).map(Json)
+    let batch = BatchBody::new(batch, &alerts).map_err(Problem::internal)?;
+    Ok(Json(batch))
 }
 
 /// The batches that a list is asked for by id.
@@ -397,7 +401,7 @@ pub(super) async fn list_batches(
     let alerts = state.store.alerts_by_batch(&route_id, &listed).await?;
     let body = |batch: BatchRecord| {
         let alerts = alerts.get(&batch.id).map_or(&[][..], Vec::as_slice);
-        BatchBody::new(batch, alerts)
+        BatchBody::new(batch, alerts).map_err(Problem::internal)
     };
     Ok(Json(BatchPage {
         items: batches.into_iter().map(body).collect::<Result<_, _>>()?,

@@ -28,7 +28,7 @@ impl Forms for EventForms {
     }
 
     fn batch(&self, batch: BatchRecord, alerts: &[AlertId]) -> Result<String, serde_json::Error> {
-        serde_json::to_string(&BatchBody::new(batch, alerts))
+        serde_json::to_string(&BatchBody::new(batch, alerts)?)
     }
 
     fn vehicle(&self, vehicle: VehicleRecord) -> Result<String, serde_json::Error> {
