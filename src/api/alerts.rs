@@ -30,7 +30,7 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::AlertParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AlertListProblems, AlertProblems};
@@ -60,6 +60,12 @@ pub(super) struct AlertPage {
     next_cursor: Option<String>,
 }
 
+impl Part for AlertPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List alerts.
 ///
 /// Of all routes or of one, the newest first, in parts.
@@ -72,9 +78,9 @@ pub(super) async fn list_alerts(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<AlertQuery>,
-) -> Result<Json<AlertPage>, Problem> {
+) -> Result<Listed<AlertPage>, Problem> {
     let (alerts, next_cursor) = page(&state, &identity, &query).await?;
-    Ok(Json(AlertPage {
+    Ok(Listed(AlertPage {
         items: alerts.into_iter().map(AlertBody::from).collect(),
         next_cursor,
     }))

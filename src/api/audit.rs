@@ -2,7 +2,6 @@
 
 mod export;
 
-use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -13,7 +12,7 @@ use super::ApiState;
 use super::access::Identity;
 use super::extract::{ApiQuery, PageQuery};
 use super::filters::{checked_route, checked_time};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::problem::Problem;
 use super::problem_responses::AnyProblems;
 use crate::model::AuditAction;
@@ -71,6 +70,12 @@ pub(super) struct AuditPage {
     /// Where the next part begins; null at the end.
     #[schema(required)]
     next_cursor: Option<String>,
+}
+
+impl Part for AuditPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
 }
 
 /// Which changes to list; every condition that is given holds.
@@ -142,13 +147,13 @@ pub(super) async fn list_audit(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<AuditQuery>,
-) -> Result<Json<AuditPage>, Problem> {
+) -> Result<Listed<AuditPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     let filter = query.filter(&identity)?;
     let mut changes = state.store.audit_page(&filter, before, limit + 1).await?;
     let next_cursor = cut_page(&mut changes, limit, |change| change.key.to_string());
-    Ok(Json(AuditPage {
+    Ok(Listed(AuditPage {
         items: changes.into_iter().map(AuditBody::from).collect(),
         next_cursor,
     }))

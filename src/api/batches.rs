@@ -15,7 +15,7 @@ use super::access::Identity;
 use super::batch_upload::{BatchUpload, extensions_schema};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems, ScanUploadProblems};
@@ -111,6 +111,12 @@ pub(super) struct BatchPage {
     /// Where the next part begins; null at the end.
     #[schema(required)]
     next_cursor: Option<String>,
+}
+
+impl Part for BatchPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
 }
 
 /// Which batches to list.
@@ -276,10 +282,6 @@ async fn store_upload(
     decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<(Journaled, BatchRecord), Problem> {
     let (route_id, id) = name;
-    state
-        .known_route(&route_id)
-        .await
-        .map_err(Problem::closing)?;
     let upload = receive(state, client, headers, body).await?;
     let received_at = Timestamp::now();
     let body_bytes = state.limits.body_bytes;
@@ -336,7 +338,6 @@ pub(super) async fn known_batch(
     route: &RouteId,
     id: &BatchId,
 ) -> Result<Json<BatchBody>, Problem> {
-    state.known_route(route).await?;
     let batch = state.store.batch(route, id).await?;
     let batch = batch.ok_or_else(|| Problem::not_found("batch"))?;
     let alerts = state.store.batch_alerts(route, id).await?;
@@ -371,7 +372,7 @@ pub(super) async fn list_batches(
     identity: Identity,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<BatchQuery>,
-) -> Result<Json<BatchPage>, Problem> {
+) -> Result<Listed<BatchPage>, Problem> {
     let ids = query.ids.as_deref().map(named_ids).transpose()?;
     let count = ids.as_ref().map(|ids| ids.len() as u32);
     let limit = checked_limit(query.limit.or(count))?;
@@ -379,10 +380,9 @@ pub(super) async fn list_batches(
     let vehicle_id = query.vehicle_id.map(VehicleId::new).transpose();
     let vehicle_id =
         vehicle_id.map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?;
-    state.known_route(&route_id).await?;
     let own = identity.own_vehicle().cloned();
     if own.is_some() && vehicle_id.is_some() && own != vehicle_id {
-        return Ok(Json(BatchPage {
+        return Ok(Listed(BatchPage {
             items: Vec::new(),
             next_cursor: None,
         }));
@@ -403,7 +403,7 @@ pub(super) async fn list_batches(
         let alerts = alerts.get(&batch.id).map_or(&[][..], Vec::as_slice);
         BatchBody::new(batch, alerts).map_err(Problem::internal)
     };
-    Ok(Json(BatchPage {
+    Ok(Listed(BatchPage {
         items: batches.into_iter().map(body).collect::<Result<_, _>>()?,
         next_cursor,
     }))

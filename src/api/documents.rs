@@ -18,9 +18,9 @@ const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'sel
 /// The browser of the vendored Swagger UI sets styles and draws its icons inline.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-const HTML: &str = "text/html; charset=utf-8";
+pub(super) const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
-const STYLE: &str = "text/css; charset=utf-8";
+pub(super) const STYLE: &str = "text/css; charset=utf-8";
 
 /// A file of the console: its path, its media type, its text.
 macro_rules! console {
@@ -96,7 +96,7 @@ pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
 }
 
 /// Serves a text that a browser keeps for as long as its digest is the same.
-fn file(media_type: &'static str, text: Bytes) -> MethodRouter<ApiState> {
+pub(super) fn file(media_type: &'static str, text: Bytes) -> MethodRouter<ApiState> {
     let tag = format!("W/\"{}\"", STANDARD.encode(Sha256::digest(&text)));
     get(move |request: HeaderMap| async move {
         let known = request.get(header::IF_NONE_MATCH);

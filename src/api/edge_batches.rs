@@ -90,7 +90,6 @@ struct EdgeUpload {
     #[schema(min_items = 6, max_items = 6)]
     information: Vec<f64>,
     /// What made it.
-    #[schema(inline)]
     kind: EdgeKind,
 }
 

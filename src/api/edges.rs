@@ -7,7 +7,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{EdgeParam, RouteParam};
 use super::problem::Problem;
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -79,6 +79,12 @@ pub(super) struct EdgePage {
     next_cursor: Option<String>,
 }
 
+impl Part for EdgePage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// Which edges to list.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -142,10 +148,9 @@ pub(super) async fn list_edges(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<EdgeQuery>,
-) -> Result<Json<EdgePage>, Problem> {
+) -> Result<Listed<EdgePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route_id).await?;
     let filter = EdgeFilter {
         kind: query.kind,
         status: query.status,
@@ -154,7 +159,7 @@ pub(super) async fn list_edges(
     let edges = state.store.edge_page(&route_id, filter, after, limit + 1);
     let mut edges = edges.await?;
     let next_cursor = cut_page(&mut edges, limit, |edge| edge.id.to_string());
-    Ok(Json(EdgePage {
+    Ok(Listed(EdgePage {
         items: edges.into_iter().map(EdgeBody::from).collect(),
         next_cursor,
     }))
@@ -173,7 +178,6 @@ pub(super) async fn get_edge(
     ApiPath((route_id, id)): ApiPath<(RouteId, EdgeId)>,
     _: NoQuery,
 ) -> Result<Json<EdgeBody>, Problem> {
-    state.known_route(&route_id).await?;
     let edge = state.store.edge(&route_id, id).await?;
     Ok(Json(edge.ok_or_else(|| Problem::not_found("edge"))?.into()))
 }

@@ -36,7 +36,11 @@ pub(super) struct GraphBody {
 #[into_params(parameter_in = Query)]
 pub(super) struct GraphQuery {
     /// `x0,y0,x1,y1` in the map frame, metres: only nodes within, and edges between them.
-    #[param(nullable = false, example = "-5,-5,20,15")]
+    #[param(
+        pattern = r"^-?[0-9]+(\.[0-9]+)?(,-?[0-9]+(\.[0-9]+)?){3}$",
+        nullable = false,
+        example = "-5,-5,20,15"
+    )]
     bbox: Option<String>,
 }
 
@@ -120,7 +124,6 @@ pub(super) async fn get_graph_g2o(
     ApiPath(route_id): ApiPath<RouteId>,
     _: NoQuery,
 ) -> Result<Response, Problem> {
-    state.known_route(&route_id).await?;
     let mut pieces = state.store.export_graph(&route_id, None).await?;
     let first = pieces.next().await?;
     Ok(export::send(first, pieces, GraphG2o))

@@ -12,12 +12,13 @@ use uuid::Uuid;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::KeyParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{
     AnyProblems, KeyCreationProblems, KeyProblems, KeyRevocationProblems,
 };
+use super::types::NameText;
 use super::upload::small_json;
 use crate::ids::{KeyId, RouteId, VehicleId};
 use crate::model::{Actor, Role, checked_holder};
@@ -27,7 +28,7 @@ const ROUTES_MAX: usize = 1_000;
 
 /// A key.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Key, example = json!({
+#[schema(as = AccessKey, example = json!({
     "id": "019aa000-0000-7000-8000-00000000a001", "name": "agv-07", "role": "vehicle",
     "vehicle_id": "agv-07", "routes": ["line-4"], "created_at": "2026-11-20T06:00:00Z",
     "created_by": "kim", "last_used_at": null, "expires_at": null, "revoked_at": null, "key": null
@@ -76,24 +77,34 @@ pub(super) struct KeyPage {
     next_cursor: Option<String>,
 }
 
+impl Part for KeyPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// A key to make.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"name": "agv-07", "role": "vehicle", "vehicle_id": "agv-07"}))]
 pub(super) struct KeyPost {
     /// Whose it is: a person or a machine. Several keys may have one name, so that they can be rotated.
-    #[schema(min_length = 1, max_length = 100)]
+    #[schema(
+        min_length = 1,
+        max_length = 100,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*$"
+    )]
     name: String,
     /// What its holder may do.
     role: Role,
     /// The one vehicle that it uploads for; with role `vehicle` alone.
-    #[schema(value_type = Option<String>, pattern = "^[A-Za-z0-9._-]{1,64}$", nullable = false)]
+    #[schema(value_type = Option<String>, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<VehicleId>,
     /// The routes that it is limited to; all if left out. Not with role `admin`.
-    #[schema(value_type = Option<Vec<String>>, min_items = 1, max_items = 1000, nullable = false)]
+    #[schema(value_type = Option<Vec<NameText>>, min_items = 1, max_items = 1000)]
     routes: Option<Vec<RouteId>>,
     /// From then on it is no key; never if left out.
-    #[schema(value_type = Option<String>, format = DateTime, nullable = false)]
+    #[schema(value_type = Option<String>, format = DateTime)]
     expires_at: Option<Timestamp>,
 }
 
@@ -162,12 +173,12 @@ impl KeyPost {
 pub(super) async fn list_keys(
     State(state): State<ApiState>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<KeyPage>, Problem> {
+) -> Result<Listed<KeyPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<KeyId> = key_of_cursor(query.cursor.as_deref())?;
     let mut keys = state.store.keys(after, limit + 1).await?;
     let next_cursor = cut_page(&mut keys, limit, |key| key.id.to_string());
-    Ok(Json(KeyPage {
+    Ok(Listed(KeyPage {
         items: keys.into_iter().map(KeyBody::from).collect(),
         next_cursor,
     }))

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use axum::body::HttpBody;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tracing::Instrument;
@@ -116,12 +116,14 @@ pub(super) async fn unknown_path() -> Problem {
     )
 }
 
-/// Methods that a path does not have; the router adds `Allow`.
-pub(super) async fn unknown_method() -> Problem {
-    Problem::new(
-        ProblemKind::MethodNotAllowed,
-        "this path has other methods: see Allow",
-    )
+/// Methods that a path does not have, and `OPTIONS`, which asks for those that it has; the router adds
+/// `Allow`. Pages of other origins are not let in, so that there is nothing else to say.
+pub(super) async fn unknown_method(method: Method) -> Response {
+    if method == Method::OPTIONS {
+        return StatusCode::NO_CONTENT.into_response();
+    }
+    let detail = "this path has other methods: see Allow";
+    Problem::new(ProblemKind::MethodNotAllowed, detail).into_response()
 }
 
 fn request_id(headers: &HeaderMap) -> String {
@@ -149,6 +151,7 @@ fn known_method(method: &Method) -> &'static str {
         Method::PATCH => "PATCH",
         Method::POST => "POST",
         Method::DELETE => "DELETE",
+        Method::OPTIONS => "OPTIONS",
         _ => "other",
     }
 }
@@ -191,7 +194,6 @@ fn chain(error: &(dyn std::error::Error + Send + Sync)) -> String {
 mod tests {
     use axum::Router;
     use axum::body::{Body, to_bytes};
-    use axum::http::StatusCode;
     use axum::middleware::from_fn;
     use axum::routing::get;
     use tower::ServiceExt;

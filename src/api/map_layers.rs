@@ -121,7 +121,6 @@ pub(super) async fn get_trajectory_layer(
 ) -> Result<Json<TrajectoryLayer>, Problem> {
     let asked = query.max_points.unwrap_or(POINTS);
     let points = within("max_points", asked, POINTS_MIN, POINTS_MAX)?;
-    state.known_route(&route_id).await?;
     let tracks = state.store.newest_tracks(&route_id, TRIPS_MAX).await?;
     let items = layer_of(&tracks, points);
     Ok(Json(TrajectoryLayer { items }))
@@ -141,7 +140,6 @@ pub(super) async fn get_residual_layer(
     ApiQuery(query): ApiQuery<ClosuresQuery>,
 ) -> Result<Json<ResidualLayer>, Problem> {
     let limit = within("limit", query.limit.unwrap_or(CLOSURES), 1, CLOSURES_MAX)?;
-    state.known_route(&route_id).await?;
     let closures = state.store.worst_closures(&route_id, limit).await?;
     let items = closures.into_iter().map(ClosureBody::from).collect();
     Ok(Json(ResidualLayer { items }))
@@ -160,7 +158,6 @@ pub(super) async fn get_keyframe_layer(
     ApiPath(route_id): ApiPath<RouteId>,
     _: NoQuery,
 ) -> Result<Json<KeyframeLayer>, Problem> {
-    state.known_route(&route_id).await?;
     let positions = state.store.reference_positions(&route_id).await?;
     let points = evenly(&positions, KEYFRAMES_MAX).map(rounded).collect();
     Ok(Json(KeyframeLayer { points }))

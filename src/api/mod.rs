@@ -20,6 +20,7 @@ mod filters;
 mod graph;
 mod if_match;
 mod keys;
+mod known_route;
 mod layers;
 mod limits;
 mod map_files;
@@ -34,6 +35,8 @@ mod operations;
 mod paging;
 mod parameters;
 pub mod problem;
+mod problem_kinds;
+mod problem_pages;
 mod problem_responses;
 mod quarantines;
 mod quota;
@@ -232,14 +235,18 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
     let rules = Arc::new(Rules::of(&document));
     let document = serde_json::to_vec(&document)?;
     let limited = |router: OpenApiRouter<ApiState>, weight| {
-        router.route_layer(from_fn_with_state((state.clone(), weight), reading::limit))
+        router
+            .route_layer(from_fn_with_state(state.clone(), known_route::require))
+            .route_layer(from_fn_with_state((state.clone(), weight), reading::limit))
     };
     let (router, _) = operations(limited).split_for_parts();
     Ok(router
         .route_layer(from_fn_with_state((state.clone(), rules), access::admit))
         .merge(documents::router(document.into(), words::script()?.into()))
+        .merge(problem_pages::router())
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
+        .layer(from_fn(paging::link_next))
         .layer(from_fn(traffic::name_answers))
         .layer(from_fn_with_state(state.clone(), access::check_origin))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))

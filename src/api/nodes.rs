@@ -10,7 +10,7 @@ use super::ApiState;
 use super::access::Identity;
 use super::batch_upload::BandBody;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{NodeParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -66,6 +66,12 @@ pub(super) struct NodePage {
     /// Where the next part begins; null at the end.
     #[schema(required)]
     next_cursor: Option<String>,
+}
+
+impl Part for NodePage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
 }
 
 /// A node's scan.
@@ -164,15 +170,14 @@ pub(super) async fn list_nodes(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<NodePage>, Problem> {
+) -> Result<Listed<NodePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route_id).await?;
     let after = after.map(NodeId);
     let nodes = state.store.node_page(&route_id, after, limit + 1);
     let mut nodes = nodes.await?;
     let next_cursor = cut_page(&mut nodes, limit, |node| node.id.to_string());
-    Ok(Json(NodePage {
+    Ok(Listed(NodePage {
         items: nodes.into_iter().map(NodeBody::from).collect(),
         next_cursor,
     }))
@@ -227,7 +232,6 @@ pub(super) async fn known_node(
     route_id: &RouteId,
     id: NodeId,
 ) -> Result<NodeRecord, Problem> {
-    state.known_route(route_id).await?;
     let node = state.store.node(route_id, id).await?;
     node.ok_or_else(|| Problem::not_found("node"))
 }

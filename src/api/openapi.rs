@@ -6,6 +6,7 @@ use serde_json::Value;
 use utoipa::OpenApi;
 
 use super::access::add_security;
+use super::paging::document_links;
 use super::problem::{FieldError, ProblemBody};
 use super::traffic::document_names;
 use super::webhooks::add_calls;
@@ -14,7 +15,7 @@ use super::webhooks::add_calls;
 #[openapi(
     info(
         title = "mapshift",
-        description = "Tells the keepers of a map where the world has changed.\n\nVehicles upload batches of 2D lidar scans, the service keeps one pose graph per route and watches its residuals. Metres, radians, seconds; x forward, y left, counter-clockwise (REP-103); times in UTC (RFC 3339). Errors are problem details (RFC 9457).",
+        description = "Tells the keepers of a map where the world has changed.\n\nVehicles upload batches of 2D lidar scans, the service keeps one pose graph per route and watches its residuals. Metres, radians, seconds; x forward, y left, counter-clockwise (REP-103); times in UTC (RFC 3339). Errors are problem details (RFC 9457); the `type` of each leads to a page that explains it, and `/problems` lists them. A list is read in parts: `next_cursor`, and the header `Link`, lead to the next one.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0")
     ),
     servers((url = "/", description = "This service")),
@@ -45,7 +46,23 @@ pub(super) fn complete(document: &utoipa::openapi::OpenApi) -> Result<Value, ser
     add_calls(&mut document);
     add_security(&mut document);
     document_names(&mut document);
+    document_links(&mut document);
+    document_bodies(&mut document);
     Ok(document)
+}
+
+/// Says that a body of which no field is required may be left out: no body counts as `{}`.
+fn document_bodies(document: &mut Value) {
+    let schemas = document["components"]["schemas"].clone();
+    let items = document["paths"].as_object_mut().into_iter().flatten();
+    let operations = items.flat_map(|(_, item)| item.as_object_mut().into_iter().flatten());
+    for (_, operation) in operations {
+        let reference = &operation["requestBody"]["content"]["application/json"]["schema"]["$ref"];
+        let name = reference.as_str().and_then(|r| r.rsplit('/').next());
+        if name.is_some_and(|name| schemas[name].get("required").is_none()) {
+            operation["requestBody"]["required"] = Value::Bool(false);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,13 @@
-//! Lists in parts: a limit and an opaque cursor.
+//! Lists in parts: a limit, an opaque cursor, and a link to the next part. What of it is the same for every
+//! list is added to the OpenAPI document here.
+
+use axum::extract::Request;
+use axum::http::{HeaderValue, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::problem::Problem;
 
@@ -52,6 +61,70 @@ pub(super) fn cut_page<T>(
     items.last().map(|last| cursor_after(&key(last)))
 }
 
+/// A part of a list, as it is answered.
+pub(super) trait Part: Serialize {
+    /// Where the next part begins.
+    fn next_cursor(&self) -> Option<&str>;
+}
+
+/// The answer with a part of a list: JSON, with a link to the next part in the header.
+pub(super) struct Listed<T>(pub T);
+
+impl<T: Part> IntoResponse for Listed<T> {
+    fn into_response(self) -> Response {
+        let next = NextCursor(self.0.next_cursor().map(ToOwned::to_owned));
+        (Extension(next), Json(self.0)).into_response()
+    }
+}
+
+/// Where the next part of an answered list begins: for [`link_next`].
+#[derive(Debug, Clone)]
+pub(super) struct NextCursor(pub Option<String>);
+
+/// Adds the link to the next part of a list (RFC 8288), which only the layer can write that knows the
+/// request's address.
+pub(super) async fn link_next(request: Request, next: Next) -> Response {
+    let uri = request.uri().clone();
+    let mut response = next.run(request).await;
+    if let Some(NextCursor(Some(cursor))) = response.extensions_mut().remove()
+        && let Ok(link) = HeaderValue::from_str(&link_to(&uri, &cursor))
+    {
+        response.headers_mut().insert(header::LINK, link);
+    }
+    response
+}
+
+/// The same address with another cursor; everything else of the query stays.
+fn link_to(uri: &Uri, cursor: &str) -> String {
+    let query = uri.query().unwrap_or_default().split('&');
+    let mut kept: Vec<&str> = query
+        .filter(|pair| !pair.is_empty() && !pair.starts_with("cursor="))
+        .collect();
+    let cursor = format!("cursor={cursor}");
+    kept.push(&cursor);
+    format!("<{}?{}>; rel=\"next\"", uri.path(), kept.join("&"))
+}
+
+/// Says in the document what cursors look like, and that every list links to its next part.
+pub(super) fn document_links(document: &mut Value) {
+    let items = document["paths"].as_object_mut().into_iter().flatten();
+    for operation in items.filter_map(|(_, item)| item.get_mut("get")) {
+        let parameters = operation.get_mut("parameters");
+        let mut parameters = parameters
+            .and_then(Value::as_array_mut)
+            .into_iter()
+            .flatten();
+        let Some(cursor) = parameters.find(|parameter| parameter["name"] == "cursor") else {
+            continue;
+        };
+        cursor["schema"]["pattern"] = json!("^([0-9a-f]{2})+$");
+        operation["responses"]["200"]["headers"]["Link"] = json!({
+            "description": "`<…>; rel=\"next\"`: the next part, with the query's other parameters (RFC 8288); absent at the end",
+            "schema": {"type": "string"},
+        });
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,6 +147,19 @@ mod tests {
         let cursor = cut_page(&mut items, 2, i32::to_string).unwrap();
         assert_eq!(items, [1, 2]);
         assert_eq!(key_of_cursor::<i32>(Some(&cursor)).unwrap(), Some(2));
+    }
+
+    #[test]
+    fn a_link_keeps_the_rest_of_the_query() {
+        for (uri, link) in [
+            ("/v1/routes", "</v1/routes?cursor=61>; rel=\"next\""),
+            (
+                "/v1/a?cursor=62&status=open&since=2026-11-20T06%3A00%3A00Z&limit=2",
+                "</v1/a?status=open&since=2026-11-20T06%3A00%3A00Z&limit=2&cursor=61>; rel=\"next\"",
+            ),
+        ] {
+            assert_eq!(link_to(&uri.parse().unwrap(), "61"), link);
+        }
     }
 
     #[test]

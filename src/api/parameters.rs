@@ -64,6 +64,7 @@ pub(super) struct EdgeParam {
 #[into_params(parameter_in = Path)]
 pub(super) struct VersionParam {
     /// A version of the map: a number, as the list of versions has it
+    #[param(minimum = 1)]
     version: i64,
 }
 
@@ -137,7 +138,11 @@ pub(super) struct RecordingHeaders {
 #[into_params(parameter_in = Header)]
 pub(super) struct UploadHeaders {
     /// `gzip`, `zstd` or `identity`
-    #[param(rename = "Content-Encoding", nullable = false)]
+    #[param(
+        rename = "Content-Encoding",
+        nullable = false,
+        pattern = "^(gzip|zstd|identity)$"
+    )]
     content_encoding: Option<String>,
     /// `sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)
     #[param(rename = "Content-Digest", nullable = false)]

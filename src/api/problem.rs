@@ -9,88 +9,10 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+pub use super::problem_kinds::ProblemKind;
 use crate::ingest::batch_json::{BatchBodyError, BatchProblem};
 use crate::ingest::json::{JsonError, JsonMistake};
 use crate::store::StoreError;
-
-macro_rules! problem_kinds {
-    ($($(#[$doc:meta])* $kind:ident = $status:ident, $name:literal, $title:literal;)*) => {
-        /// The stable kinds of problem: each has its `type`, status and title.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        #[allow(missing_docs)]
-        pub enum ProblemKind { $($(#[$doc])* $kind,)* }
-
-        impl ProblemKind {
-            /// All kinds.
-            pub const ALL: &[Self] = &[$(Self::$kind,)*];
-
-            /// The last part of the `type` URI.
-            pub fn name(self) -> &'static str {
-                match self { $(Self::$kind => $name,)* }
-            }
-
-            /// The HTTP status.
-            pub fn status(self) -> StatusCode {
-                match self { $(Self::$kind => StatusCode::$status,)* }
-            }
-
-            /// The same for every occurrence.
-            pub fn title(self) -> &'static str {
-                match self { $(Self::$kind => $title,)* }
-            }
-        }
-    };
-}
-
-problem_kinds! {
-    MalformedJson = BAD_REQUEST, "malformed-json", "The body is not the JSON that is expected";
-    InvalidField = BAD_REQUEST, "invalid-field", "A field is missing or has the wrong form";
-    InvalidParameter = BAD_REQUEST, "invalid-parameter", "A query parameter is not usable";
-    BadEncoding = BAD_REQUEST, "bad-encoding", "The body does not decompress";
-    DigestMismatch = BAD_REQUEST, "digest-mismatch", "The body is not what its digest says";
-    BadRequest = BAD_REQUEST, "bad-request", "The request is not usable";
-    Unauthenticated = UNAUTHORIZED, "unauthenticated", "The request does not say who sends it";
-    Forbidden = FORBIDDEN, "forbidden", "Whoever sends this may not do it";
-    ForeignOrigin = FORBIDDEN, "foreign-origin", "Another page asks for this";
-    UnknownRoute = NOT_FOUND, "unknown-route", "There is no such route";
-    NotFound = NOT_FOUND, "not-found", "There is nothing here";
-    MethodNotAllowed = METHOD_NOT_ALLOWED, "method-not-allowed", "This method is not possible here";
-    BodyTimeout = REQUEST_TIMEOUT, "request-timeout", "The request took too long to arrive";
-    TripTaken = CONFLICT, "trip-taken", "The trip has batches already";
-    BatchIdReused = CONFLICT, "batch-id-reused", "The batch id is taken by other bytes";
-    FirstKey = CONFLICT, "first-key", "The first key is an administrator's";
-    DetectorFixed = CONFLICT, "detector-fixed", "A route that has batches keeps its detector";
-    TransitionNotAllowed = CONFLICT, "transition-not-allowed", "The alert's status does not allow this";
-    RetryRefused = CONFLICT, "retry-refused", "The batch cannot be tried again";
-    VersionState = CONFLICT, "version-state", "The version's state does not allow this";
-    NoGeoAnchor = CONFLICT, "no-geo-anchor", "The map's place on the Earth is not known";
-    TooManyWebhooks = CONFLICT, "too-many-webhooks", "There are as many webhooks as there can be";
-    TooManyZones = CONFLICT, "too-many-zones", "The route has as many zones as it can have";
-    WebhookDisabled = CONFLICT, "webhook-disabled", "The webhook is not active";
-    PreconditionFailed = PRECONDITION_FAILED, "precondition-failed", "It has changed since it was read";
-    PreconditionRequired = PRECONDITION_REQUIRED, "precondition-required", "Say which revision the decision is about";
-    TooLarge = PAYLOAD_TOO_LARGE, "too-large", "The request is too large";
-    UriTooLong = URI_TOO_LONG, "uri-too-long", "The address of the request is too long";
-    UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body has a type that is not taken here";
-    UnsupportedEncoding = UNSUPPORTED_MEDIA_TYPE, "unsupported-encoding", "The body is encoded in a way that is not taken";
-    ScanGeometry = UNPROCESSABLE_ENTITY, "scan-geometry", "The scans fit no lidar";
-    EdgeGraph = UNPROCESSABLE_ENTITY, "edge-graph", "The nodes and edges make no graph";
-    OutOfRange = UNPROCESSABLE_ENTITY, "out-of-range", "A value is beyond belief";
-    TimestampOrder = UNPROCESSABLE_ENTITY, "timestamp-order", "The stamps do not increase";
-    Recording = UNPROCESSABLE_ENTITY, "recording", "The recording cannot be used";
-    RecordingTopics = UNPROCESSABLE_ENTITY, "recording-topics", "The recording has other topics";
-    WebhookUrlRefused = UNPROCESSABLE_ENTITY, "webhook-url-refused", "Webhooks are not sent to this URL";
-    ForeignHost = MISDIRECTED_REQUEST, "foreign-host", "The request is meant for another host";
-    TooManySignIns = TOO_MANY_REQUESTS, "too-many-sign-ins", "This address has failed to sign in too often";
-    TooManyRequests = TOO_MANY_REQUESTS, "too-many-requests", "This address has its share under way";
-    HeadersTooLarge = REQUEST_HEADER_FIELDS_TOO_LARGE, "headers-too-large", "The request's headers are too large";
-    Internal = INTERNAL_SERVER_ERROR, "internal", "The service made a mistake";
-    Corrupt = INTERNAL_SERVER_ERROR, "corrupt", "Something stored is not what was written";
-    Overloaded = SERVICE_UNAVAILABLE, "overloaded", "The service has too much to do";
-    ShuttingDown = SERVICE_UNAVAILABLE, "shutting-down", "The service is shutting down";
-    NotReady = SERVICE_UNAVAILABLE, "not-ready", "The service is not ready";
-    DiskFull = INSUFFICIENT_STORAGE, "disk-full", "The disk is full";
-}
 
 /// One faulty place in a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
@@ -107,9 +29,10 @@ pub struct FieldError {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = Problem)]
 pub struct ProblemBody {
-    /// Stable kind of the problem, relative to the service.
+    /// Stable kind of the problem: a reference relative to the service, where it leads to a page that
+    /// explains it.
     #[serde(rename = "type")]
-    #[schema(example = "/problems/scan-geometry")]
+    #[schema(example = "/problems/scan-geometry", format = "uri-reference")]
     pub kind: String,
     /// The kind in words.
     pub title: String,

@@ -26,7 +26,7 @@ use crate::store::Quarantine;
 #[schema(example = json!({"note": "its mount is loose"}))]
 pub(super) struct QuarantinePost {
     /// Why, for people: stands among the vehicle's reasons, and as the `reason` of its batches.
-    #[schema(max_length = 2000)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
 

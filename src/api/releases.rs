@@ -27,7 +27,7 @@ use crate::store::VersionRelease;
 #[schema(example = json!({"note": "after the move of aisle 4"}))]
 pub(super) struct ReleasePost {
     /// Why, for people.
-    #[schema(max_length = 2000)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
 
@@ -52,7 +52,6 @@ pub(super) async fn release_version(
 ) -> Result<Json<VersionBody>, Problem> {
     let post: ReleasePost = small_json(&state, &headers, body).await?;
     let note = checked_note(post.note)?;
-    state.known_route(&route_id).await?;
     let order = ReleaseOrder {
         route_id,
         version,

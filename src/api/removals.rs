@@ -15,6 +15,7 @@ use super::operation::{OperationBody, taken_on};
 use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::RemovalProblems;
+use super::types::NameText;
 use super::upload::small_json;
 use crate::ids::{BatchId, RouteId, TripId, VehicleId};
 use crate::model::Actor;
@@ -28,13 +29,13 @@ const NAMES_MAX: usize = 1_000;
 #[schema(example = json!({"trips": ["agv-07-0931"], "note": "its lidar was loose"}))]
 pub(super) struct RemovalPost {
     /// Batches by their ids.
-    #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<String>>)]
+    #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<NameText>>)]
     batches: Option<Vec<BatchId>>,
     /// Everything of some trips.
-    #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<String>>)]
+    #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<NameText>>)]
     trips: Option<Vec<TripId>>,
     /// Everything that a vehicle sent …
-    #[schema(value_type = Option<String>)]
+    #[schema(value_type = Option<String>, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<VehicleId>,
     /// … and that came in at this time or later; only with `vehicle_id`.
     #[schema(value_type = Option<String>, format = DateTime)]
@@ -44,7 +45,7 @@ pub(super) struct RemovalPost {
     /// Delete the bytes of the uploads too, for good; false if left out.
     erase: Option<bool>,
     /// Why, for people: stands as the `reason` of the batches.
-    #[schema(max_length = 2000)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
 

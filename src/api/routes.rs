@@ -13,7 +13,7 @@ use super::ApiState;
 use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{
@@ -117,7 +117,7 @@ struct GeoAnchorBody {
 #[serde(deny_unknown_fields)]
 pub(super) struct RoutePut {
     /// For people, up to 200 characters.
-    #[schema(max_length = 200)]
+    #[schema(max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*$")]
     display_name: Option<String>,
     /// Where the map lies on the Earth.
     geo_anchor: Option<GeoAnchorBody>,
@@ -152,6 +152,12 @@ pub(super) struct RoutePage {
     /// Where the next part begins; null at the end.
     #[schema(required)]
     next_cursor: Option<String>,
+}
+
+impl Part for RoutePage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
 }
 
 impl From<RouteRecord> for RouteBody {
@@ -363,7 +369,7 @@ pub(super) async fn list_routes(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<RoutePage>, Problem> {
+) -> Result<Listed<RoutePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<RouteId> = key_of_cursor(query.cursor.as_deref())?;
     let (store, after) = (&state.store, after.as_ref());
@@ -372,7 +378,7 @@ pub(super) async fn list_routes(
         Some(own) => store.routes_among(own, after, limit + 1).await?,
     };
     let next_cursor = cut_page(&mut routes, limit, |route| route.id.to_string());
-    Ok(Json(RoutePage {
+    Ok(Listed(RoutePage {
         items: routes.into_iter().map(RouteBody::from).collect(),
         next_cursor,
     }))

@@ -1,13 +1,12 @@
 //! The detachable sub-graphs of a route: blocks that hold loop closures.
 
-use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::RouteParam;
 use super::problem::Problem;
 use super::problem_responses::RouteProblems;
@@ -55,6 +54,12 @@ pub(super) struct SubgraphPage {
     next_cursor: Option<String>,
 }
 
+impl Part for SubgraphPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List a route's sub-graphs.
 ///
 /// Each can be solved on its own and has its own F, f, σ² and threshold.
@@ -67,7 +72,7 @@ pub(super) async fn list_subgraphs(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<SubgraphPage>, Problem> {
+) -> Result<Listed<SubgraphPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     let route = state.known_route(&route_id).await?;
@@ -85,7 +90,7 @@ pub(super) async fn list_subgraphs(
     });
     let mut items = page.await?;
     let next_cursor = cut_page(&mut items, limit, |item| item.id.to_string());
-    Ok(Json(SubgraphPage { items, next_cursor }))
+    Ok(Listed(SubgraphPage { items, next_cursor }))
 }
 
 impl SubgraphBody {

@@ -1,6 +1,5 @@
 //! The trips of a route.
 
-use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::Serialize;
@@ -8,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::RouteParam;
 use super::problem::Problem;
 use super::problem_responses::RouteProblems;
@@ -73,6 +72,12 @@ pub(super) struct TripPage {
     next_cursor: Option<String>,
 }
 
+impl Part for TripPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List a route's trips.
 ///
 /// Whose they are, what they brought, and whether they are in the map.
@@ -85,13 +90,12 @@ pub(super) async fn list_trips(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<TripPage>, Problem> {
+) -> Result<Listed<TripPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<TripId> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route_id).await?;
     let page = state.store.trip_page(&route_id, after.as_ref(), limit + 1);
     let mut trips = page.await?;
     let next_cursor = cut_page(&mut trips, limit, |trip| trip.id.to_string());
     let items = trips.into_iter().map(TripBody::from).collect();
-    Ok(Json(TripPage { items, next_cursor }))
+    Ok(Listed(TripPage { items, next_cursor }))
 }

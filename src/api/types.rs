@@ -23,6 +23,12 @@ pub(super) struct PoseBody {
     pub theta: f64,
 }
 
+/// A name that a client has chosen, as lists of names in the OpenAPI document have it.
+#[derive(ToSchema)]
+#[schema(as = Name, value_type = String, pattern = "^[A-Za-z0-9._-]{1,64}$")]
+#[allow(dead_code)]
+pub(super) struct NameText(String);
+
 impl From<Pose2> for PoseBody {
     fn from(pose: Pose2) -> Self {
         Self {

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{RouteParam, VehicleParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -189,6 +189,12 @@ pub(super) struct VehiclePage {
     next_cursor: Option<String>,
 }
 
+impl Part for VehiclePage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List the vehicles of a route.
 ///
 /// All that ever sent a batch, by name, in parts.
@@ -201,16 +207,15 @@ pub(super) async fn list_vehicles(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<VehiclePage>, Problem> {
+) -> Result<Listed<VehiclePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<VehicleId> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route_id).await?;
     let read = state
         .store
         .vehicle_page(&route_id, after.as_ref(), limit + 1);
     let mut vehicles = read.await?;
     let next_cursor = cut_page(&mut vehicles, limit, |vehicle| vehicle.id.to_string());
-    Ok(Json(VehiclePage {
+    Ok(Listed(VehiclePage {
         items: vehicles.into_iter().map(VehicleBody::from).collect(),
         next_cursor,
     }))
@@ -239,7 +244,6 @@ pub(super) async fn known_vehicle(
     route: &RouteId,
     vehicle: &VehicleId,
 ) -> Result<Json<VehicleBody>, Problem> {
-    state.known_route(route).await?;
     let known = state.store.vehicle(route, vehicle).await?;
     let known = known.ok_or_else(|| {
         let detail = format!("route {route} has no batch of a vehicle {vehicle}");

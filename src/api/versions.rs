@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{RouteParam, VersionParam};
 use super::problem::Problem;
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -98,6 +98,12 @@ pub(super) struct VersionPage {
     next_cursor: Option<String>,
 }
 
+impl Part for VersionPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List the versions of a route's map.
 ///
 /// A version begins when a change of the world is accepted, when that is undone, or when the one before
@@ -111,10 +117,9 @@ pub(super) async fn list_versions(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<VersionPage>, Problem> {
+) -> Result<Listed<VersionPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route_id).await?;
     let after = after.unwrap_or_default();
     let mut records = state
         .store
@@ -122,7 +127,7 @@ pub(super) async fn list_versions(
         .await?;
     let next_cursor = cut_page(&mut records, limit, |record| record.version.to_string());
     let items = records.into_iter().map(VersionBody::from).collect();
-    Ok(Json(VersionPage { items, next_cursor }))
+    Ok(Listed(VersionPage { items, next_cursor }))
 }
 
 /// Read a version of a route's map.
@@ -148,7 +153,6 @@ pub(super) async fn known_version(
     route_id: &RouteId,
     version: i64,
 ) -> Result<MapVersionRecord, Problem> {
-    state.known_route(route_id).await?;
     let record = state.store.map_version(route_id, version).await?;
     record.ok_or_else(|| Problem::not_found("version of the map"))
 }

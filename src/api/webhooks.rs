@@ -20,7 +20,7 @@ use super::ApiState;
 use super::access::Identity;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::WebhookParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AnyProblems, WebhookDeletionProblems, WebhookProblems};
@@ -47,6 +47,12 @@ pub(super) struct WebhookPage {
     next_cursor: Option<String>,
 }
 
+impl Part for WebhookPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 /// List webhooks.
 ///
 /// All of them, the oldest first, in parts; of a key that is limited to routes, those of these alone.
@@ -58,7 +64,7 @@ pub(super) async fn list_webhooks(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<WebhookPage>, Problem> {
+) -> Result<Listed<WebhookPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<WebhookId> = key_of_cursor(query.cursor.as_deref())?;
     let mut webhooks = match &identity.routes {
@@ -66,7 +72,7 @@ pub(super) async fn list_webhooks(
         Some(own) => state.store.webhooks_among(own, after, limit + 1).await?,
     };
     let next_cursor = cut_page(&mut webhooks, limit, |webhook| webhook.id.to_string());
-    Ok(Json(WebhookPage {
+    Ok(Listed(WebhookPage {
         items: webhooks.into_iter().map(WebhookBody::from).collect(),
         next_cursor,
     }))

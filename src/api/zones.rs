@@ -8,13 +8,14 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 use uuid::Uuid;
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use super::if_match::if_match;
 use super::note::checked_note;
-use super::paging::{checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use super::parameters::{IfZoneMatches, RouteParam, ZoneParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{
@@ -38,7 +39,7 @@ const AREA_MIN_M2: f64 = 0.01;
 #[schema(as = ZoneEdit, example = json!({"polygon": [[4.0, 1.0], [9.0, 1.0], [9.0, 5.0], [4.0, 5.0]], "purpose": "mute", "kinds": ["appeared"], "until": "2026-11-20T14:00:00Z", "note": "pallets until the shift ends"}))]
 pub(super) struct ZonePut {
     /// Corners x, y of a simple polygon in the map frame, metres, not closed; at least 0.01 m² large.
-    #[schema(value_type = Vec<Vec<f64>>, min_items = 3, max_items = 100)]
+    #[schema(schema_with = polygon)]
     polygon: Vec<[f64; 2]>,
     /// What it does.
     purpose: ZonePurpose,
@@ -49,7 +50,7 @@ pub(super) struct ZonePut {
     #[schema(value_type = Option<String>, format = DateTime)]
     until: Option<Timestamp>,
     /// Why, for people.
-    #[schema(max_length = 2000)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
 
@@ -63,7 +64,7 @@ pub(super) struct ZoneBody {
     /// The route.
     route_id: String,
     /// Corners x, y, map frame, metres, not closed.
-    #[schema(value_type = Vec<Vec<f64>>)]
+    #[schema(schema_with = polygon)]
     polygon: Vec<[f64; 2]>,
     /// What it does.
     purpose: ZonePurpose,
@@ -99,6 +100,12 @@ pub(super) struct ZonePage {
     next_cursor: Option<String>,
 }
 
+impl Part for ZonePage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 impl From<ZoneRecord> for ZoneBody {
     fn from(zone: ZoneRecord) -> Self {
         let edit = zone.edit;
@@ -117,6 +124,20 @@ impl From<ZoneRecord> for ZoneBody {
             updated_at: zone.updated_at,
         }
     }
+}
+
+/// The schema of a polygon: so many corners, each an x and a y.
+fn polygon() -> Array {
+    let number = ObjectBuilder::new().schema_type(Type::Number);
+    let corner = ArrayBuilder::new()
+        .items(number)
+        .min_items(Some(2))
+        .max_items(Some(2));
+    ArrayBuilder::new()
+        .items(corner)
+        .min_items(Some(3))
+        .max_items(Some(CORNERS_MAX))
+        .build()
 }
 
 impl ZonePut {
@@ -178,13 +199,12 @@ pub(super) async fn list_zones(
     State(state): State<ApiState>,
     ApiPath(route): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<ZonePage>, Problem> {
+) -> Result<Listed<ZonePage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<ZoneId> = key_of_cursor(query.cursor.as_deref())?;
-    state.known_route(&route).await?;
     let mut zones = state.store.zones(&route, after, limit + 1).await?;
     let next_cursor = cut_page(&mut zones, limit, |zone| zone.id.to_string());
-    Ok(Json(ZonePage {
+    Ok(Listed(ZonePage {
         items: zones.into_iter().map(ZoneBody::from).collect(),
         next_cursor,
     }))
@@ -308,7 +328,6 @@ async fn edit_zone(
 }
 
 async fn known_zone(state: &ApiState, route: &RouteId, id: ZoneId) -> Result<ZoneRecord, Problem> {
-    state.known_route(route).await?;
     let zone = state.store.zone(route, id).await?;
     zone.ok_or_else(|| Problem::not_found("zone"))
 }

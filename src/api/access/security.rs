@@ -20,6 +20,13 @@ pub(in crate::api) fn add_security(document: &mut Value) {
             "description": "A session of a browser, as `POST /v1/session` begins it. Changes also need an `Origin` of the service.",
         },
     });
+    // Calls of the service to others are signed, and bring nothing that shows who calls.
+    let calls = document["webhooks"].as_object_mut().into_iter().flatten();
+    for (_, item) in calls {
+        for (_, call) in item.as_object_mut().into_iter().flatten() {
+            call["security"] = json!([]);
+        }
+    }
     let items = document["paths"].as_object_mut().into_iter().flatten();
     for (_, item) in items {
         for (_, operation) in item.as_object_mut().into_iter().flatten() {

@@ -41,7 +41,11 @@ pub(in crate::api) struct DecisionsPost {
     #[schema(min_items = 1, max_items = 200)]
     decisions: Vec<DecisionPost>,
     /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in.
-    #[schema(min_length = 1, max_length = 100, nullable = false)]
+    #[schema(
+        min_length = 1,
+        max_length = 100,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*$"
+    )]
     by: Option<String>,
 }
 
@@ -59,10 +63,9 @@ struct DecisionPost {
     #[schema(value_type = String)]
     if_match: IfMatch,
     /// Why, for people.
-    #[schema(max_length = 2000, nullable = false)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
     /// Why it is dismissed; with `dismiss` alone.
-    #[schema(nullable = false)]
     reason: Option<DismissReason>,
 }
 

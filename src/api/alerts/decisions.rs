@@ -34,14 +34,17 @@ const UNNAMED: &str = "anonymous";
 #[schema(example = json!({"note": "new rack, as planned", "by": "J. Kovács"}))]
 pub(in crate::api) struct AlertDecision {
     /// Why, for people.
-    #[schema(max_length = 2000)]
+    #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
     /// Why it is dismissed; with `dismiss` alone.
-    #[schema(nullable = false)]
     reason: Option<DismissReason>,
     /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in: their
     /// own name stands in the history.
-    #[schema(min_length = 1, max_length = 100)]
+    #[schema(
+        min_length = 1,
+        max_length = 100,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*$"
+    )]
     by: Option<String>,
 }
 

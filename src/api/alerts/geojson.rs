@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -18,6 +19,7 @@ use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
 use crate::api::access::Identity;
 use crate::api::extract::{ApiQuery, PageQuery};
+use crate::api::paging::NextCursor;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::AlertMapProblems;
 use crate::api::types::timestamp;
@@ -158,11 +160,12 @@ pub(in crate::api) async fn list_alerts_geojson(
     let collection = FeatureCollection {
         kind: "FeatureCollection",
         features,
-        next_cursor,
+        next_cursor: next_cursor.clone(),
     };
     let document = serde_json::to_vec(&collection).map_err(Problem::internal)?;
     let media_type = [(header::CONTENT_TYPE, "application/geo+json")];
-    Ok((media_type, document).into_response())
+    let next = Extension(NextCursor(next_cursor));
+    Ok((media_type, next, document).into_response())
 }
 
 fn plane_of(route: &RouteRecord) -> Option<TangentPlane> {

@@ -14,7 +14,7 @@ use super::{AlertBody, known_alert, unknown_alert, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
 use crate::api::note::checked_note;
-use crate::api::paging::{checked_limit, cut_page, key_of_cursor};
+use crate::api::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use crate::api::parameters::AlertParam;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::{AlertProblems, HandlingProblems};
@@ -30,7 +30,12 @@ use crate::store::CommentRecord;
 pub(in crate::api) struct AlertAssignee {
     /// A name of 1 to 100 characters; null if nobody does.
     #[serde(deserialize_with = "Option::deserialize")]
-    #[schema(required, min_length = 1, max_length = 100)]
+    #[schema(
+        required,
+        min_length = 1,
+        max_length = 100,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*$"
+    )]
     assignee: Option<String>,
 }
 
@@ -40,10 +45,18 @@ pub(in crate::api) struct AlertAssignee {
 #[schema(example = json!({"text": "the forklift driver knows about it", "by": "kim"}))]
 pub(in crate::api) struct CommentPost {
     /// What, 1 to 2,000 characters.
-    #[schema(min_length = 1, max_length = 2000)]
+    #[schema(
+        min_length = 1,
+        max_length = 2000,
+        pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$"
+    )]
     text: String,
     /// Who writes it; `anonymous` if left out.
-    #[schema(min_length = 1, max_length = 100, nullable = false)]
+    #[schema(
+        min_length = 1,
+        max_length = 100,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*$"
+    )]
     by: Option<String>,
 }
 
@@ -71,6 +84,12 @@ pub(in crate::api) struct CommentPage {
     /// Where the next part begins; null at the end.
     #[schema(required)]
     next_cursor: Option<String>,
+}
+
+impl Part for CommentPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
 }
 
 impl From<CommentRecord> for CommentBody {
@@ -152,14 +171,14 @@ pub(in crate::api) async fn list_alert_comments(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<CommentPage>, Problem> {
+) -> Result<Listed<CommentPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     known_alert(&state, id).await?;
     let after = after.unwrap_or(0);
     let mut comments = state.store.alert_comments(id, after, limit + 1).await?;
     let next_cursor = cut_page(&mut comments, limit, |comment| comment.key.to_string());
-    Ok(Json(CommentPage {
+    Ok(Listed(CommentPage {
         items: comments.into_iter().map(CommentBody::from).collect(),
         next_cursor,
     }))

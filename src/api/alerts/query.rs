@@ -30,7 +30,11 @@ pub(in crate::api) struct AlertQuery {
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
     /// `x0,y0,x1,y1` in the map frame, metres: only located within.
-    #[param(nullable = false, example = "-5,-5,20,15")]
+    #[param(
+        pattern = r"^-?[0-9]+(\.[0-9]+)?(,-?[0-9]+(\.[0-9]+)?){3}$",
+        nullable = false,
+        example = "-5,-5,20,15"
+    )]
     bbox: Option<String>,
     /// Only at least this confident.
     #[param(minimum = 0, maximum = 1, nullable = false)]

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::{known_webhook, unknown_webhook};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use crate::api::paging::{checked_limit, cut_page, key_of_cursor};
+use crate::api::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
 use crate::api::parameters::WebhookParam;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::{WebhookProblems, WebhookTestProblems};
@@ -76,6 +76,12 @@ pub(in crate::api) struct DeliveryPage {
     next_cursor: Option<String>,
 }
 
+impl Part for DeliveryPage {
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+}
+
 impl From<DeliveryRecord> for DeliveryBody {
     fn from(delivery: DeliveryRecord) -> Self {
         let (last_status_code, last_failure) = match delivery.last_end {
@@ -124,13 +130,13 @@ pub(in crate::api) async fn list_deliveries(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<WebhookId>,
     ApiQuery(query): ApiQuery<PageQuery>,
-) -> Result<Json<DeliveryPage>, Problem> {
+) -> Result<Listed<DeliveryPage>, Problem> {
     let limit = checked_limit(query.limit)?;
     let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
     known_webhook(&state, id).await?;
     let mut deliveries = state.store.deliveries(id, before, limit + 1).await?;
     let next_cursor = cut_page(&mut deliveries, limit, |delivery| delivery.key.to_string());
-    Ok(Json(DeliveryPage {
+    Ok(Listed(DeliveryPage {
         items: deliveries.into_iter().map(DeliveryBody::from).collect(),
         next_cursor,
     }))

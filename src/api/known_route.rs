@@ -1,0 +1,47 @@
+//! What belongs to a route that is not there is answered with 404, before query, headers and body are
+//! checked: the order is the same everywhere.
+
+use std::str::FromStr;
+
+use axum::body::HttpBody;
+use axum::extract::{FromRequestParts, MatchedPath, RawPathParams, Request, State};
+use axum::http::Method;
+use axum::http::request::Parts;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::ApiState;
+use super::problem::Problem;
+use crate::ids::RouteId;
+
+/// Where a PUT makes the route.
+const ROUTE: &str = "/v1/routes/{route}";
+
+/// Refuses requests below a route that does not exist. The connection is closed where a body was not read.
+pub(super) async fn require(
+    State(state): State<ApiState>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let (mut parts, body) = request.into_parts();
+    match check(&state, &mut parts).await {
+        Ok(()) => next.run(Request::from_parts(parts, body)).await,
+        Err(problem) if body.is_end_stream() => problem.into_response(),
+        Err(problem) => problem.closing().into_response(),
+    }
+}
+
+/// A name that is none is the handler's to refuse.
+async fn check(state: &ApiState, parts: &mut Parts) -> Result<(), Problem> {
+    let matched = parts.extensions.get::<MatchedPath>();
+    if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str() == ROUTE) {
+        return Ok(());
+    }
+    let params = RawPathParams::from_request_parts(parts, state).await;
+    let params = params.map_err(Problem::internal)?;
+    let named = params.iter().find(|(name, _)| *name == "route");
+    match named.and_then(|(_, text)| RouteId::from_str(text).ok()) {
+        Some(route) => state.known_route(&route).await.map(drop),
+        None => Ok(()),
+    }
+}
