@@ -58,8 +58,7 @@ def all_nodes(client: AuthenticatedClient) -> list[int]:
         cursor = page.next_cursor
 
 
-def main(url: str, key: str) -> None:
-    client = AuthenticatedClient(base_url=url, token=key)
+def story(client: AuthenticatedClient) -> None:
     made = put_route.sync_detailed(ROUTE, client=client, body=RoutePut(display_name="Python"))
     assert made.status_code == HTTPStatus.CREATED, made
     assert expect(Route, made.parsed).id == ROUTE
@@ -94,4 +93,5 @@ def main(url: str, key: str) -> None:
     print(f"{len(graph.nodes)} nodes, {len(graph.edges)} edges")
 
 
-main(sys.argv[1], sys.argv[2])
+with AuthenticatedClient(base_url=sys.argv[1], token=sys.argv[2]) as client:
+    story(client)
