@@ -1,8 +1,8 @@
 //! What handlers take from a request, with every refusal a [`Problem`].
 
 use axum::extract::path::ErrorKind;
-use axum::extract::rejection::PathRejection;
-use axum::extract::{FromRequestParts, Path, Query};
+use axum::extract::rejection::{PathRejection, RawPathParamsRejection};
+use axum::extract::{FromRequestParts, Path, Query, RawPathParams};
 use axum::http::request::Parts;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -39,6 +39,24 @@ where
         let detail = format!("a part of the path is not usable: {detail}");
         Err(Problem::new(ProblemKind::InvalidField, detail))
     }
+}
+
+/// The parts of the path as they were sent, decoded.
+///
+/// # Errors
+/// 400 for what is not UTF-8.
+pub(super) async fn raw_path<S: Send + Sync>(
+    parts: &mut Parts,
+    state: &S,
+) -> Result<RawPathParams, Problem> {
+    let params = RawPathParams::from_request_parts(parts, state).await;
+    params.map_err(|rejection| match rejection {
+        RawPathParamsRejection::InvalidUtf8InPathParam(_) => {
+            let detail = "a part of the path is not usable: it is not UTF-8";
+            Problem::new(ProblemKind::InvalidField, detail)
+        }
+        other => Problem::internal(other),
+    })
 }
 
 /// The query's parameters: unknown and repeated ones are refused.

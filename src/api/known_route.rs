@@ -4,13 +4,14 @@
 use std::str::FromStr;
 
 use axum::body::HttpBody;
-use axum::extract::{FromRequestParts, MatchedPath, RawPathParams, Request, State};
+use axum::extract::{MatchedPath, Request, State};
 use axum::http::Method;
 use axum::http::request::Parts;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::ApiState;
+use super::extract::raw_path;
 use super::problem::Problem;
 use crate::ids::RouteId;
 
@@ -37,8 +38,7 @@ async fn check(state: &ApiState, parts: &mut Parts) -> Result<(), Problem> {
     if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str() == ROUTE) {
         return Ok(());
     }
-    let params = RawPathParams::from_request_parts(parts, state).await;
-    let params = params.map_err(Problem::internal)?;
+    let params = raw_path(parts, state).await?;
     let named = params.iter().find(|(name, _)| *name == "route");
     match named.and_then(|(_, text)| RouteId::from_str(text).ok()) {
         Some(route) => state.known_route(&route).await.map(drop),

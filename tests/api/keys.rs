@@ -282,6 +282,11 @@ async fn lists_show_what_is_of_the_key_s_routes() {
     );
     let alert = get(&service, &format!("/v1/alerts/{APPEARED}"), &hall).await;
     assert_eq!(alert.json()["status"], "open");
+    let no_text = get(&service, "/v1/routes/%ff", &yard).await;
+    assert_eq!(
+        (no_text.status, no_text.problem().as_str()),
+        (400, "invalid-field")
+    );
     service.stop().await;
 }
 

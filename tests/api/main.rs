@@ -18,6 +18,7 @@ mod bad_webhook_requests;
 mod body;
 mod changed_hall;
 mod client;
+mod contract;
 mod crowds;
 mod edge_batches;
 mod foreign_heads;

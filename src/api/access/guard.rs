@@ -6,7 +6,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use axum::body::HttpBody;
-use axum::extract::{FromRequestParts, MatchedPath, RawPathParams, Request, State};
+use axum::extract::{MatchedPath, RawPathParams, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
@@ -16,6 +16,7 @@ use serde_json::Value;
 use super::authenticate::{authenticate, unauthenticated};
 use super::identity::Identity;
 use super::operations::{About, Needs, needs_of};
+use crate::api::extract::raw_path;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::{ApiState, alerts, operation, webhooks};
 use crate::ids::RouteId;
@@ -142,8 +143,7 @@ async fn check_sees(
     about: About,
     parts: &mut Parts,
 ) -> Result<(), Problem> {
-    let params = RawPathParams::from_request_parts(parts, state).await;
-    let params = params.map_err(Problem::internal)?;
+    let params = raw_path(parts, state).await?;
     let route = match about {
         About::Several => return Ok(()),
         About::Service => {
