@@ -91,17 +91,6 @@ fn read(args: &Args, path: &Path) -> anyhow::Result<Content> {
     })
 }
 
-/// Makes the route unless it is there, once there is something to send.
-async fn ensure_route(gateway: &Gateway, args: &Args, tally: &mut Tally) -> anyhow::Result<()> {
-    if !tally.has_route {
-        if gateway.ensure_route(&args.route, None).await? {
-            say(&format!("route {} was made", args.route));
-        }
-        tally.has_route = true;
-    }
-    Ok(())
-}
-
 /// How the route stands; `None` for whoever may only upload to it.
 async fn readable_route(
     gateway: &Gateway,

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::Context;
 
 use super::args::Args;
-use super::ensure_route;
 use super::tally::{Tally, advice};
 use crate::cli::progress::{Progress, say};
 use crate::cli::recording;
@@ -72,7 +71,7 @@ pub(super) async fn upload(
     tally: &mut Tally,
 ) -> anyhow::Result<()> {
     trip.about.iter().for_each(|line| say(line));
-    ensure_route(gateway, args, tally).await?;
+    tally.ensure_route(gateway, &args.route).await?;
     let mut left: usize = trip.batches.iter().map(|(_, scans)| scans).sum();
     let progress = Progress::new(left as u64, "scans");
     let gateway = gateway.notifying(progress.speaker());

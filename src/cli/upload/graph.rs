@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use super::args::Args;
-use super::ensure_route;
 use super::tally::{Tally, advice};
 use crate::cli::progress::{Progress, say};
 use crate::client::GraphParts;
@@ -32,7 +31,7 @@ pub(super) async fn upload(
     ));
     let parts = GraphParts::of(graph, args.batch_nodes.into())?;
     let trip = args.trip_of(path)?;
-    ensure_route(gateway, args, tally).await?;
+    tally.ensure_route(gateway, &args.route).await?;
     let progress = Progress::new(graph.nodes().len() as u64, "nodes");
     let gateway = gateway.notifying(progress.speaker());
     for part in parts.encode(&args.vehicle, &trip) {

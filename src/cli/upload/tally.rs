@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use crate::client::GatewayError;
-use crate::ids::BatchId;
+use crate::cli::progress::say;
+use crate::client::{Gateway, GatewayError};
+use crate::ids::{BatchId, RouteId};
 
 /// Counts, and what was refused.
 #[derive(Debug)]
@@ -32,6 +33,24 @@ impl Tally {
             replayed: 0,
             failures: Vec::new(),
         }
+    }
+
+    /// Makes the route unless it is there, once there is something to send.
+    ///
+    /// # Errors
+    /// If the service cannot be reached, or refuses to make the route.
+    pub(super) async fn ensure_route(
+        &mut self,
+        gateway: &Gateway,
+        route: &RouteId,
+    ) -> Result<(), GatewayError> {
+        if !self.has_route {
+            if gateway.ensure_route(route, None).await? {
+                say(&format!("route {route} was made"));
+            }
+            self.has_route = true;
+        }
+        Ok(())
     }
 
     /// What was stored, for people.
