@@ -106,7 +106,7 @@ pub(super) async fn get_alert(
 ///
 /// # Errors
 /// If it does not serialise.
-pub(super) fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
+pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
     serde_json::to_string(&AlertBody::from(alert))
 }
 

@@ -148,10 +148,7 @@ pub(super) struct BatchQuery {
 impl BatchBody {
     /// # Errors
     /// If what the store has as extensions is no JSON.
-    pub(super) fn new(
-        batch: BatchRecord,
-        alerts: &[AlertId],
-    ) -> Result<Self, serde_json::Error> {
+    pub(super) fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, serde_json::Error> {
         let extensions = batch.extensions.map(RawValue::from_string).transpose()?;
         Ok(Self {
             id: batch.id.to_string(),
@@ -212,10 +209,7 @@ pub(super) async fn put_batch(
                 scans: batch.scans.len() as i64,
             },
             flags: batch.flags,
-            out_of_range: Some(OutOfRange {
-                above_range_max: batch.ranges.above_range_max as i64,
-                below_range_min: batch.ranges.below_range_min as i64,
-            }),
+            out_of_range: Some(out_of_range(&batch.ranges)),
             extensions: batch.extensions,
             route_id,
             id,
@@ -343,6 +337,14 @@ pub(super) async fn known_batch(
     let alerts = state.store.batch_alerts(route, id).await?;
     let batch = BatchBody::new(batch, &alerts).map_err(Problem::internal)?;
     Ok(Json(batch))
+}
+
+/// How many readings of a batch count as something else than a measurement.
+pub(super) fn out_of_range(ranges: &batch_json::RangeCounts) -> OutOfRange {
+    OutOfRange {
+        above_range_max: ranges.above_range_max as i64,
+        below_range_min: ranges.below_range_min as i64,
+    }
 }
 
 /// The batches that a list is asked for by id.

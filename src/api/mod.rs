@@ -81,6 +81,7 @@ pub use access::{
     AccessOptions, GroupRole, InvalidGroupRole, InvalidNetwork, InvalidUrl, Network, PublicUrl,
     TrustedProxies,
 };
+pub use alerts::alert_text;
 pub use client_address::{ClientAddress, PeerAddress};
 pub use limits::{Limits, Pace, Reads};
 pub use quota::Quota;

@@ -14,7 +14,7 @@ use utoipa::IntoParams;
 
 use super::ApiState;
 use super::access::Identity;
-use super::batches::{BatchBody, upload_answer};
+use super::batches::{BatchBody, out_of_range, upload_answer};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery};
 use super::maps::Binary;
@@ -269,6 +269,7 @@ impl About {
     fn batch(&self, written: WrittenBatch, received_at: Timestamp) -> Result<NewBatch, Problem> {
         // As the worker will read it: what it would refuse is refused now.
         let batch = batch_json::decode(&written.json, received_at)?;
+        batch.ranges.check_units()?;
         let id = BatchId::new(format!("{}.{:04}", self.id, written.sequence));
         Ok(NewBatch {
             route_id: self.route_id.clone(),
@@ -280,6 +281,8 @@ impl About {
                 scans: batch.scans.len() as i64,
             },
             flags: batch.flags,
+            out_of_range: Some(out_of_range(&batch.ranges)),
+            extensions: None,
             body: written.json,
             received_at,
         })
