@@ -56,7 +56,7 @@ def problem(error: ApiException) -> Problem:
 def main(url: str, key: str) -> None:
     client = ApiClient(Configuration(host=url, access_token=key))
     routes, batches, graphs = RoutesApi(client), BatchesApi(client), GraphApi(client)
-    made = routes.put_route_with_http_info(ROUTE, RoutePut(display_name="Python"))
+    made = routes.put_route_with_http_info(ROUTE, route_put=RoutePut(display_name="Python"))
     assert (made.status_code, made.data.id) == (201, ROUTE), made
 
     first = BatchUpload.model_validate(batch(0))
