@@ -33,3 +33,10 @@ SELECT route_key, vehicle_id, 'quarantined' FROM vehicle_quarantines;
 INSERT OR IGNORE INTO vehicle_states (route_key, vehicle_id, state)
 SELECT route_key, value, 'suspect' FROM alerts, json_each(alerts.vehicles)
 WHERE kind = 'vehicle_suspect' AND status IN ('open', 'acknowledged');
+-- Three of a vehicle's newest ten batches were kept out.
+INSERT OR IGNORE INTO vehicle_states (route_key, vehicle_id, state)
+SELECT route_key, vehicle_id, 'suspect' FROM (
+    SELECT route_key, vehicle_id, status,
+        row_number() OVER (PARTITION BY route_key, vehicle_id ORDER BY batch_key DESC) AS newness
+    FROM batches WHERE status IN ('merged', 'unanchored', 'quarantined')
+) WHERE newness <= 10 AND status = 'quarantined' GROUP BY route_key, vehicle_id HAVING count(*) >= 3;

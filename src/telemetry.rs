@@ -147,12 +147,12 @@ pub const METRICS: &[Metric] = &[
     gauge("mapshift_disk_free_bytes", "Bytes that are free on the disk of the data directory").in_bytes(),
     gauge(
         "mapshift_disk_growth_bytes_per_day",
-        "Growth of what the database holds, over the last week or since the start; NaN in the first hour",
+        "Growth of what the database holds, over the last week or since the start; NaN on the first day",
     )
     .in_bytes(),
     gauge(
         "mapshift_disk_full_in_days",
-        "Days until the disk is full at that growth; +Inf without growth, NaN in the first hour",
+        "Days until the disk is full at that growth; +Inf without growth, NaN on the first day",
     ),
     counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted when their time was over"),
     counter("mapshift_bodies_deleted_bytes_total", "Length of those bodies, compressed").in_bytes(),

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Forwards mapshift's webhooks to Slack, Microsoft Teams and e-mail. Needs nothing but Python 3.9.
 
-An event is answered with 204 once every channel has taken it, and with 503 while one has not: mapshift
-then sends it again, and only the channels that have not taken it yet are tried again. What was forwarded
-is remembered by `webhook-id` in a small database, so that a repetition is not posted twice.
+An event is answered with 204 once every channel has taken it, else with 503 (500 after an error of this
+program): mapshift then sends it again, and only the channels that have not taken it are tried again. What
+was forwarded is remembered by `webhook-id` in a small database, so that a repetition is not posted twice.
 
 Configured by the environment; docs/how-to/notify-a-chat.md explains it.
 """
@@ -12,19 +12,20 @@ import base64
 import binascii
 import hashlib
 import hmac
+import http.client
 import json
 import os
 import smtplib
 import sqlite3
+import ssl
 import sys
 import threading
 import time
-import urllib.request
 from email.message import EmailMessage
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urlsplit
+from urllib.request import HTTPRedirectHandler, Request, build_opener
 
-PREFIX = "MAPSHIFT_NOTIFY_"
 AGE_MAX_S = 300
 BODY_MAX = 4 << 20
 # Within the 15 s that mapshift waits for an answer.
@@ -130,10 +131,15 @@ def mail(note, message_id, sender, recipients):
     return message
 
 
+class NoRedirects(HTTPRedirectHandler):
+    """Followed, a redirect would be a GET without the payload: it is an error."""
+    redirect_request = lambda *_: None
+
+
 def post(url, payload):
     """Posts JSON; an exception unless the answer is 2xx."""
     data, headers = json.dumps(payload).encode(), {"content-type": "application/json"}
-    with urllib.request.urlopen(urllib.request.Request(url, data, headers), timeout=CHANNEL_TIMEOUT_S):
+    with build_opener(NoRedirects).open(Request(url, data, headers), timeout=CHANNEL_TIMEOUT_S):
         pass
 
 
@@ -141,15 +147,15 @@ class Settings:
     """What the environment says."""
 
     def __init__(self, environment):
-        get = lambda name, default="": environment.get(PREFIX + name, default)
-        host, _, port = get("LISTEN", "127.0.0.1:8090").rpartition(":")
+        get = lambda name, default="": environment.get(name, default)
+        host, _, port = get("MAPSHIFT_NOTIFY_LISTEN", "127.0.0.1:8090").rpartition(":")
         self.listen = (host.strip("[]"), int(port))
-        self.secrets = get("SECRETS").split()
-        self.state = get("STATE", "mapshift-notify.db")
-        self.slack_url, self.teams_url = get("SLACK_URL"), get("TEAMS_URL")
-        self.smtp, self.smtp_security = get("SMTP"), get("SMTP_SECURITY", "starttls")
-        self.smtp_user, self.smtp_password = get("SMTP_USER"), get("SMTP_PASSWORD")
-        self.mail_from, self.mail_to = get("MAIL_FROM"), get("MAIL_TO").split()
+        self.secrets = get("MAPSHIFT_NOTIFY_SECRETS").split()
+        self.state = get("MAPSHIFT_NOTIFY_STATE", "mapshift-notify.db")
+        self.slack_url, self.teams_url = get("MAPSHIFT_NOTIFY_SLACK_URL"), get("MAPSHIFT_NOTIFY_TEAMS_URL")
+        self.smtp, self.smtp_security = get("MAPSHIFT_NOTIFY_SMTP"), get("MAPSHIFT_NOTIFY_SMTP_SECURITY", "starttls")
+        self.smtp_user, self.smtp_password = get("MAPSHIFT_NOTIFY_SMTP_USER"), get("MAPSHIFT_NOTIFY_SMTP_PASSWORD")
+        self.mail_from, self.mail_to = get("MAPSHIFT_NOTIFY_MAIL_FROM"), get("MAPSHIFT_NOTIFY_MAIL_TO").split()
         channels = {"slack": self.slack_url, "teams": self.teams_url, "mail": self.smtp}
         self.channels = [name for name, target in channels.items() if target]
         self.check()
@@ -157,17 +163,17 @@ class Settings:
     def check(self):
         """Exits with what is missing."""
         if not self.secrets:
-            sys.exit(f"{PREFIX}SECRETS is missing: the secret (whsec_…) of the webhook")
+            sys.exit("MAPSHIFT_NOTIFY_SECRETS is missing: the secret (whsec_…) of the webhook")
         try:
             [base64.b64decode(secret.removeprefix("whsec_"), validate=True) for secret in self.secrets]
         except binascii.Error:
-            sys.exit(f"{PREFIX}SECRETS holds something that is no secret (whsec_ and base64)")
+            sys.exit("MAPSHIFT_NOTIFY_SECRETS holds something that is no secret (whsec_ and base64)")
         if not self.channels:
-            sys.exit(f"nowhere to send to: set {PREFIX}SLACK_URL, {PREFIX}TEAMS_URL or {PREFIX}SMTP")
+            sys.exit("nowhere to send to: set MAPSHIFT_NOTIFY_SLACK_URL, MAPSHIFT_NOTIFY_TEAMS_URL or MAPSHIFT_NOTIFY_SMTP")
         if self.smtp and not (self.mail_from and self.mail_to):
-            sys.exit(f"{PREFIX}SMTP needs {PREFIX}MAIL_FROM and {PREFIX}MAIL_TO")
+            sys.exit("MAPSHIFT_NOTIFY_SMTP needs MAPSHIFT_NOTIFY_MAIL_FROM and MAPSHIFT_NOTIFY_MAIL_TO")
         if self.smtp_security not in ("starttls", "tls", "none"):
-            sys.exit(f"{PREFIX}SMTP_SECURITY is starttls, tls or none")
+            sys.exit("MAPSHIFT_NOTIFY_SMTP_SECURITY is starttls, tls or none")
 
     def send(self, channel, note, message_id):
         """Sends to one channel; an exception unless it took the message."""
@@ -176,10 +182,11 @@ class Settings:
         if channel == "teams":
             return post(self.teams_url, teams(note))
         host, _, port = self.smtp.partition(":")
-        client = smtplib.SMTP_SSL if self.smtp_security == "tls" else smtplib.SMTP
-        with client(host, int(port or 0), timeout=CHANNEL_TIMEOUT_S) as server:
+        tls, context = self.smtp_security == "tls", {"context": ssl.create_default_context()}
+        client, more = (smtplib.SMTP_SSL, context) if tls else (smtplib.SMTP, {})
+        with client(host, int(port or 0), timeout=CHANNEL_TIMEOUT_S, **more) as server:
             if self.smtp_security == "starttls":
-                server.starttls()
+                server.starttls(**context)
             if self.smtp_user:
                 server.login(self.smtp_user, self.smtp_password)
             server.send_message(mail(note, message_id, self.mail_from, self.mail_to))
@@ -204,12 +211,12 @@ class Forwarder:
             for channel in [name for name in self.settings.channels if name not in taken]:
                 try:
                     self.settings.send(channel, note, message_id)
-                except (OSError, smtplib.SMTPException) as error:
-                    # The URL, which is a secret, stays out of the log.
-                    print(f"{channel} did not take {message_id}: {error}", file=sys.stderr, flush=True)
-                    failed.append(channel)
-                else:
                     self.database.execute("INSERT INTO taken VALUES (?, ?, ?)", (message_id, channel, time.time()))
+                except (OSError, smtplib.SMTPException, http.client.HTTPException) as error:
+                    # The URL, which is a secret, stays out of the log.
+                    reason = type(error).__name__ if isinstance(error, http.client.HTTPException) else error
+                    print(f"{channel} did not take {message_id}: {reason}", file=sys.stderr, flush=True)
+                    failed.append(channel)
         return failed
 
 
@@ -219,26 +226,28 @@ def server(settings):
 
     class Handler(BaseHTTPRequestHandler):
         timeout = 10
+        log_message = lambda *_: None
 
         def do_POST(self):
             length = self.headers.get("content-length", "")
             if not length.isdecimal() or int(length) > BODY_MAX:
                 return self.answer(413)
             body = self.rfile.read(int(length))
+            status, text = 500, ""
             try:
                 message_id = verify(self.headers, body, settings.secrets, time.time())
+                status = 503 if forwarder.forward(message_id, json.loads(body)) else 204
             except Refused as refusal:
-                return self.answer(401, str(refusal))
-            self.answer(503 if forwarder.forward(message_id, json.loads(body)) else 204)
+                status, text = 401, str(refusal)
+            except Exception as error:
+                print(f"an event was not forwarded: {type(error).__name__}", file=sys.stderr, flush=True)
+            self.answer(status, text)
 
         def answer(self, status, text=""):
             self.send_response(status)
             self.send_header("content-length", str(len(text)))
             self.end_headers()
             self.wfile.write(text.encode())
-
-        def log_message(self, *_):
-            pass
 
     return ThreadingHTTPServer(settings.listen, Handler)
 

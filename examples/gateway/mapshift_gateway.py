@@ -5,7 +5,7 @@ docs/how-to/write-a-gateway.md has the rules. Python 3.10 or newer, standard lib
 from __future__ import annotations
 
 import calendar
-import contextlib
+import math
 import secrets
 import threading
 import time
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, NamedTuple, Optional, Sequence
 
-from mapshift_odometry import Odometry, RecentOdometry
+from mapshift_odometry import Odometry, RecentOdometry, is_step_back
 from mapshift_spool import Spool
 from mapshift_uploader import Uploader
 
@@ -52,12 +52,15 @@ class Gateway:
         self._odometry = RecentOdometry()
         self._waiting: list[Scan] = []
         self._shapes: dict[str, tuple[dict[str, Any], int]] = {}  # geometry and number of beams, by lidar
-        self._stamps: dict[str, int] = {}
+        self._stamps: dict[str, int] = {}  # of the last scan that was written, by lidar
+        self._given: dict[str, int] = {}  # of the newest scan that was given, by lidar
         self._scans, self._begun_s, self._paused_until_s = 0, 0.0, 0.0
         self._trip, self._sequence, self._last = "", 0, Odometry(0, 0.0, 0.0, 0.0)
         self._spool = Spool(settings.spool, settings.spool_bytes_max, log)
-        with contextlib.suppress(KeyError, TypeError, ValueError):  # damaged by a power cut: another trip begins
+        try:
             self._resume()
+        except (OSError, LookupError, TypeError, ValueError) as error:  # damaged by a power cut
+            log(f"the last batch cannot be read, another trip begins: {error!r}")
         batches = f"{settings.url.rstrip('/')}/v1/routes/{settings.route}/batches"
         self._uploader = Uploader(batches, settings.spool, settings.timeout_s, settings.first_wait_s, log, on_stored)
 
@@ -70,6 +73,10 @@ class Gateway:
 
     def on_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         with self._lock:
+            if not is_finite([x, y, theta]):
+                return self._log(f"the odometry of {stamp_ns * 1e-9:.3f} s is left out: it is not finite")
+            if is_step_back(self._odometry.newest_ns(), stamp_ns):
+                self._begin_anew(stamp_ns)
             self._odometry.add(Odometry(stamp_ns, x, y, theta))
             self._take_waiting()
             if time.monotonic() - self._begun_s > self._settings.seconds_per_batch:
@@ -77,6 +84,11 @@ class Gateway:
 
     def on_scan(self, stamp_ns: int, geometry: dict[str, Any], ranges: Ranges, lidar: str = "") -> None:
         with self._lock:
+            if not is_finite([geometry, ranges]):
+                return self._log(f"the scan of {stamp_ns * 1e-9:.3f} s is left out: its numbers are not all finite")
+            if is_step_back(self._given.get(lidar, 0), stamp_ns):
+                self._begin_anew(stamp_ns)
+            self._given[lidar] = max(stamp_ns, self._given.get(lidar, 0))
             self._waiting.append(Scan(stamp_ns, lidar, geometry, ranges))
             self._take_waiting()
 
@@ -91,6 +103,16 @@ class Gateway:
         self.complete_batch()
         self._spool.close()
         self._uploader.stop()
+
+    def _begin_anew(self, stamp_ns: int) -> None:
+        """Time went back: what waits is of the time before, and what comes is not compared with that."""
+        self._take_waiting(everything=True)
+        self._end_trip("time went back: a new trip begins")
+        if is_step_back(self._odometry.newest_ns(), stamp_ns):
+            self._odometry.clear()
+        self._stamps.clear()
+        self._given.clear()
+        self._last = Odometry(0, 0.0, 0.0, 0.0)
 
     def _take_waiting(self, everything: bool = False) -> None:
         newest_ns = max((scan.stamp_ns for scan in self._waiting), default=0)
@@ -142,7 +164,7 @@ class Gateway:
         lidars = {"lidars": several} if names else {"lidar": self._shapes[""][0]}
         head = {"vehicle_id": self._settings.vehicle, "trip_id": self._trip, "sequence": self._sequence, **lidars}
         if not self._spool.begin(f"{self._trip}-{self._sequence:06}", head):
-            self._pause("the spool is full")
+            self._pause("the spool is full, or has a batch of that name")
             return False
         self._sequence, self._scans, self._begun_s = self._sequence + 1, 0, time.monotonic()
         return True
@@ -156,6 +178,15 @@ class Gateway:
         self._log(why)
         self._spool.end()
         self._trip = ""
+
+
+def is_finite(value: Any) -> bool:
+    """Whether JSON can state it: it has neither NaN nor infinity."""
+    if isinstance(value, dict):
+        return all(map(is_finite, value.values()))
+    if isinstance(value, (list, tuple)):
+        return all(map(is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def stamp_of(text: str) -> int:

@@ -6,6 +6,7 @@ from collections import deque
 from typing import NamedTuple, Optional
 
 AGE_MAX_NS = 200_000_000  # a scan without odometry after it takes what is no older than this
+STEP_NS = 1_000_000_000  # time that goes back by more is that of another clock; by less, a message came late or twice
 GAP_MAX_S = 30.0
 SPEED_MAX_M_PER_S = 5.0
 TURN_MAX_RAD_PER_S = 4.0
@@ -31,14 +32,23 @@ class Odometry(NamedTuple):  # the pose of the base in the odometry frame
         return Odometry(stamp_ns, x, y, self.theta + part * math.remainder(after.theta - self.theta, math.tau))
 
 
+def is_step_back(newest_ns: int, stamp_ns: int) -> bool:
+    """Whether the clock was set back, or a simulation or a recording begins again."""
+    return stamp_ns < newest_ns - STEP_NS
+
+
 class RecentOdometry:
     def __init__(self) -> None:
         self._poses: deque[Odometry] = deque(maxlen=500)
 
     def add(self, odometry: Odometry) -> None:
-        if odometry.stamp_ns <= self.newest_ns():
-            self._poses.clear()  # time went back: a simulation or a recording begins again
-        self._poses.append(odometry)
+        if is_step_back(self.newest_ns(), odometry.stamp_ns):
+            self.clear()
+        if not self._poses or odometry.stamp_ns > self.newest_ns():
+            self._poses.append(odometry)
+
+    def clear(self) -> None:
+        self._poses.clear()
 
     def newest_ns(self) -> int:
         return self._poses[-1].stamp_ns if self._poses else 0

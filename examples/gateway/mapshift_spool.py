@@ -29,30 +29,42 @@ class Spool:
         self._thread.start()
 
     def last(self) -> Optional[tuple[dict[str, Any], dict[str, Any]]]:
-        """Head and last scan of the newest batch, by which a trip goes on after a restart."""
+        """Head and last scan of the newest batch, by which a trip goes on after a restart.
+
+        Raises if it is damaged: an older one does not say which sequences were given since.
+        """
         kept = [*self._directory.glob("*.scans"), *self._refused.glob("*.scans")]
         newest = [max(kept, key=lambda file: file.name)] if kept else []
+        stored = [file for file in [self._directory / "last-stored"] if file.exists()]
         found = []
-        for batch in [self._directory / "last-stored", *newest]:
-            with contextlib.suppress(OSError, ValueError, IndexError):  # none yet, or damaged by a power cut
-                lines = batch.read_bytes().split(b"\n")
-                found.append((json.loads(lines[0]), json.loads(lines[-2])))
+        for batch in [*stored, *newest]:
+            lines = batch.read_bytes().split(b"\n")
+            found.append((json.loads(lines[0]), json.loads(lines[-2])))
         return max(found, key=lambda pair: (pair[0]["trip_id"], pair[0]["sequence"]), default=None)
 
     def begin(self, name: str, head: dict[str, Any]) -> bool:
-        """Begins a batch, unless there is no room for it."""
-        if not self._make_room():
+        """Begins a batch, unless there is no room for it or its name is taken."""
+        line = encoded(head)  # first: a batch without its head would not be taken
+        if self._has(name) or not self._make_room():
             return False
         self._file = open(self._directory / f"{name}.open", "wb")
-        self.write(head)
+        self._write(line)
         return True
+
+    def _has(self, name: str) -> bool:
+        """Whether a batch of this name is being collected, waits or was refused: another would take its place."""
+        complete = [self._directory / f"{name}.scans", self._refused / f"{name}.scans"]
+        return any(file.exists() for file in [self._directory / f"{name}.open", *complete])
 
     def is_open(self) -> bool:
         return self._file is not None
 
     def write(self, line: dict[str, Any]) -> None:
+        self._write(encoded(line))
+
+    def _write(self, line: bytes) -> None:
         assert self._file
-        self._file.write(json.dumps(line, separators=(",", ":"), allow_nan=False).encode() + b"\n")
+        self._file.write(line)
         self._file.flush()  # to the kernel, not to the disk: that would take too long here
 
     def end(self) -> None:
@@ -94,6 +106,10 @@ class Spool:
                 size -= size_of(file)
                 file.unlink()
         return size <= self._bytes_max
+
+
+def encoded(line: dict[str, Any]) -> bytes:
+    return json.dumps(line, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
 def size_of(file: Path) -> int:

@@ -35,7 +35,8 @@ class Answer(NamedTuple):
 
 def body_of(batch: Path) -> bytes:
     """The upload. Nothing is read as JSON and written anew, so a repeat has the same bytes, also after an update."""
-    head, *scans = batch.read_bytes().split(b"\n")[:-1]  # what follows the last line feed was not written to its end
+    lines = batch.read_bytes().split(b"\n")[:-1]  # what follows the last line feed was not written to its end
+    head, *scans = lines or [b""]  # of a damaged file, which the service refuses
     return head[:-1] + b',"scans":[' + b",".join(scans) + b"]}"
 
 
@@ -44,7 +45,7 @@ def put(url: str, body: bytes, timeout_s: float) -> Answer:
     compressed = gzip.compress(body, mtime=0)
     digest = base64.b64encode(hashlib.sha256(compressed).digest()).decode()
     headers = {"Content-Type": "application/json", "Content-Encoding": "gzip", "Content-Digest": f"sha-256=:{digest}:"}
-    if key := os.environ.get("MAPSHIFT_KEY"):
+    if key := os.environ.get("MAPSHIFT_KEY", "").strip():
         headers["Authorization"] = f"Bearer {key}"
     address = urllib.parse.urlsplit(url)
     kind = http.client.HTTPSConnection if address.scheme == "https" else http.client.HTTPConnection
@@ -89,7 +90,7 @@ class Uploader:
                 continue
             try:
                 answer = self._attempt(batch)
-            except OSError as error:  # of the spool: a full disk, a lost mount
+            except Exception as error:  # a full disk, a lost mount, what cannot be foreseen: the thread goes on
                 answer = Answer(0, repr(error))
             if answer.is_stored() or answer.is_refusal():
                 failures = 0

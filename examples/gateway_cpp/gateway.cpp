@@ -54,27 +54,41 @@ std::string digits(std::int64_t number, int width) {
     return text;
 }
 
+/// Whether the clock was set back, or a simulation or a recording begins again. By less than a second, a message came
+/// late or twice.
+bool is_step_back(std::int64_t newest_ns, std::int64_t stamp_ns) { return stamp_ns < newest_ns - 1'000'000'000; }
+
+/// Whether JSON can state it: it has neither NaN nor infinity.
+bool is_finite(const json &value) {
+    if (value.is_structured()) return std::all_of(value.begin(), value.end(), is_finite);
+    return !value.is_number_float() || std::isfinite(value.get<double>());
+}
+
 class Gateway {
   public:
     explicit Gateway(const Settings &settings)
         : settings_(settings), spool_(settings.spool, settings.spool_bytes_max) {
-        for (const auto &batch : spool_.last()) resume(batch);
+        resume();
         const std::string url = settings.url + "/v1/routes/" + settings.route + "/batches";
         uploader_.emplace(url, settings.spool, settings.timeout_s, settings.first_wait_s);
     }
 
     void on_odometry(const Odometry &odometry) {
         std::lock_guard lock(mutex_);
-        const bool went_back = !odometry_.empty() && odometry.stamp_ns <= odometry_.back().stamp_ns;
-        if (went_back) odometry_.clear();  // a simulation or a recording begins again
-        odometry_.push_back(odometry);
+        if (!is_finite({odometry.x, odometry.y, odometry.theta})) return leave_out("odometry", odometry.stamp_ns);
+        if (!odometry_.empty() && is_step_back(odometry_.back().stamp_ns, odometry.stamp_ns))
+            begin_anew(odometry.stamp_ns);
+        if (odometry_.empty() || odometry.stamp_ns > odometry_.back().stamp_ns) odometry_.push_back(odometry);
         if (odometry_.size() > 500) odometry_.pop_front();
-        take_waiting(odometry.stamp_ns);
+        take_waiting(odometry_.back().stamp_ns);
         if (Clock::now() - begun_ > Seconds(settings_.seconds_per_batch)) spool_.end();
     }
 
     void on_scan(const Scan &scan) {
         std::lock_guard lock(mutex_);
+        if (!is_finite(scan.lidar) || !is_finite(scan.ranges)) return leave_out("scan", scan.stamp_ns);
+        if (is_step_back(given_ns_, scan.stamp_ns)) begin_anew(scan.stamp_ns);
+        given_ns_ = std::max(given_ns_, scan.stamp_ns);
         waiting_.push_back(scan);
         take_waiting(std::max(scan.stamp_ns - WAIT_NS, odometry_.empty() ? 0 : odometry_.back().stamp_ns));
     }
@@ -93,12 +107,22 @@ class Gateway {
     static constexpr std::int64_t AGE_MAX_NS = 200'000'000;  // … and then takes what is no older than this
     static constexpr Seconds PAUSE{10};
 
+    /// Goes on with the newest trip, unless a batch is damaged: an older one does not say which sequences were given
+    /// since.
+    void resume() try {
+        for (const auto &batch : spool_.last()) resume_after(batch);
+    } catch (const std::exception &error) {  // by a power cut
+        std::cerr << "the last batch cannot be read, another trip begins: " << error.what() << "\n";
+        trip_.clear();
+        last_ = {};
+    }
+
     /// Goes on with the trip of a batch, if it is the newest so far.
-    void resume(const fs::path &batch) try {
+    void resume_after(const fs::path &batch) {
         std::istringstream lines(read_file(batch));
         std::string first, line, last;
         std::getline(lines, first);
-        while (std::getline(lines, line)) last = line;
+        while (std::getline(lines, line) && !lines.eof()) last = line;  // as in `body_of`
         const json head = json::parse(first), scan = json::parse(last), &pose = scan.at("odometry");
         const std::string trip = head.at("trip_id"), stamp = scan.at("stamp");
         const int next = head.at("sequence").get<int>() + 1;
@@ -109,8 +133,19 @@ class Gateway {
         last_ = {stamp_ns, pose.at("x"), pose.at("y"), pose.at("theta")};
         trip_ = trip;
         sequence_ = next;
-    } catch (const std::exception &error) {  // damaged by a power cut: another trip begins
-        std::cerr << batch << " cannot be gone on with: " << error.what() << "\n";
+    }
+
+    /// Time went back: what waits is of the time before, and what comes is not compared with that.
+    void begin_anew(std::int64_t stamp_ns) {
+        take_waiting(INT64_MAX);
+        end_trip("time went back: a new trip begins");
+        if (!odometry_.empty() && is_step_back(odometry_.back().stamp_ns, stamp_ns)) odometry_.clear();
+        given_ns_ = 0;
+        last_ = {};
+    }
+
+    static void leave_out(const std::string &what, std::int64_t stamp_ns) {
+        std::cerr << "the " << what << " of " << digits(stamp_ns, 0) << " ns is left out: it is not finite\n";
     }
 
     void take_waiting(std::int64_t ready_ns) {
@@ -170,7 +205,7 @@ class Gateway {
         const json head = {
             {"vehicle_id", settings_.vehicle}, {"trip_id", trip_}, {"sequence", sequence_}, {"lidar", lidar_}};
         if (!spool_.begin(trip_ + "-" + digits(sequence_, 6), head.dump())) {
-            pause("the spool is full or cannot be written");
+            pause("the spool is full, has a batch of that name, or cannot be written");
             return false;
         }
         ++sequence_;
@@ -195,6 +230,7 @@ class Gateway {
     std::mutex mutex_;
     std::deque<Odometry> odometry_;
     std::deque<Scan> waiting_;
+    std::int64_t given_ns_ = 0;  // of the newest scan
     std::string trip_;
     int sequence_ = 0, scans_ = 0;
     Odometry last_;

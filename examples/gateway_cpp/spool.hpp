@@ -48,7 +48,7 @@ inline std::string body_of(const fs::path &batch) {
     std::istringstream lines(read_file(batch));
     std::string body, line, separator = ",\"scans\":[";
     std::getline(lines, body);
-    body.pop_back();
+    if (!body.empty()) body.pop_back();  // a damaged file has no head, and the service refuses it
     while (std::getline(lines, line) && !lines.eof()) {  // one without a line feed was not written to its end
         body += separator + line;
         separator = ",";
@@ -88,9 +88,9 @@ class Spool {
 
     bool is_open() const { return file_.is_open(); }
 
-    /// Begins a batch, unless there is no room for it.
+    /// Begins a batch, unless there is no room for it or its name is taken.
     bool begin(const std::string &name, const std::string &head) {
-        if (!make_room()) return false;
+        if (has(name) || !make_room()) return false;
         path_ = directory_ / (name + ".open");
         file_.open(path_, std::ios::binary | std::ios::trunc);
         return write(head);
@@ -112,6 +112,13 @@ class Spool {
     }
 
   private:
+    /// Whether a batch of this name is being collected, waits or was refused: another would take its place.
+    bool has(const std::string &name) const {
+        const fs::path complete = name + ".scans";
+        return fs::exists(directory_ / (name + ".open")) || fs::exists(directory_ / complete) ||
+               fs::exists(directory_ / "refused" / complete);
+    }
+
     void publish_ended() {
         std::unique_lock lock(mutex_);
         while (true) {

@@ -36,6 +36,14 @@ inline std::string content_digest(const std::string &bytes) {
     return "Content-Digest: sha-256=:" + std::string(reinterpret_cast<char *>(text)) + ":";
 }
 
+/// Without the white space that a file of secrets may have at its end.
+inline std::string key_in_environment() {
+    const char *stated = std::getenv("MAPSHIFT_KEY");
+    std::string key = stated ? stated : "";
+    key.erase(key.find_last_not_of(" \t\r\n") + 1);
+    return key;
+}
+
 struct Answer {
     long status = 0;  // 0 if none came whole
     std::string text;
@@ -87,7 +95,7 @@ class Uploader {
             if (!batches.empty()) return attempt(batches.front());
             if (pause(0.2)) return {};
         }
-    } catch (const fs::filesystem_error &error) {  // a full disk, a lost mount
+    } catch (const std::exception &error) {  // a full disk, a lost mount, what cannot be foreseen: the thread goes on
         return {0, error.what(), {}};
     }
 
@@ -113,8 +121,8 @@ class Uploader {
         for (const std::string &header : {std::string("Content-Type: application/json"),
                                           std::string("Content-Encoding: gzip"), std::string("Expect:"), content_digest(body)})
             headers = curl_slist_append(headers, header.c_str());
-        if (const char *key = std::getenv("MAPSHIFT_KEY"))
-            headers = curl_slist_append(headers, ("Authorization: Bearer " + std::string(key)).c_str());
+        if (const std::string key = key_in_environment(); !key.empty())
+            headers = curl_slist_append(headers, ("Authorization: Bearer " + key).c_str());
         curl_easy_setopt(curl, CURLOPT_URL, url.c_str());
         curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "PUT");
         curl_easy_setopt(curl, CURLOPT_POSTFIELDS, body.data());

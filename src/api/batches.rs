@@ -238,9 +238,14 @@ pub(super) async fn take_upload(
         Ok(_) => "replayed",
         Err(problem) => problem.kind().name(),
     };
-    metrics::counter!("mapshift_uploads_total", "outcome" => label).increment(1);
+    count_upload(label);
     let (journaled, batch) = outcome?;
     upload_answer(state, journaled, batch).await
+}
+
+/// Counts an upload by how it ended: `stored`, `replayed`, or the name of a problem.
+pub(super) fn count_upload(outcome: &'static str) {
+    metrics::counter!("mapshift_uploads_total", "outcome" => outcome).increment(1);
 }
 
 /// Says what became of an upload.

@@ -11,12 +11,15 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::ApiState;
+use super::batches::count_upload;
 use super::extract::raw_path;
 use super::problem::Problem;
 use crate::ids::RouteId;
 
 /// Where a PUT makes the route.
 const ROUTE: &str = "/v1/routes/{route}";
+/// How the paths end where a PUT uploads.
+const BATCH: &str = "/{batch}";
 
 /// Refuses requests below a route that does not exist. The connection is closed where a body was not read.
 pub(super) async fn require(
@@ -25,10 +28,16 @@ pub(super) async fn require(
     next: Next,
 ) -> Response {
     let (mut parts, body) = request.into_parts();
-    match check(&state, &mut parts).await {
-        Ok(()) => next.run(Request::from_parts(parts, body)).await,
-        Err(problem) if body.is_end_stream() => problem.into_response(),
-        Err(problem) => problem.closing().into_response(),
+    let Err(problem) = check(&state, &mut parts).await else {
+        return next.run(Request::from_parts(parts, body)).await;
+    };
+    let matched = parts.extensions.get::<MatchedPath>();
+    if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str().ends_with(BATCH)) {
+        count_upload(problem.kind().name());
+    }
+    match body.is_end_stream() {
+        true => problem.into_response(),
+        false => problem.closing().into_response(),
     }
 }
 

@@ -16,7 +16,7 @@ use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems};
 use super::types::{PoseBody, timestamp};
 use crate::ids::{NodeId, RouteId};
-use crate::scan::{LaserScan, decode_scan};
+use crate::scan::{LaserScan, Reading, decode_scan};
 use crate::store::NodeRecord;
 
 /// A node: where a vehicle was.
@@ -92,6 +92,9 @@ pub(super) struct NodeScanBody {
     /// Metres along each beam, in the lidar frame and counter-clockwise; null where there was no return,
     /// or an invalid reading.
     ranges: Vec<Option<f64>>,
+    /// The beams whose readings were invalid, as places in `ranges`, ascending: they say nothing, also not
+    /// that nothing is there.
+    invalid_beams: Vec<usize>,
 }
 
 /// The geometry of the lidar that took a scan.
@@ -154,6 +157,9 @@ impl NodeScanBody {
                 band: lidar.band.map(BandBody::from),
             },
             ranges: scan.ranges_m().collect(),
+            invalid_beams: (0..scan.beam_count())
+                .filter(|beam| scan.reading(*beam) == Reading::Invalid)
+                .collect(),
         }
     }
 }

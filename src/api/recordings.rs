@@ -14,7 +14,7 @@ use utoipa::IntoParams;
 
 use super::ApiState;
 use super::access::Identity;
-use super::batches::{BatchBody, out_of_range, upload_answer};
+use super::batches::{BatchBody, count_upload, out_of_range, upload_answer};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, ApiQuery};
 use super::maps::Binary;
@@ -42,7 +42,8 @@ const BEAMS_MAX: usize = 100_000_000;
 /// Longest CARMEN log, bytes: it is held in memory, where its numbers are longer.
 const CARMEN_BYTES_MAX: u64 = 32 << 20;
 
-/// What a recording is.
+/// What a recording is. As JSON it is part of the recording's identity: what is left out is not written, so
+/// that another parameter changes nothing of the recordings without it.
 #[derive(Debug, Clone, Deserialize, Serialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -59,19 +60,24 @@ pub(super) struct RecordingQuery {
     /// Topics of the lidars' scans in an MCAP recording, separated by commas, the one that takes
     /// keyframes first; all topics with scans if left out.
     #[param(nullable = false, example = "/front/scan,/rear/scan")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     topic: Option<String>,
     /// Topic of the odometry in an MCAP recording, or of the transforms that hold it; the only one if
     /// left out, else the transforms from odom to the vehicle.
     #[param(nullable = false, example = "/odom")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     odometry_topic: Option<String>,
     /// Where the lidar is mounted, in place of what the recording says: metres ahead of the base.
     #[param(nullable = false, minimum = -50, maximum = 50)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     mount_x: Option<f64>,
     /// Metres to the left of the base.
     #[param(nullable = false, minimum = -50, maximum = 50)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     mount_y: Option<f64>,
     /// Its heading on the base, radians, counter-clockwise.
     #[param(nullable = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     mount_theta: Option<f64>,
 }
 
@@ -114,7 +120,7 @@ pub(super) async fn put_recording(
         Ok(_) => "replayed",
         Err(problem) => problem.kind().name(),
     };
-    metrics::counter!("mapshift_uploads_total", "outcome" => label).increment(1);
+    count_upload(label);
     let journaled = outcome?;
     let batch = state.store.batch(&about.route_id, &about.id).await?;
     // The route may have been deleted since.
@@ -299,7 +305,9 @@ impl From<RecordingError> for Problem {
                 ProblemKind::RecordingTopics
             }
             RecordingError::Mcap(
-                McapError::ChunkTooLarge { .. } | McapError::TooMuchOdometry(_),
+                McapError::ChunkTooLarge { .. }
+                | McapError::TooMuchOdometry(_)
+                | McapError::TooManyTopics(_),
             ) => ProblemKind::TooLarge,
             _ => ProblemKind::Recording,
         };
@@ -326,4 +334,27 @@ fn chain(error: &dyn std::error::Error) -> String {
         cause = error.source();
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_is_left_out_is_no_part_of_the_identity() {
+        let query = RecordingQuery {
+            vehicle_id: "agv-07".into(),
+            trip_id: "monday".into(),
+            format: RecordingFormat::Mcap,
+            topic: None,
+            odometry_topic: None,
+            mount_x: Some(0.25),
+            mount_y: None,
+            mount_theta: None,
+        };
+        let expected =
+            json!({"vehicle_id": "agv-07", "trip_id": "monday", "format": "mcap", "mount_x": 0.25});
+        assert_eq!(serde_json::to_value(&query).unwrap(), expected);
+    }
 }

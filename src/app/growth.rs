@@ -7,6 +7,8 @@ use std::time::Duration;
 const APART: Duration = Duration::from_secs(60 * 60);
 /// How many are kept: a week, so that nights and Sundays count.
 const SAMPLES_MAX: usize = 7 * 24 + 1;
+/// Before this nothing is said: a shift or a bulk upload is no day.
+const WATCHED_MIN: Duration = Duration::from_secs(24 * 60 * 60);
 const DAY_S: f64 = 24.0 * 60.0 * 60.0;
 
 /// Bytes in use, hour by hour.
@@ -30,13 +32,13 @@ impl Growth {
         }
     }
 
-    /// The growth over the last week, or since the start, bytes a day; `None` in the first hour.
+    /// The growth over the last week, or since the start, bytes a day; `None` on the first day.
     pub(super) fn bytes_per_day(&self) -> Option<f64> {
         let (first_at, first) = self.samples.front().copied()?;
         let (at, bytes) = self.newest?;
         let watched = at.saturating_sub(first_at);
         let grown = bytes as f64 - first as f64;
-        (watched >= APART).then(|| grown / watched.as_secs_f64() * DAY_S)
+        (watched >= WATCHED_MIN).then(|| grown / watched.as_secs_f64() * DAY_S)
     }
 }
 
@@ -49,14 +51,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_an_hour_has_passed() {
+    fn nothing_is_said_before_a_day_has_passed() {
         let mut growth = Growth::default();
         assert_eq!(growth.bytes_per_day(), None);
         growth.note(Duration::ZERO, 1_000);
-        growth.note(hours(1) - Duration::from_secs(1), 2_000);
+        growth.note(hours(24) - Duration::from_secs(1), 2_000);
         assert_eq!(growth.bytes_per_day(), None);
-        growth.note(hours(1), 3_000);
-        assert_eq!(growth.bytes_per_day(), Some(48_000.0));
+        growth.note(hours(24), 3_000);
+        assert_eq!(growth.bytes_per_day(), Some(2_000.0));
     }
 
     #[test]
@@ -77,7 +79,7 @@ mod tests {
     fn what_shrinks_has_a_growth_below_zero() {
         let mut growth = Growth::default();
         growth.note(Duration::ZERO, 5_000);
-        growth.note(hours(12), 4_000);
-        assert_eq!(growth.bytes_per_day(), Some(-2_000.0));
+        growth.note(hours(48), 4_000);
+        assert_eq!(growth.bytes_per_day(), Some(-500.0));
     }
 }

@@ -16,10 +16,19 @@ pub(super) fn report(config: &AppConfig, listen: SocketAddr, has_keys: bool) {
         schema = schema_version(),
         data = %config.data_dir.display(),
         %listen,
-        access = if has_keys { "keys" } else { "open" },
+        access = access(config, has_keys),
         settings = unusual(config).join(" "),
-        "mapshift has started"
+        "the service has started"
     );
+}
+
+/// Who may: whoever has a key, whom a proxy has signed in, or everybody.
+fn access(config: &AppConfig, has_keys: bool) -> &'static str {
+    match (has_keys, config.access.proxies.networks.is_empty()) {
+        (true, _) => "keys",
+        (false, false) => "proxy",
+        (false, true) => "open",
+    }
 }
 
 /// The settings that differ from the defaults, by the names of their flags.

@@ -145,6 +145,12 @@ fn nanoseconds(stamp: Timestamp) -> anyhow::Result<i64> {
 }
 
 fn recorded_scan(scan: ScanReport) -> ExportedScan {
+    let mut ranges_m = scan.ranges;
+    for beam in scan.invalid_beams {
+        if let Some(range_m) = ranges_m.get_mut(beam) {
+            *range_m = Some(f64::NAN);
+        }
+    }
     ExportedScan {
         base_from_lidar: scan.lidar.mount.into(),
         angle_min_rad: scan.lidar.angle_min,
@@ -152,7 +158,7 @@ fn recorded_scan(scan: ScanReport) -> ExportedScan {
         angle_increment_rad: scan.lidar.angle_increment,
         range_min_m: scan.lidar.range_min,
         range_max_m: scan.lidar.range_max,
-        ranges_m: scan.ranges,
+        ranges_m,
     }
 }
 
@@ -170,4 +176,25 @@ fn recorded_alert(alert: &AlertDetail) -> anyhow::Result<ExportedAlert> {
             .collect(),
         pending: matches!(status, AlertStatus::Open | AlertStatus::Acknowledged),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_invalid_reading_is_not_a_number_and_no_return_stays_none() {
+        let scan = serde_json::json!({
+            "lidar": {
+                "angle_min": -1.0, "angle_max": 1.0, "angle_increment": 1.0,
+                "range_min": 0.05, "range_max": 20.0,
+                "mount": {"x": 0.0, "y": 0.0, "theta": 0.0},
+            },
+            "ranges": [1.5, null, null],
+            "invalid_beams": [2, 7],
+        });
+        let recorded = recorded_scan(serde_json::from_value(scan).unwrap());
+        assert_eq!(recorded.ranges_m[..2], [Some(1.5), None]);
+        assert!(recorded.ranges_m[2].is_some_and(f64::is_nan));
+    }
 }

@@ -88,11 +88,17 @@ enum Command {
     Openapi(openapi::Args),
 }
 
+/// How a command ends whose arguments or settings file are wrong, as clap has it.
+const WRONG_ARGUMENTS: u8 = 2;
+
 /// Parses the arguments, runs the command, and turns its error into an exit code.
 pub fn run() -> ExitCode {
     let given = match Given::parse() {
         Ok(given) => given,
-        Err(error) => return exit(Err(error)),
+        Err(error) => {
+            report(&error);
+            return ExitCode::from(WRONG_ARGUMENTS);
+        }
     };
     let outcome = match given.command {
         Command::Serve(args) => serve::run(args),
@@ -148,11 +154,15 @@ impl Given {
     }
 }
 
+fn report(error: &anyhow::Error) {
+    let _ = writeln!(io::stderr(), "error: {error:#}");
+}
+
 fn exit(outcome: anyhow::Result<ExitCode>) -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(error) => {
-            let _ = writeln!(io::stderr(), "error: {error:#}");
+            report(&error);
             ExitCode::FAILURE
         }
     }

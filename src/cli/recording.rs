@@ -1,7 +1,7 @@
 //! Recordings on disk, whatever their format.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -9,7 +9,7 @@ use flate2::read::MultiGzDecoder;
 
 use crate::ids::{NAME_LENGTH_MAX, StampNs, TripId};
 use crate::ingest::mcap::TopicChoice;
-use crate::ingest::{LidarLog, Recording, format_of};
+use crate::ingest::{LidarLog, RecordedScans, Recording, format_of};
 use crate::model::RecordingFormat;
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -68,11 +68,11 @@ impl RecordingFile {
     }
 
     /// What is taken of it, line by line for people.
-    pub(super) fn describe(
+    pub(super) fn describe<R: Read>(
         &self,
         scans: usize,
         stamps: [StampNs; 2],
-        skipped: &[String],
+        read: &RecordedScans<'_, R>,
     ) -> Vec<String> {
         let recording = &self.recording;
         let format = match recording.format {
@@ -99,9 +99,17 @@ impl RecordingFile {
             )
         }));
         lines.extend(recording.notes.iter().map(|note| format!("  {note}")));
-        lines.extend(skipped.iter().map(|reason| format!("  skipped {reason}")));
+        lines.extend(resampled_line(read.resampled()));
+        let skipped = read.skipped().into_iter();
+        lines.extend(skipped.map(|reason| format!("  skipped {reason}")));
         lines
     }
+}
+
+/// That scans were resampled, if some were.
+fn resampled_line(scans: usize) -> Option<String> {
+    let text = "states other angles than its lidar's first: resampled to the nearest beams of it";
+    (scans > 0).then(|| format!("  {scans} × a scan {text}"))
 }
 
 /// The trip's name where none is given: the file's name without its endings.
@@ -162,6 +170,13 @@ mod tests {
         }
         let missing = format!("{:#}", read(Path::new("no/such.log"), 1.0).unwrap_err());
         assert!(missing.contains("no/such.log"), "{missing}");
+    }
+
+    #[test]
+    fn resampled_scans_are_told() {
+        assert_eq!(resampled_line(0), None);
+        let line = resampled_line(3).unwrap();
+        assert!(line.contains("3 ×") && line.contains("resampled"), "{line}");
     }
 
     #[test]

@@ -24,7 +24,8 @@ pub struct Args {
     replace: bool,
 }
 
-/// Checks a backup and puts it into a data directory on which no service runs.
+/// Checks a backup and puts it into a data directory on which no service runs. What root restores
+/// belongs to the owner of the directory.
 ///
 /// # Errors
 /// If the backup is not sound or too new, or the directory is in use or has a database.

@@ -15,8 +15,6 @@ const LINE_MAX: u64 = 1 << 20;
 const MOUNT_TOLERANCE: f64 = 0.01;
 /// Times before 1973 are no times of day but seconds since the recording began.
 const RELATIVE_TIME_MAX_S: f64 = 1e8;
-/// 2000-01-01T00:00:00Z, seconds since the Unix epoch.
-const RELATIVE_TIME_BASE_S: i64 = 946_684_800;
 
 /// A recording of one lidar.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,8 +34,18 @@ pub struct CarmenLog {
 pub enum CarmenClock {
     /// Unix time.
     Unix,
-    /// An unknown start, or the index of the scan: counted from 2000-01-01T00:00:00Z instead.
+    /// An unknown start, or the index of the scan: kept as if it were 1970, as the times of simulations.
     Relative,
+}
+
+impl CarmenClock {
+    /// What a time counts from.
+    fn of(time_s: f64) -> Self {
+        match time_s < RELATIVE_TIME_MAX_S {
+            true => Self::Relative,
+            false => Self::Unix,
+        }
+    }
 }
 
 /// Why a log could not be used at all.
@@ -191,11 +199,7 @@ impl First {
             message: line.message,
             lidar,
             beams: line.ranges_m.len(),
-            clock: if line.time_s < RELATIVE_TIME_MAX_S {
-                CarmenClock::Relative
-            } else {
-                CarmenClock::Unix
-            },
+            clock: CarmenClock::of(line.time_s),
         })
     }
 
@@ -209,13 +213,11 @@ impl First {
         if !same_lidar(&self.lidar, &line.lidar) {
             return Err(SkipReason::OtherLidar);
         }
-        let base_s = match self.clock {
-            CarmenClock::Relative if line.time_s < RELATIVE_TIME_MAX_S => RELATIVE_TIME_BASE_S,
-            CarmenClock::Unix if line.time_s >= RELATIVE_TIME_MAX_S => 0,
-            _ => return Err(SkipReason::NotANumber),
-        };
+        if CarmenClock::of(line.time_s) != self.clock {
+            return Err(SkipReason::NotANumber);
+        }
         let microseconds = (line.time_s * 1e6).round() as i64;
-        Ok(StampNs(base_s * 1_000_000_000 + microseconds * 1_000))
+        Ok(StampNs(microseconds * 1_000))
     }
 }
 
@@ -264,9 +266,8 @@ mod tests {
         assert_eq!(log.clock, CarmenClock::Relative);
         assert_eq!(log.lidar.mount, Pose2::new(0.145, 0.0, 0.0));
         let stamps: Vec<i64> = log.scans.iter().map(|s| s.stamp.0).collect();
-        let base = RELATIVE_TIME_BASE_S * 1_000_000_000;
-        let expected = [100_250_000_000, 101_000_000_000, 105_000_000_000].map(|t| base + t);
-        assert_eq!(stamps, expected);
+        assert_eq!(stamps, [100_250_000_000, 101_000_000_000, 105_000_000_000]);
+        assert!(log.scans.iter().all(|scan| scan.stamp.is_simulated()));
         let skipped: Vec<_> = log.skipped.into_iter().collect();
         assert_eq!(
             skipped,

@@ -4,6 +4,10 @@ use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs};
 use crate::scan::Lidar;
 
+/// What is said of a recording whose times are seconds since its beginning, or of a simulation.
+pub(super) const RELATIVE_TIMES_NOTE: &str =
+    "its times count from an unknown start, as a simulation's do: the trip counts from its arrival";
+
 /// A lidar of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedLidar {

@@ -7,7 +7,7 @@ use std::io::{BufRead, Read};
 
 use super::carmen::{CarmenClock, CarmenError, CarmenLog};
 use super::mcap::{McapError, Plan, ScanReader, Survey, TopicChoice};
-use super::recorded::{LidarLog, RecordedLidar, RecordedScan};
+use super::recorded::{LidarLog, RELATIVE_TIMES_NOTE, RecordedLidar, RecordedScan};
 use crate::model::RecordingFormat;
 
 /// Beginnings of files that are no recordings, what they are, and what to do with them.
@@ -132,8 +132,7 @@ impl Recording {
         mount.theta = stated.theta.unwrap_or(mount.theta);
         let mut notes = Vec::new();
         if log.clock == CarmenClock::Relative {
-            let note = "its times count from an unknown start: taken as 2000-01-01T00:00:00Z";
-            notes.push(note.into());
+            notes.push(RELATIVE_TIMES_NOTE.into());
         }
         let skipped = log.skipped.iter();
         let skipped = skipped.map(|(reason, lines)| format!("{lines} × {reason}"));
@@ -192,6 +191,14 @@ impl<R: Read> RecordedScans<'_, R> {
                     .map(|(reason, scans)| format!("{scans} × {reason}"))
                     .collect()
             }
+        }
+    }
+
+    /// How many scans so far were put at the angles of their lidar's first one.
+    pub fn resampled(&self) -> usize {
+        match self {
+            Self::Carmen(..) => 0,
+            Self::Mcap(reader) => reader.resampled(),
         }
     }
 

@@ -87,7 +87,7 @@ pub struct ExportedScan {
     pub range_min_m: f64,
     /// The longest range, metres.
     pub range_max_m: f64,
-    /// Metres along each beam; `None` is no return.
+    /// Metres along each beam; `None` is no return, not a number an invalid reading.
     pub ranges_m: Vec<Option<f64>>,
 }
 
@@ -197,7 +197,7 @@ impl<W: Write + Seek> RouteRecording<W> {
         let Some(scan) = &keyframe.scan else {
             return Ok(());
         };
-        // REP-117: no return is an infinite range.
+        // REP-117: no return is an infinite range, an invalid reading is not a number.
         let range = |range: &Option<f64>| range.map_or(f32::INFINITY, |range_m| range_m as f32);
         let message = LaserScan {
             header: header(stamp_ns, &lidar),

@@ -14,7 +14,7 @@
 use jiff::Timestamp;
 
 use crate::ids::{StampNs, TripId};
-use crate::mapping::{DriveScan, RouteMap};
+use crate::mapping::{Drive, DriveScan, RouteMap};
 use crate::store::UploadLag;
 
 /// Farther ahead a clock is not believed, nanoseconds.
@@ -123,14 +123,35 @@ pub(super) fn taken_from_ns(stamp: StampNs, clock_ahead_ns: i64) -> i64 {
     }
 }
 
+/// Whether a clock that was set in the middle of a trip sends its stamps backwards: scans with times are
+/// earlier than those before them with simulated stamps, as they count.
+pub(super) fn is_set_backwards(drive: &Drive, clock_ahead_ns: i64, map: &RouteMap) -> bool {
+    if !began_simulated(clock_ahead_ns) {
+        return false;
+    }
+    let stamps = || drive.scans.iter().map(|scan| scan.stamp);
+    let simulated = stamps().filter(|stamp| stamp.is_simulated());
+    let simulated_ns = simulated.map(|stamp| stamp.0.saturating_sub(clock_ahead_ns));
+    let known_ns = stamps_of(map, |trip| *trip == drive.trip);
+    let first_set = stamps().find(|stamp| !stamp.is_simulated());
+    let newest_ns = simulated_ns.chain(known_ns).max();
+    first_set.is_some_and(|first| newest_ns.is_some_and(|newest_ns| first.0 < newest_ns))
+}
+
 /// The newest stamp before another of the scans of other trips, nanoseconds.
 fn newest_of_others(map: &RouteMap, trip: &TripId, before_ns: i64) -> Option<i64> {
-    let others = map.keyframes().iter().filter(|other| other.trip != *trip);
-    let stamps = others.flat_map(|other| {
-        let behind = other.intermediate.iter().map(|scan| scan.stamp.0);
-        behind.chain([other.stamp.0])
-    });
+    let stamps = stamps_of(map, |other| other != trip);
     stamps.filter(|stamp| *stamp < before_ns).max()
+}
+
+/// The stamps of the scans of some trips, nanoseconds.
+fn stamps_of(map: &RouteMap, is_meant: impl Fn(&TripId) -> bool) -> impl Iterator<Item = i64> {
+    let keyframes = map.keyframes().iter();
+    let meant = keyframes.filter(move |keyframe| is_meant(&keyframe.trip));
+    meant.flat_map(|keyframe| {
+        let behind = keyframe.intermediate.iter().map(|scan| scan.stamp.0);
+        behind.chain([keyframe.stamp.0])
+    })
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use jiff::Timestamp;
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
 use super::clock::{
-    began_simulated, clock_ahead_ns, clock_behind_ns, simulated_ahead_ns, taken_from_ns,
+    began_simulated, clock_ahead_ns, clock_behind_ns, is_set_backwards, simulated_ahead_ns,
+    taken_from_ns,
 };
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
@@ -34,6 +35,10 @@ const JUMP_MAX_M: f64 = 100.0;
 /// Why scans are kept out that cannot be put in the order of time with those of their trip.
 const CLOCK_FELL_BACK: &str = "the stamps are before 2000, those of the trip before are not: after a \
                                simulation or a vehicle's clock has started anew, begin a new trip";
+
+/// Why scans are kept out whose clock was set to a time that their trip has passed.
+const CLOCK_SET_BACKWARDS: &str = "the clock was set in the middle of the trip, to a time that is earlier than \
+                                   the scans before: after a clock is set, begin a new trip";
 
 /// What is known of a job's trip.
 pub(super) enum Known {
@@ -80,6 +85,13 @@ pub(super) fn process(
         let newest = &origins[origins.len() - 1..];
         return Ok(Processed::Refused(Refusal {
             outcomes: kept_out(newest, BatchStatus::Quarantined, CLOCK_FELL_BACK),
+            origins,
+        }));
+    }
+    if is_set_backwards(&drive, start.clock_ahead_ns, &workspace.map) {
+        let newest = &origins[origins.len() - 1..];
+        return Ok(Processed::Refused(Refusal {
+            outcomes: kept_out(newest, BatchStatus::Quarantined, CLOCK_SET_BACKWARDS),
             origins,
         }));
     }

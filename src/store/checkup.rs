@@ -18,7 +18,7 @@ const SUSPECTS_MAX: u32 = 100;
 /// What of a database its keepers should know.
 #[derive(Debug)]
 pub struct Checkup {
-    /// Quarantined batches by their reason, the most frequent first.
+    /// Batches that were quarantined lately, by their reason, the most frequent first.
     pub quarantined: Vec<(String, u64)>,
     /// Batches that wait for one before them in their trip.
     pub held: Backlog,
@@ -134,7 +134,7 @@ async fn read_rows(
     .await?;
     let count = |column| row.try_get(column).map(i64::unsigned_abs);
     let checkup = Checkup {
-        quarantined: quarantined(&mut transaction).await?,
+        quarantined: quarantined(&mut transaction, recent).await?,
         held: Backlog {
             batches: count("held")?,
             oldest_at: optional_time(&row, "held_at_us")?,
@@ -158,12 +158,16 @@ async fn read_rows(
     Ok(checkup)
 }
 
-async fn quarantined(reader: &mut SqliteConnection) -> Result<Vec<(String, u64)>, StoreError> {
+async fn quarantined(
+    reader: &mut SqliteConnection,
+    since: Timestamp,
+) -> Result<Vec<(String, u64)>, StoreError> {
     let rows: Vec<(String, i64)> = sqlx::query_as(
         "SELECT coalesce(reason, 'no reason'), count(*) AS batches FROM batches \
-         WHERE status = $1 GROUP BY 1 ORDER BY batches DESC, 1 LIMIT 10",
+         WHERE status = $1 AND processed_at_us >= $2 GROUP BY 1 ORDER BY batches DESC, 1 LIMIT 10",
     )
     .bind(BatchStatus::Quarantined.name())
+    .bind(micros(since))
     .fetch_all(reader)
     .await?;
     let rows = rows.into_iter();

@@ -48,8 +48,32 @@ pub struct Comparison {
     pub tables: BTreeMap<&'static str, RowsApart>,
     /// How far the nodes lie apart that are in both.
     pub poses: PosesApart,
-    /// Alerts that are in one only, or differ; at most 100.
+    /// How many alerts are in one only, or differ.
+    pub alert_counts: AlertCounts,
+    /// Those alerts; the first 100.
     pub alerts: Vec<AlertApart>,
+}
+
+/// Alerts that differ.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct AlertCounts {
+    /// That were there and are not any more.
+    pub only_before: usize,
+    /// That were not there.
+    pub only_now: usize,
+    /// That are in both, and differ.
+    pub changed: usize,
+}
+
+impl AlertCounts {
+    fn of(alerts: &[AlertApart]) -> Self {
+        let count = |there| alerts.iter().filter(|alert| alert.there == there).count();
+        Self {
+            only_before: count(There::OnlyBefore),
+            only_now: count(There::OnlyNow),
+            changed: count(There::Changed),
+        }
+    }
 }
 
 /// Rows that differ: a changed row counts in both.
@@ -145,11 +169,15 @@ pub async fn compare(
         tables.insert(table, apart(&mut reader, rows).await?);
     }
     tables.retain(|_, apart| *apart != RowsApart::default());
+    let mut alerts = alerts(&mut reader, route_key).await?;
+    let alert_counts = AlertCounts::of(&alerts);
+    alerts.truncate(ALERTS_MAX);
     Ok(Comparison {
         same: tables.is_empty(),
         tables,
         poses: poses(&mut reader, route_key).await?,
-        alerts: alerts(&mut reader, route_key).await?,
+        alert_counts,
+        alerts,
     })
 }
 
@@ -245,6 +273,5 @@ async fn alerts(
             y: row.try_get("y")?,
         });
     }
-    apart.truncate(ALERTS_MAX);
     Ok(apart)
 }

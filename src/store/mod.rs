@@ -88,7 +88,7 @@ pub use archive::SubgraphSums;
 pub use audit::{AuditFilter, AuditRecord};
 pub use backup::{Contents, HeldDirectory, SchemaAge, back_up, backup_contents, contents};
 pub use checkup::{Backlog, Checkup, FailingWebhook, checkup};
-pub use comparison::{AlertApart, Comparison, PosesApart, RowsApart, There, compare};
+pub use comparison::{AlertApart, AlertCounts, Comparison, PosesApart, RowsApart, There, compare};
 pub use error::{Corruption, StoreError};
 pub use export::{GraphPart, Pieces, Within};
 pub use figures::{DiskUse, Figures, NOT_IN_A_MAP, schema_version};

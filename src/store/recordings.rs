@@ -1,6 +1,8 @@
 //! Recordings: trips that come as one file, journalled as batches of scans in one commit.
 
 use std::fs::File;
+use std::io;
+use std::path::PathBuf;
 
 use sqlx::SqliteConnection;
 
@@ -100,17 +102,26 @@ impl Store {
         Ok(found.map(|stored| same_or_conflict(stored.as_deref(), identity)))
     }
 
-    /// A file in the data directory that nobody else can open, and that is gone when it is closed, also
-    /// by a crash.
+    /// A file for at most so many bytes in the data directory that nobody else can open, and that is gone
+    /// when it is closed, also by a crash.
     ///
     /// # Errors
-    /// [`StoreError::Directory`].
-    pub async fn temporary_file(&self) -> Result<File, StoreError> {
+    /// [`StoreError::Full`] if the disk has no room for it, [`StoreError::Directory`].
+    pub async fn temporary_file(&self, bytes: u64) -> Result<File, StoreError> {
         let path = self.shared.data_dir.clone();
-        let directory = path.clone();
-        let file = tokio::task::spawn_blocking(move || tempfile::tempfile_in(directory)).await;
-        let file = file.map_err(|_| StoreError::Unavailable)?;
-        file.map_err(|source| StoreError::Directory { path, source })
+        let space = self.shared.space.clone();
+        let made = tokio::task::spawn_blocking(move || match space.has_room_for(bytes) {
+            true => tempfile::tempfile_in(&path).map_err(|source| not_made(path, source)),
+            false => Err(StoreError::Full),
+        });
+        made.await.map_err(|_| StoreError::Unavailable)?
+    }
+}
+
+fn not_made(path: PathBuf, source: io::Error) -> StoreError {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::Full,
+        _ => StoreError::Directory { path, source },
     }
 }
 
@@ -202,4 +213,34 @@ async fn is_taken(
     .fetch_one(transaction)
     .await?;
     Ok(is_taken)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::StoreOptions;
+
+    #[tokio::test]
+    async fn a_file_that_the_disk_has_no_room_for_is_not_begun() {
+        let directory = tempfile::tempdir().unwrap();
+        let data_dir = directory.path().to_path_buf();
+        let store = Store::open(StoreOptions { data_dir }).await.unwrap();
+        assert!(store.temporary_file(1).await.is_ok());
+        let refused = store.temporary_file(u64::MAX).await;
+        assert!(matches!(refused, Err(StoreError::Full)), "{refused:?}");
+        store.close().await.unwrap();
+    }
+
+    #[test]
+    fn a_full_disk_is_told_from_other_failures() {
+        let error = |kind: io::ErrorKind| not_made(PathBuf::from("data"), kind.into());
+        assert!(matches!(
+            error(io::ErrorKind::StorageFull),
+            StoreError::Full
+        ));
+        assert!(matches!(
+            error(io::ErrorKind::PermissionDenied),
+            StoreError::Directory { .. }
+        ));
+    }
 }

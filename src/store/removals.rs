@@ -13,8 +13,9 @@ use super::removal_records::{Meant, Removable, Removal};
 use super::request::Request;
 use super::results::count_blocks;
 use super::trips::{Place, end_turn};
+use super::vehicle_states::note_state;
 use super::{Store, news, of_snapshot, operations};
-use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
+use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId, VehicleId};
 use crate::model::BatchStatus;
 
 impl Store {
@@ -132,6 +133,7 @@ impl Request for ApplyRemoval {
             end_turn(transaction, place).await?;
         }
         self.forget_trips(transaction, route_key).await?;
+        self.note_vehicles(transaction, route_key, &places).await?;
         let input = Input::Removal {
             operation: removal.operation,
             batches: removal.removable.batches.clone(),
@@ -235,6 +237,28 @@ impl ApplyRemoval {
         .bind(route_key)
         .execute(transaction)
         .await?;
+        Ok(())
+    }
+
+    /// Determines anew whether what the vehicles send is believed.
+    async fn note_vehicles(
+        &self,
+        transaction: &mut SqliteConnection,
+        route_key: i64,
+        places: &[Place],
+    ) -> Result<(), StoreError> {
+        let keys: Vec<i64> = places.iter().map(|place| place.batch_key).collect();
+        let rows = sqlx::query(
+            "SELECT DISTINCT vehicle_id FROM batches \
+             WHERE batch_key IN (SELECT value FROM json_each($1)) ORDER BY vehicle_id",
+        )
+        .bind(json_text(&keys)?)
+        .fetch_all(&mut *transaction)
+        .await?;
+        for row in &rows {
+            let vehicle: VehicleId = name(row, "vehicle_id")?;
+            note_state(transaction, route_key, &vehicle, self.0.at).await?;
+        }
         Ok(())
     }
 

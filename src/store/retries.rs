@@ -6,11 +6,12 @@ use sqlx::{Row, SqliteConnection};
 
 use super::Store;
 use super::audit::{self, Change};
-use super::columns::{json_text, text};
+use super::columns::{json_text, name, text};
 use super::error::StoreError;
 use super::request::Request;
 use super::trips::{Place, queue};
-use crate::ids::{BatchId, RouteId};
+use super::vehicle_states::note_state;
+use crate::ids::{BatchId, RouteId, VehicleId};
 use crate::model::{Actor, AuditAction, BatchKind, BatchStatus};
 
 /// What became of the wish to try a batch again.
@@ -115,6 +116,8 @@ impl Request for Retry {
         }
         hand_trip_over(transaction, &place, &vehicle).await?;
         queue(transaction, &place).await?;
+        let sender: VehicleId = name(&row, "vehicle_id")?;
+        note_state(transaction, place.route_key, &sender, self.now).await?;
         self.note(transaction, status, row.try_get("reason")?)
             .await?;
         Ok(Retried::Queued)

@@ -57,6 +57,11 @@ impl Space {
         self.has_less_than(FREE_BYTES_MIN)
     }
 
+    /// Whether so many bytes leave the reserve's size free beside them.
+    pub(super) fn has_room_for(&self, bytes: u64) -> bool {
+        !self.has_less_than(bytes.saturating_add(RESERVE_BYTES))
+    }
+
     /// Whether it was low and has not been found to be enough since, by this process or one before.
     pub(super) fn is_released(&self) -> bool {
         std::fs::metadata(&self.path).is_ok_and(|file| file.len() == 0)
@@ -116,6 +121,17 @@ impl Space {
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicU64, Ordering};
+
+    #[test]
+    fn a_large_file_needs_room_beside_the_reserve() {
+        let directory = tempfile::tempdir().unwrap();
+        let space = Space::measured_by(directory.path(), || Ok(RESERVE_BYTES + 100));
+        assert!(space.has_room_for(100));
+        assert!(!space.has_room_for(101));
+        assert!(!space.has_room_for(u64::MAX));
+        let unknown = Space::measured_by(directory.path(), || Err(io::ErrorKind::Other.into()));
+        assert!(unknown.has_room_for(u64::MAX), "a write will tell");
+    }
 
     #[test]
     fn the_reserve_is_released_when_space_is_low_and_put_back_when_there_is_enough() {

@@ -72,7 +72,7 @@ async fn the_log_says_what_was_started_and_with_which_settings() {
         config.access.public_url = Some("https://maps.example.com".parse().unwrap());
     })
     .await;
-    let line = log.only("mapshift has started");
+    let line = log.only("the service has started");
     let expected = json!({
         "level": "INFO", "version": env!("CARGO_PKG_VERSION"), "access": "open",
         "schema": mapshift::store::schema_version(), "listen": service.address.to_string(),

@@ -4,9 +4,11 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import time
 import unittest
 from pathlib import Path
 from typing import Any, Optional
+from unittest import mock
 
 import rclpy.node
 import room
@@ -18,6 +20,7 @@ from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from mapshift_node.conversion import INVALID, Lidar, StaticFrames, Transform, transform, upload_range
+from mapshift_node.localisation import Localisation, Localiser, Pose
 from mapshift_node.node import MapshiftNode
 from scripted import ScriptedService
 from story import Service
@@ -117,6 +120,25 @@ class ConversionTest(unittest.TestCase):
         self.assertEqual(lidar.geometry["scan_time"], 0.1)
 
 
+class LocaliserTest(unittest.TestCase):
+    def test_stamps_that_the_service_has_moved_are_those_of_the_batch(self) -> None:
+        scans = [{"stamp": f"1970-01-01T00:00:0{k}.5Z", "odometry": Pose(k, 0.0, 0.0)._asdict()} for k in range(4)]
+        batch = {"trip_id": "t", "scans": scans}
+        keyframes = [{"stamp": f"2026-11-24T12:00:0{k}Z", "node_id": str(k), "pose": Pose(k + 7.0, 0.0, 0.0)._asdict()}
+                     for k in (0, 2, 5)]
+        answers: dict[str, Any] = {"batches/t-0": {"status": "merged"}, "nodes/2": {"sigma": None}}
+        poses = iter([[], keyframes])  # at first there is none
+        found: list[Localisation] = []
+        log: list[str] = []
+        localiser = Localiser("http://127.0.0.1:9", found.append, log.append, poll_s=0.01)
+        self.addCleanup(localiser.stop)
+        localiser._trip = "t"
+        with mock.patch.object(localiser, "_get", lambda path: answers.get(path) or {"poses": next(poses)}):
+            localiser._localise("t-0", batch)
+        self.assertEqual([localisation.map_from_odom for localisation in found], [Pose(7.0, 0.0, 0.0)])
+        self.assertEqual(["IndexError" in line for line in log], [True])
+
+
 class NodeTest(unittest.TestCase):
     def setUp(self) -> None:
         directory = tempfile.TemporaryDirectory()
@@ -140,8 +162,9 @@ class NodeTest(unittest.TestCase):
         self.addCleanup(service.close)
         return service
 
-    def drive(self, node: MapshiftNode, scans: int) -> None:
+    def drive(self, node: MapshiftNode, scans: int, begun_ns: int = room.START_NS) -> None:
         for message in room.messages(scans, scans):
+            message["stamp_ns"] += begun_ns - room.START_NS
             if "ranges" in message:
                 self.give(node, "/scan", scan_message(message))
             else:
@@ -194,15 +217,48 @@ class NodeTest(unittest.TestCase):
         [message] = node.publishers["/diagnostics"].published
         self.assertEqual(message.status[0].level, b"\x02")
 
+    def test_a_batch_that_waits_for_long_is_in_the_diagnostics(self) -> None:
+        node = self.node("http://127.0.0.1:9")
+        waiting = self.scratch / "spool" / "a.scans"
+        for age_s, level in [(0.0, b"\x00"), (600.0, b"\x01")]:
+            waiting.write_text("{}\n")
+            os.utime(waiting, (time.time() - age_s,) * 2)
+            node.timers[0]()
+            self.assertEqual(node.publishers["/diagnostics"].published[-1].status[0].level, level)
+
+    def test_messages_that_are_not_finite_do_not_end_the_node(self) -> None:
+        service = self.scripted()
+        node = self.node(service.url, scan_topics=["/scan", "/broken"])
+        self.give(node, "/tf_static", frame_message("base_link", "laser", 0.1))
+        first = next(message for message in room.messages(1, 1) if "ranges" in message)
+        endless = scan_message(first)
+        endless.range_max = math.inf
+        self.give(node, "/broken", endless)
+        self.assertTrue(any("/broken is not used" in line for line in node.get_logger().lines))
+        self.drive(node, 1)
+        self.give(node, "/odom", odometry_message({"stamp_ns": room.START_NS, "x": math.nan, "y": 0.0, "theta": 0.0}))
+        crooked = scan_message(first)
+        crooked.angle_min = math.nan
+        self.give(node, "/scan", crooked)
+        self.assertTrue(any("a scan of /scan is left out" in line for line in node.get_logger().lines))
+        self.drive(node, 15)
+        until(lambda: len(service.uploads) == 1)
+
     @unittest.skipUnless("MAPSHIFT_BINARY" in os.environ, "MAPSHIFT_BINARY is not set")
     def test_the_service_says_where_the_vehicle_is(self) -> None:
-        service = Service(os.environ["MAPSHIFT_BINARY"], self.scratch / "data")
+        for clock, begun_ns in [("real", room.START_NS), ("simulated", 5_000_000_000)]:
+            with self.subTest(clock=clock):
+                self.check_where_the_vehicle_is(clock, begun_ns)
+
+    def check_where_the_vehicle_is(self, clock: str, begun_ns: int) -> None:
+        service = Service(os.environ["MAPSHIFT_BINARY"], self.scratch / f"data-{clock}")
         self.addCleanup(service.stop)
         service.call("ros", {})
-        node = self.node(f"http://127.0.0.1:{service.port}", publish_initial_pose=True)
+        spool = str(self.scratch / f"spool-{clock}")
+        node = self.node(f"http://127.0.0.1:{service.port}", publish_initial_pose=True, spool=spool)
         self.give(node, "/tf_static", frame_message("base_link", "laser", 0.1))
         scans = 25
-        self.drive(node, scans)
+        self.drive(node, scans, begun_ns)
         until(lambda: bool(node.publishers["/initialpose"].published))
         [message] = node.publishers["/initialpose"].published
         # The first trip of a route defines the map: it begins where the trip did, at the first scan.

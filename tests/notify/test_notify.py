@@ -1,21 +1,25 @@
 """The adapter against recorded events, and a Slack, a Teams and a mail server on this machine."""
 
 import base64
+import contextlib
 import email
 import email.policy
 import hashlib
 import hmac
 import http.client
 import http.server
+import io
 import json
 import os
 import pathlib
 import socketserver
+import ssl
 import sys
 import tempfile
 import threading
 import time
 import unittest
+import unittest.mock
 
 HERE = pathlib.Path(__file__).parent
 sys.path.insert(0, str(HERE.parent.parent / "deploy" / "notify"))
@@ -44,14 +48,25 @@ def signed(body, message_id="msg_1", secret=SECRET, now=None):
 
 
 class Chat(http.server.BaseHTTPRequestHandler):
-    """Keeps what it is posted; answers with the status that is set for the path."""
+    """Keeps what it is posted; answers with the status that is set for the path, None being no status line."""
 
     def do_POST(self):
         body = self.rfile.read(int(self.headers["content-length"]))
         status = self.server.statuses.get(self.path, 200)
+        if status is None:
+            return self.wfile.write(b"no HTTP\r\n\r\n")
         if status == 200:
             self.server.posted.append((self.path, json.loads(body)))
+        self.answer(status)
+
+    def do_GET(self):
+        self.server.posted.append((self.path, "GET"))
+        self.answer(200)
+
+    def answer(self, status):
         self.send_response(status)
+        if status // 100 == 3:
+            self.send_header("location", "/elsewhere")
         self.send_header("content-length", "0")
         self.end_headers()
 
@@ -163,16 +178,41 @@ class Adapter(unittest.TestCase):
     def test_what_a_channel_does_not_take_is_sent_to_it_alone_when_mapshift_repeats_it(self):
         event = EVENTS["alert.raised"]
         self.chat.statuses["/slack"] = 500
-        with open("/dev/null", "w") as quiet:
-            sys.stderr, loud = quiet, sys.stderr
-            try:
-                self.assertEqual([self.send(event), self.send(event)], [503, 503])
-            finally:
-                sys.stderr = loud
+        with contextlib.redirect_stderr(io.StringIO()):
+            self.assertEqual([self.send(event), self.send(event)], [503, 503])
         self.assertEqual(self.counts(), (0, 1, 1))
         self.chat.statuses.clear()
         self.assertEqual(self.send(event), 204)
         self.assertEqual(self.counts(), (1, 1, 1))
+
+    def test_a_redirect_and_an_answer_that_is_none_are_no_acceptance(self):
+        event = EVENTS["alert.raised"]
+        for number, status in enumerate((301, 302, 303, 307, 308, None)):
+            self.chat.statuses["/slack"] = status
+            with contextlib.redirect_stderr(io.StringIO()) as log:
+                self.assertEqual(self.send(event, message_id=f"msg_{number}"), 503, status)
+            self.assertIn("slack did not take", log.getvalue())
+            self.assertEqual(self.counts(), (0, number + 1, number + 1))
+        self.assertNotIn("/elsewhere", [path for path, _ in self.chat.posted])
+
+    def test_an_event_that_is_not_understood_is_asked_for_again(self):
+        with contextlib.redirect_stderr(io.StringIO()) as log:
+            self.assertEqual(self.send({"type": "alert.raised", "data": {}}), 500)
+        self.assertIn("an event was not forwarded: KeyError", log.getvalue())
+        self.assertEqual(self.send(EVENTS["alert.raised"]), 204)
+
+    def test_a_mail_server_has_to_prove_its_name(self):
+        for security in ("tls", "starttls"):
+            settings = self.settings(SMTP_SECURITY=security)
+            with unittest.mock.patch("smtplib.SMTP"), unittest.mock.patch("smtplib.SMTP_SSL"):
+                settings.send("mail", notify.note_of(EVENTS["alert.raised"]), "msg_1")
+                if security == "tls":
+                    context = notify.smtplib.SMTP_SSL.call_args.kwargs["context"]
+                else:
+                    server = notify.smtplib.SMTP.return_value.__enter__.return_value
+                    context = server.starttls.call_args.kwargs["context"]
+            self.assertTrue(context.check_hostname)
+            self.assertEqual(context.verify_mode, ssl.CERT_REQUIRED)
 
     def test_settings_that_cannot_work_are_refused_at_the_start(self):
         for changed in (

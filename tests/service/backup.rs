@@ -102,6 +102,21 @@ async fn what_was_acknowledged_before_a_backup_is_in_it() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_database_that_lost_its_log_is_not_backed_up() {
+    let directory = TempDir::new().unwrap();
+    let (data, file) = (directory.path().join("data"), directory.path().join("b.db"));
+    let mut service = Process::start(&data);
+    Client::new(&service.url)
+        .put_route(ROUTE, Value::Null)
+        .await;
+    service.kill();
+    std::fs::remove_file(data.join("mapshift.db-wal")).unwrap();
+    let (ended_well, text) = outcome(&back_up(&data, &file));
+    assert!(!ended_well && text.contains("commits"), "{text}");
+    assert!(!file.exists(), "nothing that looks like a backup");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn an_unsound_backup_is_not_restored() {
     let directory = TempDir::new().unwrap();
     let (data, file) = (directory.path().join("data"), directory.path().join("b.db"));

@@ -22,7 +22,7 @@ pub(super) struct Pacing {
 
 impl Pacing {
     /// An event that was read: handed back to be sent now, or held until its time has come. One that an
-    /// event before it has carried already is neither.
+    /// event of the last 5 s has carried already is neither.
     pub(super) fn take(&mut self, event: AlertEvent, now: Instant) -> Option<AlertEvent> {
         self.sent.retain(|_, (at, _)| now < *at + PACE);
         let Some((_, carried)) = self.sent.get(&event.alert_id) else {

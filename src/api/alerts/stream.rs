@@ -49,7 +49,7 @@ pub(in crate::api) struct StreamQuery {
 /// but alerts. `data` is the alert as it is when the event is sent, in the form of `GET /v1/alerts/{alert}`.
 /// An event is sent at once when what a decision is about has changed (status, kind, tier, region:
 /// `decision_revision`); an alert that only gains evidence, or is handled otherwise, is sent at most once in
-/// 5 s, as it is then. An event whose revision one before it has carried is left out.
+/// 5 s, as it is then. An event whose revision one of the last 5 s has carried is left out.
 ///
 /// Without `Last-Event-ID` the stream begins with what happens next. With it, it goes on where a client has
 /// left off, so that one that was away misses nothing. `id` is the place to go on from and never decreases;

@@ -113,8 +113,10 @@ pub(super) async fn receive_recording(
         _slot: slot.map_err(Problem::closing)?,
         _recording: recording.map_err(Problem::closing)?,
     };
-    let file = state.store.temporary_file().await?;
     let bytes_max = limits.recording_bytes;
+    let announced = head.content_length.unwrap_or(bytes_max);
+    let file = state.store.temporary_file(announced as u64).await;
+    let file = file.map_err(|error| Problem::from(error).closing())?;
     let spooled = spool::spool_body(body, bytes_max, limits.body_pace, file).await?;
     let (file, sha256, bytes) = spooled;
     head.check_sha256(&sha256)?;

@@ -79,7 +79,8 @@ fn quarantined(checkup: &Checkup) -> Vec<Finding> {
     if checkup.quarantined.is_empty() {
         return vec![Finding::ok(check, "none")];
     }
-    let advice = "see what the reason says; POST …/batches/{batch}/retry tries one again";
+    let advice =
+        "of the last week; see what the reason says; POST …/batches/{batch}/retry tries one again";
     let finding = |(reason, count): &(String, u64)| {
         Finding::warning(check, format!("{count}: {reason}"), advice)
     };
@@ -148,23 +149,31 @@ fn summary(alert: crate::store::AlertRecord) -> String {
     summary.map_or_else(|| format!("alert {id}"), str::to_owned)
 }
 
+/// Scheme, host and port of a URL.
+fn host_of(url: &str) -> String {
+    let without_query = url.split(['?', '#']).next().unwrap_or_default();
+    let parts: Vec<&str> = without_query.split('/').take(3).collect();
+    parts.join("/")
+}
+
 fn webhooks(checkup: &Checkup) -> Vec<Finding> {
     let check = "webhooks";
     if checkup.webhooks.is_empty() {
         return vec![Finding::ok(check, "none fails")];
     }
     let findings = checkup.webhooks.iter().map(|webhook| {
-        let (id, url) = (&webhook.id, &webhook.url);
+        // Of the URL only where it leads: its path and query may hold a token.
+        let (id, host) = (&webhook.id, host_of(&webhook.url));
         match webhook.gone {
             true => Finding::warning(
                 check,
-                format!("{url} said that it is gone, and gets nothing any more"),
+                format!("{id} to {host} said that it is gone, and gets nothing any more"),
                 format!("delete the webhook {id}, or enable it again"),
             ),
             false => Finding::warning(
                 check,
                 format!(
-                    "{url}: {} events given up, {} tried again",
+                    "{id} to {host}: {} events given up, {} tried again",
                     webhook.failed, webhook.pending
                 ),
                 format!("GET /v1/webhooks/{id}/deliveries says how its attempts ended"),

@@ -24,7 +24,7 @@ pub(super) fn check(settings: &ServiceArgs) -> Vec<Finding> {
         warn(
             "webhooks-to-private-networks: who registers webhooks can call machines of the plant"
                 .to_owned(),
-            "leave it only if receivers live there, and give role maintainer to few",
+            "leave it only if receivers live there, and give role admin to few",
         );
     }
     if settings

@@ -78,19 +78,11 @@ fn write_differences(
             cells.to_occupied, cells.to_free, cells.to_unknown
         )?;
     }
-    let count = |there| {
-        comparison
-            .alerts
-            .iter()
-            .filter(|a| a.there == there)
-            .count()
-    };
+    let counts = comparison.alert_counts;
     writeln!(
         out,
         "  alerts: {} disappear, {} appear, {} change",
-        count(There::OnlyBefore),
-        count(There::OnlyNow),
-        count(There::Changed)
+        counts.only_before, counts.only_now, counts.changed
     )?;
     for alert in &comparison.alerts {
         let there = match alert.there {

@@ -53,7 +53,7 @@ impl PreparedTrip {
         };
         let count = batches.iter().map(|(_, scans)| scans).sum();
         Ok(Self {
-            about: file.describe(count, stamps, &scans.skipped()),
+            about: file.describe(count, stamps, scans),
             batches,
         })
     }

@@ -38,8 +38,11 @@ pub struct NodeReport {
 #[derive(Debug, Clone, Deserialize)]
 pub struct ScanReport {
     pub lidar: LidarReport,
-    /// Metres; `None` is no return.
+    /// Metres; `None` is no return, or an invalid reading.
     pub ranges: Vec<Option<f64>>,
+    /// The beams whose readings were invalid; services before did not say.
+    #[serde(default)]
+    pub invalid_beams: Vec<usize>,
 }
 
 /// The lidar of a scan: radians and metres.

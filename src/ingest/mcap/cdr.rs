@@ -4,6 +4,7 @@ use byteorder::{BigEndian, LittleEndian};
 use serde::Deserialize;
 
 use super::messages::{OdometryMessage, ScanMessage, TransformMessage, from_above, isometry};
+use crate::scan::BEAMS_MAX;
 
 #[derive(Deserialize)]
 struct Time {
@@ -102,6 +103,9 @@ fn message<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
 
 pub(super) fn scan(bytes: &[u8]) -> Option<ScanMessage> {
     let scan: LaserScan = message(bytes)?;
+    if scan.ranges.len() > BEAMS_MAX {
+        return None;
+    }
     Some(ScanMessage {
         stamp_ns: scan.header.stamp.nanoseconds(),
         frame_id: scan.header.frame_id,

@@ -19,6 +19,8 @@ const RATIO_MAX: u64 = 20;
 const RATIO_FREE_BYTES: u64 = 1 << 20;
 /// Memory that a zstd frame may ask for as its window, as a power of two.
 const WINDOW_LOG_MAX: u32 = 24;
+/// Most topics and most types of a recording; robots have some hundreds.
+pub(super) const TOPICS_MAX: usize = 4_096;
 /// Opcode and length.
 const RECORD_HEAD_BYTES: usize = 9;
 
@@ -236,7 +238,10 @@ impl<R: Read> MessageReader<R> {
             };
         };
         head.check(offset)?;
-        let records_end = head.records_at as u64 + head.compressed_bytes;
+        let records_end = (head.records_at as u64).checked_add(head.compressed_bytes);
+        let Some(records_end) = records_end else {
+            return Err(self.damaged(offset, "its records are longer than any file".into()));
+        };
         let end = usize::try_from(records_end)
             .unwrap_or(usize::MAX)
             .min(body.len());
@@ -276,6 +281,8 @@ impl<R: Read> MessageReader<R> {
         match record {
             Record::Schema { header, .. } => {
                 self.check_name(&header.name, offset)?;
+                let is_known = self.schemas.contains_key(&header.id);
+                self.check_count(self.schemas.len(), is_known)?;
                 self.schemas.insert(header.id, header.name);
             }
             Record::Channel(channel) => {
@@ -287,6 +294,12 @@ impl<R: Read> MessageReader<R> {
                     schema: schema.unwrap_or_default(),
                     encoding: channel.message_encoding,
                 };
+                let known = self.channels.get(&channel.id);
+                self.check_count(self.channels.len(), known.is_some())?;
+                if known.is_some_and(|known| *known != channel_of) {
+                    let detail = format!("it says otherwise of channel {} than before", channel.id);
+                    return Err(self.damaged(offset, detail));
+                }
                 self.channels.insert(channel.id, channel_of);
             }
             Record::Message { header, data } => {
@@ -313,6 +326,14 @@ impl<R: Read> MessageReader<R> {
         }
     }
 
+    /// Whether there may be one more topic, or one more type.
+    fn check_count(&self, count: usize, is_known: bool) -> Result<(), McapError> {
+        match is_known || count < TOPICS_MAX {
+            true => Ok(()),
+            false => Err(McapError::TooManyTopics(TOPICS_MAX)),
+        }
+    }
+
     fn damaged(&self, offset: u64, detail: String) -> McapError {
         McapError::Damaged { offset, detail }
     }
@@ -332,10 +353,11 @@ struct ChunkHead {
 impl ChunkHead {
     /// `None` if the bytes end before it does.
     fn of(body: &[u8]) -> Option<Self> {
-        let number = |at: usize| Some(u64::from_le_bytes(body.get(at..at + 8)?.try_into().ok()?));
-        let short = |at: usize| Some(u32::from_le_bytes(body.get(at..at + 4)?.try_into().ok()?));
+        let at = |from: usize, bytes: usize| body.get(from..from.checked_add(bytes)?);
+        let number = |from: usize| Some(u64::from_le_bytes(at(from, 8)?.try_into().ok()?));
+        let short = |from: usize| Some(u32::from_le_bytes(at(from, 4)?.try_into().ok()?));
         let name_at = 32;
-        let name_end = name_at + usize::try_from(short(28)?).ok()?;
+        let name_end = usize::try_from(short(28)?).ok()?.checked_add(name_at)?;
         let name = body.get(name_at..name_end)?;
         Some(Self {
             uncompressed_bytes: number(16)?,

@@ -32,6 +32,11 @@ pub enum McapError {
     /// It has more odometry than is kept in memory.
     #[error("the recording has more than {0} odometry messages: cut it into several recordings")]
     TooMuchOdometry(usize),
+    /// It has more topics than are kept in memory.
+    #[error(
+        "the recording has more than {0} topics, or types of messages: record only those that are needed"
+    )]
+    TooManyTopics(usize),
     /// The topics that are needed are not there, or not the ones asked for.
     #[error("{detail}; {topics}")]
     Topics {

@@ -1,9 +1,12 @@
 //! Foxglove's messages as JSON.
 
+use std::fmt;
+
 use serde::Deserialize;
-use serde_json::Value;
+use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 
 use super::messages::{OdometryMessage, ScanMessage, TransformMessage, from_above, isometry};
+use crate::scan::BEAMS_MAX;
 
 #[derive(Deserialize, Clone, Copy, Default)]
 struct Time {
@@ -50,7 +53,7 @@ struct LaserScan {
     pose: Option<Pose>,
     start_angle: f64,
     end_angle: f64,
-    ranges: Vec<Value>,
+    ranges: Ranges,
 }
 
 #[derive(Deserialize)]
@@ -76,6 +79,74 @@ struct FrameTransforms {
     transforms: Vec<FrameTransform>,
 }
 
+/// Ranges, metres: no more than a scan may have, so that longer lists are not kept.
+struct Ranges(Vec<f64>);
+
+/// A range, metres. JSON has no infinity: writers send null, or a word. Other words are not a number.
+struct Range(f64);
+
+impl<'de> Deserialize<'de> for Ranges {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct RangesVisitor;
+        impl<'de> Visitor<'de> for RangesVisitor {
+            type Value = Ranges;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "at most {BEAMS_MAX} ranges")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Ranges, A::Error> {
+                let mut ranges_m = Vec::new();
+                while let Some(Range(range_m)) = seq.next_element()? {
+                    if ranges_m.len() == BEAMS_MAX {
+                        return Err(A::Error::invalid_length(BEAMS_MAX + 1, &self));
+                    }
+                    ranges_m.push(range_m);
+                }
+                Ok(Ranges(ranges_m))
+            }
+        }
+        deserializer.deserialize_seq(RangesVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Range {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct RangeVisitor;
+        impl Visitor<'_> for RangeVisitor {
+            type Value = Range;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, null or a word")
+            }
+
+            fn visit_f64<E: Error>(self, range_m: f64) -> Result<Range, E> {
+                Ok(Range(range_m))
+            }
+
+            fn visit_i64<E: Error>(self, range_m: i64) -> Result<Range, E> {
+                Ok(Range(range_m as f64))
+            }
+
+            fn visit_u64<E: Error>(self, range_m: u64) -> Result<Range, E> {
+                Ok(Range(range_m as f64))
+            }
+
+            fn visit_unit<E: Error>(self) -> Result<Range, E> {
+                Ok(Range(f64::INFINITY))
+            }
+
+            fn visit_str<E: Error>(self, word: &str) -> Result<Range, E> {
+                Ok(Range(match word {
+                    "Infinity" => f64::INFINITY,
+                    _ => f64::NAN,
+                }))
+            }
+        }
+        deserializer.deserialize_any(RangeVisitor)
+    }
+}
+
 impl Time {
     fn nanoseconds(self) -> i64 {
         self.sec
@@ -95,7 +166,8 @@ pub(super) fn scan(bytes: &[u8]) -> Option<ScanMessage> {
         Some(pose) => isometry_of(pose.position, pose.orientation)?,
         None => nalgebra::Isometry3::identity(),
     };
-    let steps = scan.ranges.len().saturating_sub(1).max(1);
+    let Ranges(ranges_m) = scan.ranges;
+    let steps = ranges_m.len().saturating_sub(1).max(1);
     Some(ScanMessage {
         stamp_ns: scan.timestamp.nanoseconds(),
         frame_id: scan.frame_id,
@@ -106,12 +178,7 @@ pub(super) fn scan(bytes: &[u8]) -> Option<ScanMessage> {
         time_increment_s: 0.0,
         scan_time_s: 0.0,
         frame_from_origin,
-        // JSON has no infinity: writers send null, or a word.
-        ranges_m: scan
-            .ranges
-            .iter()
-            .map(|range| range.as_f64().unwrap_or(f64::INFINITY))
-            .collect(),
+        ranges_m,
     })
 }
 
@@ -160,6 +227,27 @@ mod tests {
         );
         assert_eq!(read.ranges_m, [1.5, f64::INFINITY, f64::INFINITY]);
         assert_eq!(scan(b"{}"), None);
+    }
+
+    fn scan_with(ranges: &str) -> Option<ScanMessage> {
+        let text =
+            format!(r#"{{"frame_id":"laser","start_angle":-1,"end_angle":1,"ranges":[{ranges}]}}"#);
+        scan(text.as_bytes())
+    }
+
+    #[test]
+    fn words_that_are_no_infinity_are_invalid() {
+        let read = scan_with(r#""NaN","-Infinity","far",2"#).unwrap();
+        assert!(read.ranges_m[..3].iter().all(|range_m| range_m.is_nan()));
+        assert_eq!(read.ranges_m[3], 2.0);
+        assert_eq!(scan_with("[1],2"), None);
+    }
+
+    #[test]
+    fn more_ranges_than_a_scan_may_have_are_no_scan() {
+        let most = scan_with(&vec!["1"; BEAMS_MAX].join(",")).unwrap();
+        assert_eq!(most.ranges_m.len(), BEAMS_MAX);
+        assert_eq!(scan_with(&vec!["1"; BEAMS_MAX + 1].join(",")), None);
     }
 
     #[test]

@@ -7,13 +7,11 @@ use super::survey::{FoundLidar, Survey};
 use crate::geometry::Pose2;
 use crate::ids::LidarId;
 use crate::ingest::batch_json::LIDARS_MAX;
-use crate::ingest::recorded::RecordedLidar;
+use crate::ingest::recorded::{RELATIVE_TIMES_NOTE, RecordedLidar};
 use crate::scan::{LaserScan, Lidar, NO_RETURN_TICK, RANGE_SIGMA_DEFAULT_M};
 
 /// Times before 1973 are no times of day but seconds of a simulation, nanoseconds.
 const RELATIVE_TIME_MAX_NS: i64 = 100_000_000_000_000_000;
-/// 2000-01-01T00:00:00Z, nanoseconds since the Unix epoch.
-const RELATIVE_TIME_BASE_NS: i64 = 946_684_800_000_000_000;
 /// A reading of 0 is none, also of a lidar that states no least range, metres.
 const RANGE_MIN_LEAST_M: f64 = 0.001;
 /// A lidar whose axis is farther from the vertical than this cosine says has no scans of a plane.
@@ -55,15 +53,13 @@ pub struct Plan {
     /// Of each lidar its topic and its direction.
     pub(super) topics: Vec<PlannedTopic>,
     pub(super) track: Track,
-    /// What is added to stamps.
-    pub(super) time_base_ns: i64,
 }
 
 /// How the scans of a topic are read.
 #[derive(Debug)]
 pub(super) struct PlannedTopic {
     pub name: String,
-    /// The geometry that all its scans state.
+    /// The geometry that its first scan states.
     pub angle_min_rad: f64,
     pub angle_increment_rad: f64,
     /// Whether the last beam is the first one counter-clockwise.
@@ -95,21 +91,14 @@ impl Plan {
             0 => first.log_time_ns,
             stamp_ns => stamp_ns,
         };
-        let is_relative = stamp_ns < RELATIVE_TIME_MAX_NS;
         let mut plan = Self {
             lidars: Vec::new(),
             notes: vec![format!("odometry from {}", odometry.what)],
             topics: Vec::new(),
             track: odometry.track,
-            time_base_ns: if is_relative {
-                RELATIVE_TIME_BASE_NS
-            } else {
-                0
-            },
         };
-        if is_relative {
-            let note = "its times count from an unknown start: taken as 2000-01-01T00:00:00Z";
-            plan.notes.push(note.into());
+        if stamp_ns < RELATIVE_TIME_MAX_NS {
+            plan.notes.push(RELATIVE_TIMES_NOTE.into());
         }
         if let Some(offset) = survey.cut_at {
             plan.notes.push(format!(
@@ -148,7 +137,6 @@ impl Plan {
             false => (scan.angle_min_rad, scan.angle_increment_rad),
         };
         let is_reversed = increment_rad < 0.0;
-        let fan_rad = (found.beams - 1) as f64 * increment_rad;
         let range_max_m = scan.range_max_m.unwrap_or_else(|| {
             self.notes.push(format!(
                 "{topic} states no largest range: taken as the longest measured"
@@ -156,17 +144,17 @@ impl Plan {
             (found.longest_m * 10.0).ceil() / 10.0 + 0.1
         });
         let geometry = Lidar {
-            angle_min_rad: if is_reversed {
-                start_rad + fan_rad
-            } else {
-                start_rad
-            },
+            angle_min_rad: start_rad,
             angle_increment_rad: increment_rad.abs(),
             range_min_m: scan.range_min_m.max(RANGE_MIN_LEAST_M),
             range_max_m,
             mount: placed.mount,
             range_sigma_m: RANGE_SIGMA_DEFAULT_M,
             band: None,
+        };
+        let geometry = match is_reversed {
+            true => geometry.counter_clockwise(found.beams),
+            false => geometry,
         };
         let geometry = geometry.validated().map_err(|source| McapError::Lidar {
             topic: topic.to_owned(),

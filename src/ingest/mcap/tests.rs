@@ -5,10 +5,12 @@ use std::path::PathBuf;
 
 use jiff::Timestamp;
 
-use super::{McapError, MountOverride, Plan, ScanReader, Survey, TopicChoice};
+use super::container::TOPICS_MAX;
+use super::{McapError, McapSkip, MountOverride, Plan, ScanReader, Survey, TopicChoice};
 use crate::geometry::Pose2;
-use crate::ids::{TripId, VehicleId};
+use crate::ids::{StampNs, TripId, VehicleId};
 use crate::ingest::batch_json::{self, UploadedBatch};
+use crate::ingest::recorded::{RELATIVE_TIMES_NOTE, RecordedScan};
 use crate::ingest::{BatchHead, BatchWriter, Recording, RecordingError};
 use crate::model::RecordingFormat;
 
@@ -279,4 +281,157 @@ fn a_bag_without_transforms_needs_a_mount() {
     };
     let plan = Plan::of(&survey, &choice).unwrap();
     assert_eq!(plan.lidars[0].geometry.mount, Pose2::new(0.1, 0.0, 0.0));
+}
+
+#[test]
+fn lengths_that_no_file_has_are_damage() {
+    let mut body = vec![0; 32];
+    body.extend(u64::MAX.to_le_bytes());
+    let bytes = file(&[record(6, &body)]);
+    assert_eq!(bytes.len(), 57);
+    let error = Survey::of(bytes.as_slice()).unwrap_err();
+    assert!(
+        matches!(error, McapError::Damaged { offset: 8, .. }),
+        "{error}"
+    );
+    let cut = Survey::of(&bytes[..56]).unwrap();
+    assert_eq!(cut.cut_at, Some(8));
+}
+
+fn text(value: &str) -> Vec<u8> {
+    [&(value.len() as u32).to_le_bytes()[..], value.as_bytes()].concat()
+}
+
+fn schema(id: u16, name: &str) -> Vec<u8> {
+    let id = id.to_le_bytes();
+    record(3, &[&id[..], &text(name), &text(""), &text("")].concat())
+}
+
+fn channel(id: u16, schema: u16, topic: &str) -> Vec<u8> {
+    let ids = [id.to_le_bytes(), schema.to_le_bytes()].concat();
+    record(4, &[ids, text(topic), text("json"), text("")].concat())
+}
+
+fn message(channel: u16, milliseconds: u64, json: &str) -> Vec<u8> {
+    let (channel, sequence) = (channel.to_le_bytes(), 0_u32.to_le_bytes());
+    let time = (milliseconds * 1_000_000).to_le_bytes();
+    let head = [&channel[..], &sequence, &time, &time].concat();
+    record(5, &[&head[..], json.as_bytes()].concat())
+}
+
+/// A scan of Foxglove's: milliseconds, the first and the last angle, and the ranges.
+type Sweep<'a> = (u64, [f64; 2], &'a str);
+
+/// A recording in Foxglove's messages of a vehicle that stands for 4 s.
+fn standing(sweeps: &[Sweep<'_>]) -> Vec<u8> {
+    let mut records = vec![
+        schema(1, "foxglove.LaserScan"),
+        schema(2, "foxglove.PoseInFrame"),
+        channel(1, 1, "/scan"),
+        channel(2, 2, "/odom"),
+    ];
+    let pose = r#"{"pose":{"orientation":{"w":1}}}"#;
+    records.extend((0..=4).map(|second| message(2, 1_000 * second, pose)));
+    records.extend(sweeps.iter().map(|(milliseconds, [first, last], ranges)| {
+        let angles = format!(r#""start_angle":{first},"end_angle":{last}"#);
+        let json = format!(r#"{{"frame_id":"laser",{angles},"ranges":[{ranges}]}}"#);
+        message(1, *milliseconds, &json)
+    }));
+    file(&records)
+}
+
+fn plan_of_standing(bytes: &[u8]) -> Plan {
+    let choice = TopicChoice {
+        mount: MountOverride {
+            x: Some(0.0),
+            ..MountOverride::default()
+        },
+        ..TopicChoice::default()
+    };
+    Plan::of(&Survey::of(bytes).unwrap(), &choice).unwrap()
+}
+
+fn scans_of<'a>(reader: &mut ScanReader<'a, &'a [u8]>) -> Vec<RecordedScan> {
+    reader.map(|scan| scan.unwrap().1).collect()
+}
+
+#[test]
+fn scans_with_other_beams_are_put_at_those_of_the_first() {
+    let bytes = standing(&[
+        (1_000, [-1.0, 1.0], "1,2,3,4,5"),
+        (1_100, [-1.0, 0.5], "1,2,3,4"),
+        (1_200, [-1.5, 1.1], "9,1,2,3,4,5"),
+        (1_300, [2.0, 2.5], "1,2"),
+        (1_400, [-0.9, 1.1], "1,2,3,4,5"),
+    ]);
+    let plan = plan_of_standing(&bytes);
+    let mut reader = ScanReader::new(&plan, bytes.as_slice()).unwrap();
+    let scans = scans_of(&mut reader);
+    let whole = [1.0, 2.0, 3.0, 4.0, 5.0].map(Some).to_vec();
+    let mut without_last = whole.clone();
+    without_last[4] = Some(0.0);
+    let found: Vec<_> = scans.into_iter().map(|scan| scan.ranges_m).collect();
+    assert_eq!(found, [whole.clone(), without_last, whole.clone(), whole]);
+    assert_eq!(reader.resampled(), 2);
+    let skipped: Vec<_> = reader.skipped().iter().collect();
+    assert_eq!(skipped, [(&McapSkip::OtherGeometry, &1)]);
+}
+
+#[test]
+fn simulated_times_stay_as_they_are() {
+    let bytes = standing(&[(1_500, [-1.0, 1.0], "1,2,3,4,5")]);
+    let plan = plan_of_standing(&bytes);
+    assert!(plan.notes.iter().any(|note| note == RELATIVE_TIMES_NOTE));
+    let scans = scans_of(&mut ScanReader::new(&plan, bytes.as_slice()).unwrap());
+    assert_eq!(scans[0].stamp, StampNs(1_500_000_000));
+    assert!(scans[0].stamp.is_simulated());
+}
+
+#[test]
+fn a_whole_turn_clockwise_is_one_counter_clockwise() {
+    use std::f64::consts::{PI, TAU};
+    let bytes = standing(&[(1_000, [-PI, -PI - 6.2], "1,2,3,4,5,6,7,8,9,10,11")]);
+    let plan = plan_of_standing(&bytes);
+    let lidar = &plan.lidars[0].geometry;
+    assert_close(lidar.angle_min_rad, TAU - PI - 6.2, "angle_min");
+    assert_close(lidar.angle_increment_rad, 0.62, "angle_increment");
+    let scans = scans_of(&mut ScanReader::new(&plan, bytes.as_slice()).unwrap());
+    assert_eq!(scans[0].ranges_m[0], Some(11.0));
+}
+
+#[test]
+fn few_beams_wait_for_earlier_scans() {
+    let ranges = vec!["1"; 8_192].join(",");
+    let fan = [-3.0, 3.0];
+    let mut sweeps: Vec<Sweep<'_>> = (1..=260).map(|k| (1_000 + k, fan, &ranges[..])).collect();
+    sweeps.push((1_000, fan, &ranges[..]));
+    let bytes = standing(&sweeps);
+    let plan = plan_of_standing(&bytes);
+    let mut reader = ScanReader::new(&plan, bytes.as_slice()).unwrap();
+    assert_eq!(scans_of(&mut reader).len(), 260);
+    // It came after some had to be given.
+    assert_eq!(reader.skipped()[&McapSkip::NotLater], 1);
+}
+
+#[test]
+fn topics_are_few_and_stay_what_they_are() {
+    let topics = |count: usize| {
+        let names = (0..count).map(|id| channel(id as u16, 1, &format!("/{id}")));
+        let mut records = vec![schema(1, "foxglove.LaserScan")];
+        records.extend(names);
+        // Writers repeat them.
+        records.push(channel(0, 1, "/0"));
+        records
+    };
+    let most = file(&topics(TOPICS_MAX));
+    assert!(Survey::of(most.as_slice()).is_ok());
+    let error = Survey::of(file(&topics(TOPICS_MAX + 1)).as_slice()).unwrap_err();
+    assert!(matches!(error, McapError::TooManyTopics(_)), "{error}");
+    let mut other = topics(1);
+    other.push(channel(0, 1, "/other"));
+    let error = Survey::of(file(&other).as_slice()).unwrap_err();
+    assert!(
+        matches!(error, McapError::Damaged { .. }) && error.to_string().contains("channel 0"),
+        "{error}"
+    );
 }

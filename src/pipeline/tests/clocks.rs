@@ -188,3 +188,14 @@ async fn a_clock_that_is_set_in_the_middle_of_a_trip_is_believed_and_one_that_st
     let reason = refusal_of(&bench, anew.swap_remove(1)).await.unwrap();
     assert!(reason.contains("begin a new trip"), "{reason}");
 }
+
+#[tokio::test]
+async fn a_clock_that_is_set_to_a_time_that_its_trip_has_passed_is_not_believed() {
+    let bench = Bench::new().await;
+    let (mut unset, mut real) = (simulated("back", 40, 0, 1), live("back", 39, 0));
+    bench.merge(unset.swap_remove(0), 20).await;
+    let mut set = real.swap_remove(1);
+    set.received_at = at(41);
+    let reason = refusal_of(&bench, set).await.unwrap();
+    assert!(reason.contains("begin a new trip"), "{reason}");
+}

@@ -4,6 +4,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, Optional, Protocol, Sequence
 
+from mapshift_gateway import is_finite
+
 INVALID = 0.0  # below every range_min: the service takes it as not measured
 RANGE_MIN_M = 0.01  # stated if a driver says 0, so that INVALID is below it
 LEVEL_COS = math.cos(math.radians(5.0))  # a lidar that is tilted further does not scan a horizontal plane
@@ -129,6 +131,8 @@ class Lidar:
             **self._angles(), **self._times(first), "range_min": self._range_min, "range_max": self._range_max,
             "mount": {"x": x, "y": y, "theta": forward},
         }
+        if not is_finite(self.geometry):
+            raise ValueError(f"its geometry is not finite: {self.geometry}")
 
     def ranges(self, scan: LaserScan) -> list[Optional[float]]:
         placed = scan.ranges if self._is_alike(scan) else [self._nearest(scan, beam) for beam in range(self._beams)]

@@ -7,7 +7,7 @@ import os
 import threading
 import urllib.error
 import urllib.request
-from typing import Any, Callable, NamedTuple, Optional
+from typing import Any, Callable, NamedTuple
 
 from mapshift_gateway import stamp_of
 
@@ -69,14 +69,19 @@ class Localiser:
             except urllib.error.HTTPError as error:
                 if 400 <= error.code < 500 and error.code not in (408, 429):
                     return self._log(f"the trip cannot be asked for: {error.code} {error.read().decode()}")
-            except (OSError, ValueError) as error:
+            except (OSError, ValueError, LookupError) as error:
                 self._log(f"the trip cannot be asked for, again in {self._poll_s} s: {error!r}")
         self._log(f"{batch['trip_id']} is not localised: it is no longer asked for")
 
     def _of_trip(self, batch: dict[str, Any]) -> Localisation:
-        """By the last keyframe of the batch: its pose in the map, and in the odometry frame."""
-        odometry = {stamp_of(scan["stamp"]): Pose(**scan["odometry"]) for scan in batch["scans"]}
-        keyframes = self._get(f"trajectories/{batch['trip_id']}")["poses"]
+        """By the last keyframe of the trip's first batch: its pose in the map, and in the odometry frame.
+
+        The service moves the stamps of a clock that it does not believe, as that of a simulation, all by as much: the
+        first keyframe is the first scan, and times since then are compared.
+        """
+        scans, keyframes = batch["scans"], self._get(f"trajectories/{batch['trip_id']}")["poses"]
+        moved_ns = stamp_of(keyframes[0]["stamp"]) - stamp_of(scans[0]["stamp"])
+        odometry = {stamp_of(scan["stamp"]) + moved_ns: Pose(**scan["odometry"]) for scan in scans}
         keyframe = [pose for pose in keyframes if stamp_of(pose["stamp"]) in odometry][-1]
         sigma = self._get(f"nodes/{keyframe['node_id']}")["sigma"]
         odom_from_base = odometry[stamp_of(keyframe["stamp"])]
@@ -84,7 +89,7 @@ class Localiser:
         return Localisation(map_from_odom, Pose(**sigma) if sigma else Pose(0.0, 0.0, 0.0))
 
     def _get(self, path: str) -> Any:
-        key: Optional[str] = os.environ.get("MAPSHIFT_KEY")
+        key = os.environ.get("MAPSHIFT_KEY", "").strip()
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         request = urllib.request.Request(f"{self._route_url}/{path}", headers=headers)
         with urllib.request.urlopen(request, timeout=10) as answer:

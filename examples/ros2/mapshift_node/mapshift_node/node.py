@@ -5,6 +5,7 @@ Its callbacks convert messages and hand them to the gateway, which uploads in th
 from __future__ import annotations
 
 import math
+import time
 from functools import partial
 from pathlib import Path
 from typing import Optional
@@ -19,11 +20,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from mapshift_gateway import Gateway, Settings
+from mapshift_gateway import Gateway, Settings, is_finite
 from mapshift_node.conversion import Lidar, StaticFrames, heading, nanoseconds, transform
 from mapshift_node.localisation import Localisation, Localiser, Pose
 
 DIAGNOSE_EVERY_S = 5.0
+WAITS_LONG_S = 180.0
 SIGMA_MIN = Pose(0.05, 0.05, 0.02)  # localisation on board must be free to search a little
 LATCHED = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -83,7 +85,12 @@ class MapshiftNode(Node):
         lidar = self._lidar(topic, scan)
         if lidar:
             name = lidar_name(topic) if self._has_several else ""
-            self._gateway.on_scan(nanoseconds(scan.header.stamp), lidar.geometry, lidar.ranges(scan), name)
+            try:
+                ranges = lidar.ranges(scan)
+            except (ArithmeticError, ValueError) as error:  # angles that are not finite, or do not increase
+                self.get_logger().warning(f"a scan of {topic} is left out: {error!r}")
+                return
+            self._gateway.on_scan(nanoseconds(scan.header.stamp), lidar.geometry, ranges, name)
 
     def _lidar(self, topic: str, scan: LaserScan) -> Optional[Lidar]:
         """Known from the first scan after its mount; None as long as there is none, or if it cannot be used."""
@@ -117,7 +124,8 @@ class MapshiftNode(Node):
                 self._take_odometry(stamped.header.stamp, Pose(at.x, at.y, heading(stamped.transform.rotation)))
 
     def _take_odometry(self, stamp: Time, odom_from_base: Pose) -> None:
-        self._latest = (stamp, odom_from_base)
+        if is_finite(odom_from_base):
+            self._latest = (stamp, odom_from_base)
         self._gateway.on_odometry(nanoseconds(stamp), *odom_from_base)
 
     def _on_localised(self, found: Localisation) -> None:
@@ -139,17 +147,30 @@ class MapshiftNode(Node):
         self.get_logger().info(f"the service has the vehicle at {at.x:.2f}, {at.y:.2f} m, {at.theta:.2f} rad")
 
     def _diagnose(self) -> None:
-        waiting = len(list(self._spool.glob("*.scans")))
+        waiting = list(self._spool.glob("*.scans"))
+        waited_s = max(map(age_s, waiting), default=0.0)
         refused = len(list(self._spool.glob("refused/*.scans")))
         status = DiagnosticStatus()
         status.name, status.hardware_id = "mapshift: uploads", "mapshift_node"
-        status.level = DiagnosticStatus.ERROR if refused else DiagnosticStatus.OK
-        status.message = f"{refused} batches were refused: see {self._spool}/refused" if refused else "uploading"
-        status.values = [KeyValue(key="waiting", value=str(waiting)), KeyValue(key="refused", value=str(refused))]
+        status.level, status.message = DiagnosticStatus.OK, "uploading"
+        if refused:
+            status.level = DiagnosticStatus.ERROR
+            status.message = f"{refused} batches were refused: see {self._spool}/refused"
+        elif waited_s > WAITS_LONG_S:
+            status.level = DiagnosticStatus.WARN
+            status.message = f"the oldest batch has waited for {waited_s / 60:.0f} minutes: see the log"
+        status.values = [KeyValue(key="waiting", value=str(len(waiting))), KeyValue(key="refused", value=str(refused))]
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
         message.status = [status]
         self._diagnostics.publish(message)
+
+
+def age_s(batch: Path) -> float:
+    try:
+        return time.time() - batch.stat().st_mtime
+    except FileNotFoundError:  # uploaded just now
+        return 0.0
 
 
 def lidar_name(topic: str) -> str:

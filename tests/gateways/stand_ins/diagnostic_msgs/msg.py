@@ -16,6 +16,7 @@ class KeyValue:
 @dataclass
 class DiagnosticStatus:
     OK: ClassVar[bytes] = b"\x00"
+    WARN: ClassVar[bytes] = b"\x01"
     ERROR: ClassVar[bytes] = b"\x02"
     level: bytes = OK
     name: str = ""
