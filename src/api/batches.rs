@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
+use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
@@ -119,6 +120,17 @@ impl Part for BatchPage {
     }
 }
 
+fn batch_ids() -> Array {
+    let id = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .pattern(Some("^[A-Za-z0-9._-]{1,64}$"));
+    ArrayBuilder::new()
+        .items(id)
+        .min_items(Some(1))
+        .max_items(Some(IDS_MAX))
+        .build()
+}
+
 /// Which batches to list.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -127,8 +139,7 @@ pub(super) struct BatchQuery {
     /// Only these, at most 200, with commas between them: what has become of many batches, in one answer.
     /// Ids that the route does not have are left out of it.
     #[param(
-        nullable = false, value_type = Vec<String>, style = Form, explode = false,
-        min_items = 1, max_items = 200, example = json!(["b-000122", "b-000123"])
+        schema_with = batch_ids, style = Form, explode = false, example = json!(["b-000122", "b-000123"])
     )]
     ids: Option<String>,
     /// Only this vehicle's.

@@ -153,7 +153,7 @@ mod tests {
         String::from_utf8(lines.0.lock().unwrap().clone()).unwrap()
     }
 
-    fn suspicion(status: AlertStatus, at: Timestamp) -> AlertRecord {
+    fn of_a_vehicle(status: AlertStatus, at: Timestamp) -> AlertRecord {
         let vehicle = VehicleId::new("agv-07").unwrap();
         let suspect = Suspect {
             vehicle: vehicle.clone(),
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_becomes_suspect_is_one_line_with_the_reason() {
-        let mut alert = suspicion(AlertStatus::Open, Timestamp::UNIX_EPOCH);
+        let mut alert = of_a_vehicle(AlertStatus::Open, Timestamp::UNIX_EPOCH);
         let line = logged(|| alerts_written(std::slice::from_ref(&alert)));
         assert_eq!(line.lines().count(), 1, "{line}");
         for part in [
@@ -212,7 +212,7 @@ mod tests {
         // Evidence that grows is no news.
         alert.updated_at = Timestamp::MAX;
         assert_eq!(logged(|| alerts_written(&[alert])), "");
-        let resolved = suspicion(AlertStatus::Resolved, Timestamp::UNIX_EPOCH);
+        let resolved = of_a_vehicle(AlertStatus::Resolved, Timestamp::UNIX_EPOCH);
         let line = logged(|| alerts_written(&[resolved]));
         assert!(line.contains("an alert was resolved"), "{line}");
     }
