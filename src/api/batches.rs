@@ -8,7 +8,6 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
-use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
@@ -120,17 +119,6 @@ impl Part for BatchPage {
     }
 }
 
-fn batch_ids() -> Array {
-    let id = ObjectBuilder::new()
-        .schema_type(Type::String)
-        .pattern(Some("^[A-Za-z0-9._-]{1,64}$"));
-    ArrayBuilder::new()
-        .items(id)
-        .min_items(Some(1))
-        .max_items(Some(IDS_MAX))
-        .build()
-}
-
 /// Which batches to list.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -139,7 +127,9 @@ pub(super) struct BatchQuery {
     /// Only these, at most 200, with commas between them: what has become of many batches, in one answer.
     /// Ids that the route does not have are left out of it.
     #[param(
-        schema_with = batch_ids, style = Form, explode = false, example = json!(["b-000122", "b-000123"])
+        nullable = false,
+        example = "b-000122,b-000123",
+        pattern = "^[A-Za-z0-9._-]{1,64}(,[A-Za-z0-9._-]{1,64}){0,199}$"
     )]
     ids: Option<String>,
     /// Only this vehicle's.

@@ -30,7 +30,7 @@ const SET_ASIDE: [&str; 7] = [
     "CREATE TABLE rebuild_events AS SELECT alert_events.*, alerts.id AS alert_id \
      FROM alerts JOIN alert_events USING (alert_key) WHERE route_key = $1",
     "CREATE TABLE rebuild_deliveries AS SELECT webhook_deliveries.*, alerts.id AS alert_id \
-     FROM alerts JOIN webhook_deliveries USING (alert_key) WHERE route_key = $1",
+     FROM alerts JOIN webhook_deliveries USING (alert_key) WHERE alerts.route_key = $1",
     "CREATE TABLE rebuild_handling AS SELECT alert_handling.*, alerts.id AS alert_id \
      FROM alerts JOIN alert_handling USING (alert_key) WHERE route_key = $1",
     "CREATE TABLE rebuild_comments AS SELECT alert_comments.*, alerts.id AS alert_id \
