@@ -234,18 +234,18 @@ pub(super) async fn take_upload(
     decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
     let outcome = store_upload(state, client, name, headers, body, decode).await;
-    let label = match &outcome {
-        Ok((Journaled::Stored, _)) => "stored",
-        Ok(_) => "replayed",
-        Err(problem) => problem.kind().name(),
-    };
-    count_upload(label);
+    count_upload(outcome.as_ref().map(|(journaled, _)| *journaled));
     let (journaled, batch) = outcome?;
     upload_answer(state, journaled, batch).await
 }
 
 /// Counts an upload by how it ended: `stored`, `replayed`, or the name of a problem.
-pub(super) fn count_upload(outcome: &'static str) {
+pub(super) fn count_upload(ended: Result<Journaled, &Problem>) {
+    let outcome = match ended {
+        Ok(Journaled::Stored) => "stored",
+        Ok(_) => "replayed",
+        Err(problem) => problem.kind().name(),
+    };
     metrics::counter!("mapshift_uploads_total", "outcome" => outcome).increment(1);
 }
 

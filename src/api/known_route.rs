@@ -33,7 +33,7 @@ pub(super) async fn require(
     };
     let matched = parts.extensions.get::<MatchedPath>();
     if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str().ends_with(BATCH)) {
-        count_upload(problem.kind().name());
+        count_upload(Err(&problem));
     }
     match body.is_end_stream() {
         true => problem.into_response(),

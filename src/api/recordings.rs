@@ -115,12 +115,7 @@ pub(super) async fn put_recording(
         .check_upload(&about.vehicle_id)
         .map_err(Problem::closing)?;
     let outcome = store_recording(&state, client, about.clone(), &query, &headers, body).await;
-    let label = match &outcome {
-        Ok(Journaled::Stored) => "stored",
-        Ok(_) => "replayed",
-        Err(problem) => problem.kind().name(),
-    };
-    count_upload(label);
+    count_upload(outcome.as_ref().copied());
     let journaled = outcome?;
     let batch = state.store.batch(&about.route_id, &about.id).await?;
     // The route may have been deleted since.

@@ -12,12 +12,10 @@ use sqlx::{Connection, Row, SqliteConnection};
 use super::columns::optional_time;
 use super::connection::Database;
 use super::error::StoreError;
-use super::lock::DirectoryLock;
+use super::lock::{DirectoryLock, LOCK_FILE};
 use super::migrations::newest_schema;
 use super::{files, marker};
 
-/// The file that [`DirectoryLock`] makes.
-const LOCK_FILE: &str = "mapshift.lock";
 const ROOT: u32 = 0;
 
 /// What a database holds.

@@ -6,7 +6,8 @@ use std::path::Path;
 use super::error::StoreError;
 use super::files;
 
-const FILE_NAME: &str = "mapshift.lock";
+/// The file in a data directory that is locked.
+pub(super) const LOCK_FILE: &str = "mapshift.lock";
 
 /// Held for the life of a store. The operating system lets go of it when the process dies,
 /// however it dies: whoever gets the lock knows that no worker of an earlier process lives.
@@ -23,7 +24,7 @@ impl DirectoryLock {
             source,
         };
         files::make_directory(directory).map_err(failed)?;
-        let path = directory.join(FILE_NAME);
+        let path = directory.join(LOCK_FILE);
         files::tighten(&path);
         let file = files::open(&path).map_err(failed)?;
         match file.try_lock() {
