@@ -4,16 +4,17 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::Store;
 use super::alert_records::{AlertEvent, AlertFilter, AlertRecord, AlertResidual, HistoryEntry};
 use super::columns::{
     alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
 };
 use super::error::StoreError;
 use super::handling::handling_of;
+use super::query::Query;
 use super::report::ReportScope;
-use super::{Store, named};
 use crate::change::{Counterpart, Finding, PendingChange};
 use crate::geometry::Vector2;
 use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
@@ -26,7 +27,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn alert(&self, id: AlertId) -> Result<Option<AlertRecord>, StoreError> {
-        named(alert(&self.shared.readers, id).await)
+        self.read(OneAlert(id)).await
     }
 
     /// The newest first, raised before `before`, at most `limit`.
@@ -39,7 +40,12 @@ impl Store {
         before: Option<AlertId>,
         limit: u32,
     ) -> Result<Vec<AlertRecord>, StoreError> {
-        named(alert_page(&self.shared.readers, filter, before, limit).await)
+        let page = AlertPage {
+            filter,
+            before,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// The alerts with a node or an edge that came with a batch, by id.
@@ -51,7 +57,7 @@ impl Store {
         route: &RouteId,
         batch: &BatchId,
     ) -> Result<Vec<AlertId>, StoreError> {
-        named(batch_alerts(&self.shared.readers, route, batch).await)
+        self.read(BatchAlerts { route, batch }).await
     }
 
     /// The alerts of each of some batches, by id; batches without any are left out.
@@ -63,7 +69,7 @@ impl Store {
         route: &RouteId,
         batches: &[BatchId],
     ) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
-        named(alerts_by_batch(&self.shared.readers, route, batches).await)
+        self.read(AlertsByBatch { route, batches }).await
     }
 
     /// What happened to alerts after the event `after` (0 for the first), in order, at most
@@ -77,7 +83,12 @@ impl Store {
         after: i64,
         limit: u32,
     ) -> Result<Vec<AlertEvent>, StoreError> {
-        named(alert_events(&self.shared.readers, route, after, limit).await)
+        let events = AlertEvents {
+            route,
+            after,
+            limit,
+        };
+        self.read(events).await
     }
 
     /// What a route's alerts keep out of its map, the oldest alert first.
@@ -85,8 +96,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn pending_changes(&self, route: &RouteId) -> Result<Vec<PendingChange>, StoreError> {
-        let mut reader = self.reader().await?;
-        let alerts = named(route_alerts(&mut reader, route).await)?;
+        let alerts = self.read(RouteAlerts(route)).await?;
         let pending = alerts.iter();
         let pending = pending.filter_map(|alert| PendingChange::of(alert.status, &alert.evidence));
         Ok(pending.collect())
@@ -97,7 +107,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn last_alert_event(&self) -> Result<i64, StoreError> {
-        named(last_alert_event(&self.shared.readers).await)
+        self.read(LastAlertEvent).await
     }
 }
 
@@ -117,207 +127,254 @@ macro_rules! select_alerts {
 }
 
 /// One alert.
-pub(super) async fn alert(
-    readers: &SqlitePool,
-    id: AlertId,
-) -> Result<Option<AlertRecord>, StoreError> {
-    let row = sqlx::query(select_alerts!("WHERE alerts.id = ?"))
-        .bind(id.to_string())
-        .fetch_optional(readers)
-        .await?;
-    row.as_ref().map(alert_of).transpose()
+struct OneAlert(AlertId);
+
+impl Query for OneAlert {
+    type Answer = Option<AlertRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_alerts!("WHERE alerts.id = $1"))
+            .bind(self.0.to_string())
+            .fetch_optional(reader)
+            .await?;
+        row.as_ref().map(alert_of).transpose()
+    }
 }
 
-/// The newest first, raised before `before`.
-pub(super) async fn alert_page(
-    readers: &SqlitePool,
-    filter: &AlertFilter,
-    before: Option<AlertId>,
-    limit: u32,
-) -> Result<Vec<AlertRecord>, StoreError> {
-    let mut query = QueryBuilder::<Sqlite>::new(select_alerts!("WHERE TRUE"));
-    if let Some(before) = before {
+/// The newest first, raised before `before`, at most `limit`.
+pub(super) struct AlertPage<'a> {
+    pub(super) filter: &'a AlertFilter,
+    pub(super) before: Option<AlertId>,
+    pub(super) limit: u32,
+}
+
+impl Query for AlertPage<'_> {
+    type Answer = Vec<AlertRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(select_alerts!("WHERE TRUE"));
+        if let Some(before) = self.before {
+            query
+                .push(" AND alerts.id < ")
+                .push_bind(before.to_string());
+        }
+        self.filter.push_to(&mut query)?;
         query
-            .push(" AND alerts.id < ")
-            .push_bind(before.to_string());
+            .push(" ORDER BY alerts.id DESC LIMIT ")
+            .push_bind(self.limit);
+        let rows = query.build().fetch_all(reader).await?;
+        rows.iter().map(alert_of).collect()
     }
-    if let Some(route) = &filter.route_id {
-        query.push(" AND routes.id = ").push_bind(route.as_str());
+}
+
+impl AlertFilter {
+    /// Adds what it asks of an alert. One condition for each wish: SQLite chooses an index only
+    /// for a condition that is there.
+    fn push_to(&self, query: &mut QueryBuilder<Sqlite>) -> Result<(), StoreError> {
+        if let Some(route) = &self.route_id {
+            query.push(" AND routes.id = ").push_bind(route.to_string());
+        }
+        if let Some(routes) = &self.among {
+            query.push(" AND routes.id IN (SELECT value FROM json_each(");
+            query.push_bind(json_text(routes)?).push("))");
+        }
+        if let Some(status) = self.status {
+            query.push(" AND status = ").push_bind(status.name());
+        }
+        if let Some(kind) = self.kind {
+            query.push(" AND kind = ").push_bind(kind.name());
+        }
+        if let Some(tier) = self.tier {
+            query.push(" AND tier = ").push_bind(tier.name());
+        }
+        if let Some(since) = self.since {
+            query
+                .push(" AND alerts.updated_at_us >= ")
+                .push_bind(micros(since));
+        }
+        if let Some([low_x, low_y, high_x, high_y]) = self.bbox {
+            query.push(" AND x BETWEEN ").push_bind(low_x);
+            query.push(" AND ").push_bind(high_x);
+            query.push(" AND y BETWEEN ").push_bind(low_y);
+            query.push(" AND ").push_bind(high_y);
+        }
+        if let Some(confidence) = self.min_confidence {
+            query.push(" AND confidence >= ").push_bind(confidence);
+        }
+        if let Some(vehicle) = &self.vehicle_id {
+            query
+                .push(" AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = ")
+                .push_bind(vehicle.to_string())
+                .push(")");
+        }
+        if let Some(clearance) = self.blocking {
+            query.push(" AND clearance = ").push_bind(clearance.name());
+        }
+        if let Some(muted) = self.muted {
+            query
+                .push(" AND (muted_until_us IS NOT NULL) = ")
+                .push_bind(muted);
+        }
+        Ok(())
     }
-    if let Some(routes) = &filter.among {
-        query.push(" AND routes.id IN (SELECT value FROM json_each(");
-        query.push_bind(json_text(routes)?).push("))");
-    }
-    if let Some(status) = filter.status {
-        query.push(" AND status = ").push_bind(status.name());
-    }
-    if let Some(kind) = filter.kind {
-        query.push(" AND kind = ").push_bind(kind.name());
-    }
-    if let Some(tier) = filter.tier {
-        query.push(" AND tier = ").push_bind(tier.name());
-    }
-    if let Some(since) = filter.since {
-        query
-            .push(" AND alerts.updated_at_us >= ")
-            .push_bind(micros(since));
-    }
-    if let Some([low_x, low_y, high_x, high_y]) = filter.bbox {
-        query.push(" AND x BETWEEN ").push_bind(low_x);
-        query.push(" AND ").push_bind(high_x);
-        query.push(" AND y BETWEEN ").push_bind(low_y);
-        query.push(" AND ").push_bind(high_y);
-    }
-    if let Some(confidence) = filter.min_confidence {
-        query.push(" AND confidence >= ").push_bind(confidence);
-    }
-    if let Some(vehicle) = &filter.vehicle_id {
-        query
-            .push(" AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = ")
-            .push_bind(vehicle.as_str())
-            .push(")");
-    }
-    if let Some(clearance) = filter.blocking {
-        query.push(" AND clearance = ").push_bind(clearance.name());
-    }
-    if let Some(muted) = filter.muted {
-        query
-            .push(" AND (muted_until_us IS NOT NULL) = ")
-            .push_bind(muted);
-    }
-    query
-        .push(" ORDER BY alerts.id DESC LIMIT ")
-        .push_bind(limit);
-    let rows = query.build().fetch_all(readers).await?;
-    rows.iter().map(alert_of).collect()
 }
 
 /// The alerts that rest on a batch, by id.
-pub(super) async fn batch_alerts(
-    readers: &SqlitePool,
-    route: &RouteId,
-    batch: &BatchId,
-) -> Result<Vec<AlertId>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT alerts.id FROM routes JOIN batches USING (route_key) \
-         JOIN alert_batches USING (batch_key) JOIN alerts USING (alert_key) \
-         WHERE routes.id = ? AND batches.id = ? ORDER BY alerts.id",
-    )
-    .bind(route.as_str())
-    .bind(batch.as_str())
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(|row| alert_id(row, "id")).collect()
+struct BatchAlerts<'a> {
+    route: &'a RouteId,
+    batch: &'a BatchId,
+}
+
+impl Query for BatchAlerts<'_> {
+    type Answer = Vec<AlertId>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT alerts.id FROM routes JOIN batches USING (route_key) \
+             JOIN alert_batches USING (batch_key) JOIN alerts USING (alert_key) \
+             WHERE routes.id = $1 AND batches.id = $2 ORDER BY alerts.id",
+        )
+        .bind(self.route.as_str())
+        .bind(self.batch.as_str())
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(|row| alert_id(row, "id")).collect()
+    }
 }
 
 /// The alerts that rest on each of a route's batches, by id; batches without any are left out.
-pub(super) async fn alerts_by_batch(
-    readers: &SqlitePool,
-    route: &RouteId,
-    batches: &[BatchId],
-) -> Result<BTreeMap<BatchId, Vec<AlertId>>, StoreError> {
-    // CROSS JOIN: the batches first, however many alerts the route has.
-    let rows = sqlx::query(
-        "SELECT batches.id AS batch_id, alerts.id FROM routes \
-         CROSS JOIN batches ON batches.route_key = routes.route_key \
-             AND batches.id IN (SELECT value FROM json_each($2)) \
-         CROSS JOIN alert_batches ON alert_batches.batch_key = batches.batch_key \
-         JOIN alerts USING (alert_key) \
-         WHERE routes.id = $1 ORDER BY alerts.id",
-    )
-    .bind(route.as_str())
-    .bind(json_text(batches)?)
-    .fetch_all(readers)
-    .await?;
-    let mut by_batch: BTreeMap<BatchId, Vec<AlertId>> = BTreeMap::new();
-    for row in &rows {
-        let alerts = by_batch.entry(name(row, "batch_id")?).or_default();
-        alerts.push(alert_id(row, "id")?);
-    }
-    Ok(by_batch)
+struct AlertsByBatch<'a> {
+    route: &'a RouteId,
+    batches: &'a [BatchId],
 }
 
-/// What happened to alerts after `after`, in order; of one route, or of all.
-pub(super) async fn alert_events(
-    readers: &SqlitePool,
-    route: Option<&RouteId>,
+impl Query for AlertsByBatch<'_> {
+    type Answer = BTreeMap<BatchId, Vec<AlertId>>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        // CROSS JOIN: the batches first, however many alerts the route has.
+        let rows = sqlx::query(
+            "SELECT batches.id AS batch_id, alerts.id FROM routes \
+             CROSS JOIN batches ON batches.route_key = routes.route_key \
+                 AND batches.id IN (SELECT value FROM json_each($2)) \
+             CROSS JOIN alert_batches ON alert_batches.batch_key = batches.batch_key \
+             JOIN alerts USING (alert_key) \
+             WHERE routes.id = $1 ORDER BY alerts.id",
+        )
+        .bind(self.route.as_str())
+        .bind(json_text(self.batches)?)
+        .fetch_all(reader)
+        .await?;
+        let mut by_batch: BTreeMap<BatchId, Vec<AlertId>> = BTreeMap::new();
+        for row in &rows {
+            let alerts = by_batch.entry(name(row, "batch_id")?).or_default();
+            alerts.push(alert_id(row, "id")?);
+        }
+        Ok(by_batch)
+    }
+}
+
+/// What happened to alerts after the event `after`, in order; of one route, or of all.
+struct AlertEvents<'a> {
+    route: Option<&'a RouteId>,
     after: i64,
     limit: u32,
-) -> Result<Vec<AlertEvent>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT sequence, alerts.id, alert_events.revision, at_us, is_decision FROM alert_events \
-         JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
-         WHERE sequence > ?1 AND (?2 IS NULL OR routes.id = ?2) ORDER BY sequence LIMIT ?3",
-    )
-    .bind(after)
-    .bind(route.map(RouteId::as_str))
-    .bind(limit)
-    .fetch_all(readers)
-    .await?;
-    let event = |row: &SqliteRow| {
-        Ok(AlertEvent {
-            sequence: row.try_get("sequence")?,
-            alert_id: alert_id(row, "id")?,
-            revision: row.try_get("revision")?,
-            at: time(row, "at_us")?,
-            is_decision: row.try_get("is_decision")?,
-        })
-    };
-    rows.iter().map(event).collect()
+}
+
+impl Query for AlertEvents<'_> {
+    type Answer = Vec<AlertEvent>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT sequence, alerts.id, alert_events.revision, at_us, is_decision \
+             FROM alert_events JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
+             WHERE sequence > $1 AND ($2 IS NULL OR routes.id = $2) ORDER BY sequence LIMIT $3",
+        )
+        .bind(self.after)
+        .bind(self.route.map(RouteId::as_str))
+        .bind(self.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(alert_event_of).collect()
+    }
+}
+
+fn alert_event_of(row: &SqliteRow) -> Result<AlertEvent, StoreError> {
+    Ok(AlertEvent {
+        sequence: row.try_get("sequence")?,
+        alert_id: alert_id(row, "id")?,
+        revision: row.try_get("revision")?,
+        at: time(row, "at_us")?,
+        is_decision: row.try_get("is_decision")?,
+    })
 }
 
 /// The sequence of the last event; 0 before the first.
-pub(super) async fn last_alert_event(readers: &SqlitePool) -> Result<i64, StoreError> {
-    let last = sqlx::query_scalar("SELECT coalesce(max(sequence), 0) FROM alert_events")
-        .fetch_one(readers)
-        .await?;
-    Ok(last)
+struct LastAlertEvent;
+
+impl Query for LastAlertEvent {
+    type Answer = i64;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let last = sqlx::query_scalar("SELECT coalesce(max(sequence), 0) FROM alert_events");
+        Ok(last.fetch_one(reader).await?)
+    }
 }
 
 /// The alerts of a route, the oldest first.
-pub(super) async fn route_alerts(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<Vec<AlertRecord>, StoreError> {
-    let rows = sqlx::query(select_alerts!("WHERE routes.id = ? ORDER BY alerts.id"))
-        .bind(route.as_str())
-        .fetch_all(reader)
-        .await?;
-    rows.iter().map(alert_of).collect()
+pub(super) struct RouteAlerts<'a>(pub(super) &'a RouteId);
+
+impl Query for RouteAlerts<'_> {
+    type Answer = Vec<AlertRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_alerts!("WHERE routes.id = $1 ORDER BY alerts.id"))
+            .bind(self.0.as_str())
+            .fetch_all(reader)
+            .await?;
+        rows.iter().map(alert_of).collect()
+    }
 }
 
 /// The alerts raised in the time of a report, the newest first.
-pub(super) async fn raised_between(
-    reader: &mut SqliteConnection,
-    scope: &ReportScope,
-) -> Result<Vec<AlertRecord>, StoreError> {
-    let rows = sqlx::query(select_alerts!(
-        "WHERE raised_at_us >= ?1 AND raised_at_us < ?2 AND (?3 IS NULL OR routes.id = ?3) \
-         ORDER BY raised_at_us DESC, alerts.id DESC LIMIT ?4"
-    ))
-    .bind(micros(scope.since))
-    .bind(micros(scope.until))
-    .bind(scope.route_id.as_ref().map(RouteId::as_str))
-    .bind(scope.limit)
-    .fetch_all(reader)
-    .await?;
-    rows.iter().map(alert_of).collect()
+pub(super) struct RaisedInTime<'a>(pub(super) &'a ReportScope);
+
+impl Query for RaisedInTime<'_> {
+    type Answer = Vec<AlertRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let Self(scope) = self;
+        let rows = sqlx::query(select_alerts!(
+            "WHERE raised_at_us >= $1 AND raised_at_us < $2 AND ($3 IS NULL OR routes.id = $3) \
+             ORDER BY raised_at_us DESC, alerts.id DESC LIMIT $4"
+        ))
+        .bind(micros(scope.since))
+        .bind(micros(scope.until))
+        .bind(scope.route_id.as_ref().map(RouteId::as_str))
+        .bind(scope.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(alert_of).collect()
+    }
 }
 
 /// The alerts that wait for a decision and are not muted, the newest first.
-pub(super) async fn open(
-    reader: &mut SqliteConnection,
-    scope: &ReportScope,
-) -> Result<Vec<AlertRecord>, StoreError> {
-    let rows = sqlx::query(select_alerts!(
-        "WHERE status IN ('open', 'acknowledged') AND muted_until_us IS NULL \
-         AND (?1 IS NULL OR routes.id = ?1) ORDER BY alerts.id DESC LIMIT ?2"
-    ))
-    .bind(scope.route_id.as_ref().map(RouteId::as_str))
-    .bind(scope.limit)
-    .fetch_all(reader)
-    .await?;
-    rows.iter().map(alert_of).collect()
+pub(super) struct OpenAlerts<'a>(pub(super) &'a ReportScope);
+
+impl Query for OpenAlerts<'_> {
+    type Answer = Vec<AlertRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_alerts!(
+            "WHERE status IN ('open', 'acknowledged') AND muted_until_us IS NULL \
+             AND ($1 IS NULL OR routes.id = $1) ORDER BY alerts.id DESC LIMIT $2"
+        ))
+        .bind(self.0.route_id.as_ref().map(RouteId::as_str))
+        .bind(self.0.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(alert_of).collect()
+    }
 }
 
 fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {

@@ -6,10 +6,12 @@ use jiff::Timestamp;
 use sqlx::{Connection, Row, SqliteConnection};
 
 use super::alert_records::{AlertFilter, AlertRecord};
+use super::alerts::AlertPage;
 use super::columns::{micros, optional_time};
 use super::connection::Database;
 use super::error::StoreError;
-use super::{alerts, marker};
+use super::marker;
+use super::query::Query;
 use crate::model::{AlertStatus, BatchStatus, ChangeKind, DeliveryStatus};
 
 /// Alerts that are read.
@@ -89,15 +91,18 @@ pub async fn checkup(data_dir: &Path, recent: Timestamp) -> Result<Checkup, Stor
         let lost = noted.map_or(0, |noted| noted.saturating_sub(commits).max(0));
         let mut checkup = read_rows(&mut reader, recent).await?;
         checkup.lost_commits = lost.unsigned_abs();
-        drop(reader);
         for status in [AlertStatus::Open, AlertStatus::Acknowledged] {
             let filter = AlertFilter {
                 kind: Some(ChangeKind::VehicleSuspect),
                 status: Some(status),
                 ..AlertFilter::default()
             };
-            let page = alerts::alert_page(&readers, &filter, None, SUSPECTS_MAX).await?;
-            checkup.suspects.extend(page);
+            let page = AlertPage {
+                filter: &filter,
+                before: None,
+                limit: SUSPECTS_MAX,
+            };
+            checkup.suspects.extend(page.answer(&mut reader).await?);
         }
         Ok(checkup)
     };

@@ -4,11 +4,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 
 use super::acceptances;
-use super::alerts;
+use super::alerts::RouteAlerts;
 use super::body::checksum;
 use super::columns::{information, json_text, name, optional_name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
+use super::query::Query;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
 use super::{Store, named, of_snapshot, row_sums, series_closures, settled, vehicles};
@@ -256,7 +257,7 @@ async fn load_snapshot(
     let mut intermediate = active_intermediate(&mut snapshot, route).await?;
     let edges = settled::active_edges(&mut snapshot, route).await?;
     let settled_closures = series_closures::first_archived(&mut snapshot, route).await?;
-    let alerts = alerts::route_alerts(&mut snapshot, route).await?;
+    let alerts = RouteAlerts(route).answer(&mut snapshot).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     let calibrations = vehicles::route_calibrations(&mut snapshot, route).await?;
     snapshot.commit().await?;

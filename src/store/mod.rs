@@ -49,6 +49,7 @@ mod operation_records;
 mod operations;
 mod place_scans;
 mod quarantines;
+mod query;
 mod rebuild;
 mod recordings;
 mod records;

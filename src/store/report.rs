@@ -2,13 +2,14 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row, SqliteConnection};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::alert_records::AlertRecord;
-use super::alerts;
+use super::alerts::{OpenAlerts, RaisedInTime};
 use super::columns::{alert_id, micros, name, text, time};
 use super::error::StoreError;
-use super::{Store, of_snapshot};
+use super::query::Query;
 use crate::ids::{AlertId, RouteId};
 use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason};
 
@@ -93,23 +94,26 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn report(&self, scope: &ReportScope) -> Result<Report, StoreError> {
-        let mut reader = self.reader().await?;
-        let report = report(&mut reader, scope).await;
-        of_snapshot(reader, report)
+        self.read(ReportQuery(scope)).await
     }
 }
 
-async fn report(reader: &mut SqliteConnection, scope: &ReportScope) -> Result<Report, StoreError> {
-    let mut snapshot = reader.begin().await?;
-    let report = Report {
-        raised: alerts::raised_between(&mut snapshot, scope).await?,
-        decided: decided(&mut snapshot, scope).await?,
-        open: alerts::open(&mut snapshot, scope).await?,
-        dismissals: dismissals(&mut snapshot, scope).await?,
-        counts: counts(&mut snapshot, scope).await?,
-    };
-    snapshot.commit().await?;
-    Ok(report)
+struct ReportQuery<'a>(&'a ReportScope);
+
+impl Query for ReportQuery<'_> {
+    type Answer = Report;
+    const ONE_SNAPSHOT: bool = true;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let Self(scope) = self;
+        Ok(Report {
+            raised: RaisedInTime(scope).answer(reader).await?,
+            decided: decided(reader, scope).await?,
+            open: OpenAlerts(scope).answer(reader).await?,
+            dismissals: dismissals(reader, scope).await?,
+            counts: counts(reader, scope).await?,
+        })
+    }
 }
 
 /// Entries of alerts' histories that somebody made in a time.
@@ -120,7 +124,7 @@ macro_rules! select_decided {
             $columns,
             " FROM alert_history AS entry JOIN alerts USING (alert_key) \
              JOIN routes USING (route_key) \
-             WHERE entry.at_us >= ?1 AND entry.at_us < ?2 AND (?3 IS NULL OR routes.id = ?3) \
+             WHERE entry.at_us >= $1 AND entry.at_us < $2 AND ($3 IS NULL OR routes.id = $3) \
              AND by_whom <> 'system' ",
             $rest
         )
@@ -136,7 +140,7 @@ async fn decided(
          entry.at_us AS decided_us, reason, note, \
          (SELECT before.status FROM alert_history AS before \
           WHERE before.alert_key = entry.alert_key AND before.position = entry.position - 1) AS was",
-        "ORDER BY entry.at_us DESC, alerts.id DESC, position DESC LIMIT ?4"
+        "ORDER BY entry.at_us DESC, alerts.id DESC, position DESC LIMIT $4"
     ))
     .bind(micros(scope.since))
     .bind(micros(scope.until))
@@ -182,7 +186,7 @@ async fn dismissals(
     let rows = sqlx::query(select_decided!(
         "routes.id AS route_id, kind, reason, count(*) AS count",
         "AND entry.status = 'dismissed' GROUP BY routes.id, kind, reason \
-         ORDER BY routes.id, kind, reason LIMIT ?4"
+         ORDER BY routes.id, kind, reason LIMIT $4"
     ))
     .bind(micros(scope.since))
     .bind(micros(scope.until))
@@ -215,7 +219,7 @@ async fn counts(
         .await?;
     let raised = sqlx::query_scalar(
         "SELECT count(*) FROM alerts JOIN routes USING (route_key) \
-         WHERE raised_at_us >= ?1 AND raised_at_us < ?2 AND (?3 IS NULL OR routes.id = ?3)",
+         WHERE raised_at_us >= $1 AND raised_at_us < $2 AND ($3 IS NULL OR routes.id = $3)",
     )
     .bind(bounds.0)
     .bind(bounds.1)
@@ -225,7 +229,7 @@ async fn counts(
     let (open, muted) = sqlx::query_as(
         "SELECT count(*) - count(muted_until_us), count(muted_until_us) \
          FROM alerts JOIN routes USING (route_key) LEFT JOIN alert_handling USING (alert_key) \
-         WHERE status IN ('open', 'acknowledged') AND (?1 IS NULL OR routes.id = ?1)",
+         WHERE status IN ('open', 'acknowledged') AND ($1 IS NULL OR routes.id = $1)",
     )
     .bind(route)
     .fetch_one(reader)
