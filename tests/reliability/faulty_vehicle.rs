@@ -1,6 +1,6 @@
 //! One vehicle of a fleet sees the world otherwise than it says: nobody else is the worse for it.
 //!
-//! Nothing changes in the workshop, so that every change that is told is false. The fleet drives in
+//! Nothing changes in the workshop, so every change that is reported is false. The fleet drives in
 //! turn, three laps a trip; a trip of fewer than 150 scans says nothing of its vehicle.
 
 use std::collections::BTreeSet;
@@ -18,7 +18,7 @@ use crate::state::State;
 
 pub const ROW: Row = Row {
     name: "faulty-vehicle",
-    shows: "one faulty vehicle raises no change, is named within 20 batches, and moves no other's poses",
+    shows: "one faulty vehicle raises no change, is named or corrected within 20 batches, and moves no other's poses",
     obstacle: nothing_in_the_way,
     run: |form| run(faulty_vehicle(form)),
 };
@@ -30,7 +30,7 @@ const SCAN_SPACING_M: f64 = 0.5;
 const PATH_NOISE_M: f64 = 0.3;
 /// Trips of each vehicle before one of them is knocked: so many make it known.
 const TRIPS_BEFORE: usize = 4;
-const NAMED_WITHIN_BATCHES: usize = 20;
+const RECOGNISED_WITHIN_BATCHES: usize = 20;
 const MOVED_WITHIN_M: f64 = 0.02;
 
 /// What is wrong with the vehicle.
@@ -42,6 +42,27 @@ enum Fault {
     Scale,
     /// Its lidar sits 0.2 m ahead of where it says.
     Offset,
+}
+
+impl Fault {
+    /// The field of a vehicle's calibration that shows it.
+    fn quantity(self) -> &'static str {
+        match self {
+            Self::Yaw => "yaw",
+            Self::Scale => "range_scale",
+            Self::Offset => "offset_x",
+        }
+    }
+}
+
+/// What the service does about a faulty vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Answer {
+    /// It raises a `vehicle_suspect`.
+    Named,
+    /// It corrects the vehicle's scans and shows that under the vehicle: right for a fault that is
+    /// always the same, which no trip contradicts.
+    Corrected,
 }
 
 /// Since when.
@@ -73,8 +94,8 @@ struct Outcome {
     other_changes: usize,
     /// Vehicles named `vehicle_suspect`.
     suspects: BTreeSet<String>,
-    /// Batches of the faulty vehicle from its fault on, until it was named.
-    named_after: Option<usize>,
+    /// The first answer to the fault, and how many batches of the faulty vehicle it took.
+    answered: Option<(Answer, usize)>,
 }
 
 async fn faulty_vehicle(form: Form) -> Finding {
@@ -116,7 +137,7 @@ async fn faulty_vehicle(form: Form) -> Finding {
     finding
 }
 
-/// The figures of a case, and what of the promise does not hold.
+/// The figures of a case, and what of the guarantee does not hold.
 fn judged(case: &Case, outcome: &Outcome, undisturbed: &Outcome) -> (String, Vec<String>) {
     let name = match case.fault {
         Some(fault) => format!("{fault:?}, {:?}, seed {}", case.onset, case.seed),
@@ -124,13 +145,15 @@ fn judged(case: &Case, outcome: &Outcome, undisturbed: &Outcome) -> (String, Vec
     };
     let moved = moved(case, &outcome.state, &undisturbed.state);
     let figure = format!(
-        "{name}: {} changes on its word alone, {} others; named after {} batches; of others' {} poses \
-         the farthest moved {:.1} mm and {:.2}°",
+        "{name}: {} changes on its word alone, {} others; {}; of others' {} poses the \
+         farthest moved {:.1} mm and {:.2}°",
         outcome.on_its_word.len(),
         outcome.other_changes,
-        outcome
-            .named_after
-            .map_or("no number of".to_owned(), |count| count.to_string()),
+        match outcome.answered {
+            Some((Answer::Named, count)) => format!("named after {count} batches"),
+            Some((Answer::Corrected, count)) => format!("corrected after {count} batches"),
+            None => "neither named nor corrected".to_owned(),
+        },
         moved.compared,
         1e3 * moved.metres,
         moved.radians.to_degrees()
@@ -143,11 +166,11 @@ fn judged(case: &Case, outcome: &Outcome, undisturbed: &Outcome) -> (String, Vec
             .map(|alert| format!("{name}: {alert}")),
     );
     if outcome
-        .named_after
-        .is_none_or(|count| count > NAMED_WITHIN_BATCHES)
+        .answered
+        .is_none_or(|(_, count)| count > RECOGNISED_WITHIN_BATCHES)
     {
         faults.push(format!(
-            "{name}: not named within {NAMED_WITHIN_BATCHES} batches"
+            "{name}: neither named nor corrected within {RECOGNISED_WITHIN_BATCHES} batches"
         ));
     }
     let faulty = vehicle_name(case.faulty);
@@ -209,7 +232,7 @@ async fn outcome(case: &Case) -> Outcome {
     let client = Client::new(&process.url);
     client.put_route(ROUTE, Value::Null).await;
     let faulty = vehicle_name(case.faulty);
-    let (mut sent, mut named_after) = (0, None);
+    let (mut sent, mut answered) = (0, None);
     for round in 0..case.rounds {
         for number in 0..case.vehicles {
             let is_faulty = number == case.faulty;
@@ -219,8 +242,8 @@ async fn outcome(case: &Case) -> Outcome {
                 client.settled(ROUTE, true).await;
                 if counts {
                     sent += 1;
-                    let is_named = suspects(&alerts(&client).await).contains(&faulty);
-                    named_after = named_after.or(is_named.then_some(sent));
+                    let answer = answer(&client, case.fault, &faulty).await;
+                    answered = answered.or(answer.map(|answer| (answer, sent)));
                 }
             }
         }
@@ -237,8 +260,20 @@ async fn outcome(case: &Case) -> Outcome {
         on_its_word: on_its_word.into_iter().map(brief).collect(),
         other_changes: others.len(),
         suspects: suspects(&alerts),
-        named_after,
+        answered,
     }
+}
+
+async fn answer(client: &Client, fault: Option<Fault>, vehicle: &str) -> Option<Answer> {
+    if suspects(&alerts(client).await).contains(vehicle) {
+        return Some(Answer::Named);
+    }
+    let shown = client
+        .json(&format!("/v1/routes/{ROUTE}/vehicles/{vehicle}"))
+        .await;
+    let quantity = fault.map(Fault::quantity)?;
+    let is_corrected = shown["calibration"][quantity]["applied"] == true;
+    is_corrected.then_some(Answer::Corrected)
 }
 
 async fn alerts(client: &Client) -> Vec<Value> {
