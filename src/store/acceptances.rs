@@ -52,7 +52,7 @@ pub(super) async fn accepted_changes(
 ) -> Result<Vec<AcceptedChange>, StoreError> {
     let rows = sqlx::query(select_accepted!(
         "",
-        "WHERE routes.id = ? ORDER BY accepted_changes.map_version, alerts.id"
+        "WHERE routes.id = $1 ORDER BY accepted_changes.map_version, alerts.id"
     ))
     .bind(route.as_str())
     .fetch_all(reader)
@@ -67,7 +67,7 @@ pub(super) async fn acceptance(
 ) -> Result<Option<Acceptance>, StoreError> {
     let row = sqlx::query(select_accepted!(
         ", undo, undo_bytes, undo_sha256",
-        "WHERE alerts.id = ?"
+        "WHERE alerts.id = $1"
     ))
     .bind(alert.to_string())
     .fetch_optional(readers)
@@ -105,7 +105,7 @@ pub(super) async fn insert(
     sqlx::query(
         "INSERT INTO accepted_changes (alert_key, route_key, region, since_ns, map_version, \
          nodes, first_edge_id, undo, undo_bytes, undo_sha256) \
-         SELECT alert_key, ?, ?, ?, ?, ?, ?, ?, ?, ? FROM alerts WHERE id = ?",
+         SELECT alert_key, $1, $2, $3, $4, $5, $6, $7, $8, $9 FROM alerts WHERE id = $10",
     )
     .bind(route_key)
     .bind(polygon_bytes(&change.region))
@@ -129,7 +129,7 @@ pub(super) async fn remove(
 ) -> Result<bool, StoreError> {
     let removed = sqlx::query(
         "DELETE FROM accepted_changes \
-         WHERE alert_key = (SELECT alert_key FROM alerts WHERE id = ?)",
+         WHERE alert_key = (SELECT alert_key FROM alerts WHERE id = $1)",
     )
     .bind(alert.to_string())
     .execute(transaction)

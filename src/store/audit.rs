@@ -88,7 +88,7 @@ pub(super) async fn write(
 ) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO audit (at_us, actor, address, key_id, action, route_id, subject, before, after) \
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
     )
     .bind(micros(change.at))
     .bind(change.actor.name())

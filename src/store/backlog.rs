@@ -105,7 +105,7 @@ pub(super) async fn queue_oldest(
     place: &Place,
 ) -> Result<(), StoreError> {
     let has_job: bool = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE route_key = ? AND trip_id = ?)",
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE route_key = $1 AND trip_id = $2)",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -149,10 +149,10 @@ async fn leave(
 ) -> Result<(), StoreError> {
     let last_key = oldest.last().map(|last| last.batch_key);
     let is_worth_a_try: bool = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ?1 AND trip_id = ?2 \
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 \
              AND status = 'merged' AND nodes_added > 0) \
          OR EXISTS (SELECT 1 FROM batches JOIN routes USING (route_key) \
-             WHERE batch_key = ?3 AND 4 * routes.nodes >= 5 * nodes_at_try + 80)",
+             WHERE batch_key = $3 AND 4 * routes.nodes >= 5 * nodes_at_try + 80)",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -160,11 +160,11 @@ async fn leave(
     .fetch_one(&mut *transaction)
     .await?;
     sqlx::query(
-        "UPDATE batches SET status = 'unanchored', processed_at_us = ?2, \
+        "UPDATE batches SET status = 'unanchored', processed_at_us = $2, \
          reason = 'the trip has no place in the map yet: this batch follows when those before it \
          are in it', \
          nodes_at_try = (SELECT nodes FROM routes WHERE routes.route_key = batches.route_key) \
-         WHERE batch_key = ?1",
+         WHERE batch_key = $1",
     )
     .bind(place.batch_key)
     .bind(micros(now))
@@ -183,7 +183,7 @@ async fn own(
     place: &Place,
 ) -> Result<(BatchKind, Waiting), StoreError> {
     let row = sqlx::query(
-        "SELECT kind, id, batch_key, sequence, body_bytes FROM batches WHERE batch_key = ?",
+        "SELECT kind, id, batch_key, sequence, body_bytes FROM batches WHERE batch_key = $1",
     )
     .bind(place.batch_key)
     .fetch_one(transaction)
@@ -198,8 +198,8 @@ async fn before(
 ) -> Result<Vec<Waiting>, StoreError> {
     let rows = sqlx::query(
         "SELECT id, batch_key, sequence, body_bytes FROM batches \
-         WHERE route_key = ? AND trip_id = ? AND status = 'unanchored' AND sequence < ? \
-         AND kind = 'scans' ORDER BY sequence LIMIT ?",
+         WHERE route_key = $1 AND trip_id = $2 AND status = 'unanchored' AND sequence < $3 \
+         AND kind = 'scans' ORDER BY sequence LIMIT $4",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -219,9 +219,9 @@ async fn of_edges(
 ) -> Result<Vec<Waiting>, StoreError> {
     let rows = sqlx::query(
         "SELECT id, batch_key, sequence, body_bytes FROM batches \
-         WHERE route_key = ?2 AND batch_key <> ?1 AND status = 'unanchored' AND kind = 'edges' \
-         AND vehicle_id = (SELECT vehicle_id FROM batches WHERE batch_key = ?1) \
-         ORDER BY batch_key DESC LIMIT ?3",
+         WHERE route_key = $2 AND batch_key <> $1 AND status = 'unanchored' AND kind = 'edges' \
+         AND vehicle_id = (SELECT vehicle_id FROM batches WHERE batch_key = $1) \
+         ORDER BY batch_key DESC LIMIT $3",
     )
     .bind(place.batch_key)
     .bind(place.route_key)
@@ -253,8 +253,8 @@ async fn is_used(
     sequence: i64,
 ) -> Result<bool, StoreError> {
     let used = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? \
-         AND sequence = ? AND status IN ('merged', 'unanchored'))",
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 \
+         AND sequence = $3 AND status IN ('merged', 'unanchored'))",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)

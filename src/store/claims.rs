@@ -142,9 +142,9 @@ macro_rules! select_candidate {
         concat!(
             "SELECT job_id, attempts, orphaned, batch_key, route_key, trip_id, sequence \
              FROM jobs AS job \
-             WHERE (CASE state WHEN 'queued' THEN run_after_us ELSE lease_expires_us END) <= ?1 \
+             WHERE (CASE state WHEN 'queued' THEN run_after_us ELSE lease_expires_us END) <= $1 \
              AND route_key NOT IN (SELECT route_key FROM jobs \
-                 WHERE state = 'running' AND lease_expires_us > ?1) \
+                 WHERE state = 'running' AND lease_expires_us > $1) \
              AND NOT EXISTS (SELECT 1 FROM jobs AS earlier \
                  WHERE earlier.route_key = job.route_key \
                  AND earlier.trip_id = job.trip_id AND earlier.sequence < job.sequence) ",
@@ -167,7 +167,7 @@ async fn candidate(
     open: Duration,
 ) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query(select_candidate!(
-        "AND orphaned > 0 AND 1 << (3 * (orphaned - 1)) <= ?2"
+        "AND orphaned > 0 AND 1 << (3 * (orphaned - 1)) <= $2"
     ))
     .bind(now_us)
     .bind(i64::try_from(open.as_secs()).unwrap_or(i64::MAX))
@@ -177,7 +177,7 @@ async fn candidate(
         Some(row) => Some(row),
         None => sqlx::query(select_candidate!(
             "AND orphaned = 0 AND NOT EXISTS (SELECT 1 FROM jobs AS lost WHERE lost.orphaned > 0 \
-                 AND ((lost.state = 'running' AND lost.lease_expires_us > ?1) \
+                 AND ((lost.state = 'running' AND lost.lease_expires_us > $1) \
                      OR (lost.route_key = job.route_key AND lost.batch_key < job.batch_key)))"
         ))
         .bind(now_us)
@@ -192,7 +192,7 @@ async fn is_any_running(
     now_us: i64,
 ) -> Result<bool, StoreError> {
     let is_any = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE state = 'running' AND lease_expires_us > ?)",
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE state = 'running' AND lease_expires_us > $1)",
     )
     .bind(now_us)
     .fetch_one(transaction)
@@ -210,14 +210,14 @@ impl ClaimJob {
         let lease_us = i64::try_from(self.lease.as_micros()).unwrap_or(i64::MAX);
         let (generation, attempts): (i64, i64) = sqlx::query_as(
             "UPDATE jobs SET state = 'running', generation = generation + 1, \
-             attempts = attempts + 1, lease_expires_us = ? WHERE job_id = ? \
+             attempts = attempts + 1, lease_expires_us = $1 WHERE job_id = $2 \
              RETURNING generation, attempts",
         )
         .bind(micros(self.now).saturating_add(lease_us))
         .bind(job.job_id)
         .fetch_one(&mut *transaction)
         .await?;
-        sqlx::query("UPDATE batches SET status = 'processing' WHERE batch_key = ?")
+        sqlx::query("UPDATE batches SET status = 'processing' WHERE batch_key = $1")
             .bind(job.place.batch_key)
             .execute(&mut *transaction)
             .await?;
@@ -238,7 +238,7 @@ async fn route_id(
     transaction: &mut SqliteConnection,
     route_key: i64,
 ) -> Result<RouteId, StoreError> {
-    let row = sqlx::query("SELECT id FROM routes WHERE route_key = ?")
+    let row = sqlx::query("SELECT id FROM routes WHERE route_key = $1")
         .bind(route_key)
         .fetch_one(transaction)
         .await?;

@@ -31,12 +31,12 @@ pub(super) async fn client_nodes(
     names: &[String],
 ) -> Result<Vec<(String, NodeId)>, StoreError> {
     let rows = sqlx::query(
-        "SELECT client_id, node_id FROM json_each(?3) AS name \
+        "SELECT client_id, node_id FROM json_each($3) AS name \
          CROSS JOIN nodes INDEXED BY nodes_by_client_id \
-             ON nodes.route_key = (SELECT route_key FROM routes WHERE id = ?1) \
+             ON nodes.route_key = (SELECT route_key FROM routes WHERE id = $1) \
              AND client_id = name.value \
          CROSS JOIN batches ON batches.batch_key = nodes.batch_key \
-         WHERE vehicle_id = ?2 ORDER BY client_id",
+         WHERE vehicle_id = $2 ORDER BY client_id",
     )
     .bind(route.as_str())
     .bind(vehicle.as_str())

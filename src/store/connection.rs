@@ -252,7 +252,7 @@ async fn has_migration(
         return Ok(false);
     }
     let applied = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM _sqlx_migrations WHERE version = ? AND success)",
+        "SELECT EXISTS (SELECT 1 FROM _sqlx_migrations WHERE version = $1 AND success)",
     )
     .bind(version)
     .fetch_one(connection)
@@ -339,7 +339,7 @@ mod tests {
             sqlx::query(
                 "INSERT INTO routes (id, detector, false_alarm_rate, hold_s, stage, map_version, \
                  epoch, revision, next_node_id, next_edge_id, created_at_us, updated_at_us) \
-                 VALUES (?, 'fused', ?, 600, 'mapping', 1, 1, 0, 1, 1, 0, 0)",
+                 VALUES ($1, 'fused', $2, 600, 'mapping', 1, 1, 0, 1, 1, 0, 0)",
             )
             .bind(id)
             .bind(rate)

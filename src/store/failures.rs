@@ -113,8 +113,8 @@ impl Request for FailJob {
         let run_after_us = micros(self.now) + backoff_us(job.attempts);
         put_back(transaction, &job, run_after_us).await?;
         sqlx::query(
-            "UPDATE batches SET status = 'queued', reason = ?, processed_at_us = ? \
-             WHERE batch_key = ?",
+            "UPDATE batches SET status = 'queued', reason = $1, processed_at_us = $2 \
+             WHERE batch_key = $3",
         )
         .bind(&self.reason)
         .bind(micros(self.now))
@@ -157,11 +157,11 @@ impl Request for ReturnJob {
 }
 
 async fn forget_try(transaction: &mut SqliteConnection, job: &Job) -> Result<(), StoreError> {
-    sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = ?")
+    sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = $1")
         .bind(job.job_id)
         .execute(&mut *transaction)
         .await?;
-    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = $1")
         .bind(job.place.batch_key)
         .execute(transaction)
         .await?;
@@ -189,7 +189,7 @@ impl Request for QuarantineRotten {
             return Ok(None);
         };
         let batch_key: i64 =
-            sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = ? AND id = ?")
+            sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = $1 AND id = $2")
                 .bind(job.place.route_key)
                 .bind(self.batch_id.as_str())
                 .fetch_one(&mut *transaction)

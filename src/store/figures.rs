@@ -104,7 +104,7 @@ async fn batches(reader: &mut SqliteConnection) -> Result<BTreeMap<BatchStatus, 
     let rows = sqlx::query(
         "SELECT status, sum((SELECT count(*) FROM batches \
              WHERE batches.route_key = routes.route_key AND batches.status = wanted.status)) AS count \
-         FROM routes, (SELECT value AS status FROM json_each(?)) AS wanted GROUP BY status",
+         FROM routes, (SELECT value AS status FROM json_each($1)) AS wanted GROUP BY status",
     )
     .bind(json_text(&NOT_IN_A_MAP)?)
     .fetch_all(reader)

@@ -42,8 +42,8 @@ impl Request for ReleaseOverdue {
              AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
                  AND jobs.trip_id = batches.trip_id) \
              GROUP BY batches.route_key, trip_id \
-             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= ? \
-             ORDER BY batch_key LIMIT ?",
+             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= $1 \
+             ORDER BY batch_key LIMIT $2",
         )
         .bind(micros(self.now))
         .bind(RELEASED_MAX)
@@ -70,14 +70,14 @@ impl ReleaseOverdue {
     async fn follow_clock(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let now_us = micros(self.now);
         sqlx::query(
-            "UPDATE batches SET held_since_us = ?1 \
-             WHERE status = 'held' AND coalesce(held_since_us, received_at_us) > ?1",
+            "UPDATE batches SET held_since_us = $1 \
+             WHERE status = 'held' AND coalesce(held_since_us, received_at_us) > $1",
         )
         .bind(now_us)
         .execute(&mut *transaction)
         .await?;
         sqlx::query(
-            "UPDATE jobs SET run_after_us = ?1 WHERE state = 'queued' AND run_after_us > ?1 + ?2",
+            "UPDATE jobs SET run_after_us = $1 WHERE state = 'queued' AND run_after_us > $1 + $2",
         )
         .bind(now_us)
         .bind(PAUSE_MAX_US)

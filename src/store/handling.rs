@@ -219,7 +219,7 @@ async fn handle(
     at_us: i64,
 ) -> Result<(), StoreError> {
     let (changes, withheld_from, muted): (i64, Option<i64>, bool) = sqlx::query_as(
-        "INSERT INTO alert_handling (alert_key, changes) VALUES (?, 1) \
+        "INSERT INTO alert_handling (alert_key, changes) VALUES ($1, 1) \
          ON CONFLICT (alert_key) DO UPDATE SET changes = changes + 1 \
          RETURNING changes, withheld_from, muted_until_us IS NOT NULL",
     )
@@ -247,7 +247,7 @@ async fn row_of(
 ) -> Result<(i64, Option<i64>, bool), StoreError> {
     let row = sqlx::query_as(
         "SELECT changes, withheld_from, muted_until_us IS NOT NULL FROM alert_handling \
-         WHERE alert_key = ?",
+         WHERE alert_key = $1",
     )
     .bind(alert_key)
     .fetch_optional(transaction)
@@ -262,8 +262,8 @@ async fn set_mute(
     muted_until_us: Option<i64>,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "INSERT INTO alert_handling (alert_key, muted_until_us) SELECT ?1, ?2 \
-         WHERE ?2 IS NOT NULL OR EXISTS (SELECT 1 FROM alert_handling WHERE alert_key = ?1) \
+        "INSERT INTO alert_handling (alert_key, muted_until_us) SELECT $1, $2 \
+         WHERE $2 IS NOT NULL OR EXISTS (SELECT 1 FROM alert_handling WHERE alert_key = $1) \
          ON CONFLICT (alert_key) DO UPDATE SET muted_until_us = excluded.muted_until_us",
     )
     .bind(alert_key)
@@ -282,7 +282,7 @@ async fn tell(
     at_us: i64,
 ) -> Result<(), StoreError> {
     let sequence = sqlx::query_scalar(
-        "INSERT INTO alert_events (alert_key, revision, at_us, is_decision) VALUES (?, ?, ?, ?) \
+        "INSERT INTO alert_events (alert_key, revision, at_us, is_decision) VALUES ($1, $2, $3, $4) \
          RETURNING sequence",
     )
     .bind(alert.alert_key)
@@ -303,7 +303,7 @@ async fn tell(
     };
     queue(transaction, &happened).await?;
     if sent.withheld_from != standing.withheld_from {
-        sqlx::query("UPDATE alert_handling SET withheld_from = ? WHERE alert_key = ?")
+        sqlx::query("UPDATE alert_handling SET withheld_from = $1 WHERE alert_key = $2")
             .bind(sent.withheld_from)
             .bind(alert.alert_key)
             .execute(transaction)
@@ -319,10 +319,10 @@ pub(super) async fn count_open(
 ) -> Result<(), StoreError> {
     sqlx::query(
         "UPDATE routes SET open_alerts = (SELECT count(*) FROM alerts \
-         WHERE route_key = ?1 AND status IN ('open', 'acknowledged') \
+         WHERE route_key = $1 AND status IN ('open', 'acknowledged') \
          AND NOT EXISTS (SELECT 1 FROM alert_handling AS handling \
              WHERE handling.alert_key = alerts.alert_key AND muted_until_us IS NOT NULL)) \
-         WHERE route_key = ?1",
+         WHERE route_key = $1",
     )
     .bind(route_key)
     .execute(transaction)
@@ -337,7 +337,7 @@ async fn known(
 ) -> Result<Option<(Handled, String)>, StoreError> {
     let row = sqlx::query(
         "SELECT route_key, alert_key, alerts.revision, confirmed_revision, status, \
-         routes.id AS route_id FROM alerts JOIN routes USING (route_key) WHERE alerts.id = ?",
+         routes.id AS route_id FROM alerts JOIN routes USING (route_key) WHERE alerts.id = $1",
     )
     .bind(id.to_string())
     .fetch_optional(transaction)
@@ -377,7 +377,7 @@ impl Request for Assign {
             return Ok(false);
         };
         let before: Option<Option<String>> =
-            sqlx::query_scalar("SELECT assignee FROM alert_handling WHERE alert_key = ?")
+            sqlx::query_scalar("SELECT assignee FROM alert_handling WHERE alert_key = $1")
                 .bind(alert.alert_key)
                 .fetch_optional(&mut *transaction)
                 .await?;
@@ -386,7 +386,7 @@ impl Request for Assign {
             return Ok(true);
         }
         touch(transaction, &alert, micros(self.now)).await?;
-        sqlx::query("UPDATE alert_handling SET assignee = ? WHERE alert_key = ?")
+        sqlx::query("UPDATE alert_handling SET assignee = $1 WHERE alert_key = $2")
             .bind(self.assignee.as_deref())
             .bind(alert.alert_key)
             .execute(&mut *transaction)
@@ -431,12 +431,12 @@ impl Request for Comment {
             return Ok(None);
         };
         touch(transaction, &alert, micros(self.now)).await?;
-        sqlx::query("UPDATE alert_handling SET comments = comments + 1 WHERE alert_key = ?")
+        sqlx::query("UPDATE alert_handling SET comments = comments + 1 WHERE alert_key = $1")
             .bind(alert.alert_key)
             .execute(&mut *transaction)
             .await?;
         let row = sqlx::query(
-            "INSERT INTO alert_comments (alert_key, at_us, by_whom, text) VALUES (?, ?, ?, ?) \
+            "INSERT INTO alert_comments (alert_key, at_us, by_whom, text) VALUES ($1, $2, $3, $4) \
              RETURNING comment_key, at_us, by_whom, text",
         )
         .bind(alert.alert_key)

@@ -74,8 +74,8 @@ async fn check_places(
         return Ok(());
     }
     let gap: Option<i64> = sqlx::query_scalar(
-        "SELECT node_id FROM intermediate_scans WHERE route_key = ? \
-         AND node_id IN (SELECT value FROM json_each(?)) \
+        "SELECT node_id FROM intermediate_scans WHERE route_key = $1 \
+         AND node_id IN (SELECT value FROM json_each($2)) \
          GROUP BY node_id HAVING max(place) <> count(*) - 1 LIMIT 1",
     )
     .bind(route_key)
@@ -106,7 +106,7 @@ pub(super) async fn active_intermediate(
          CROSS JOIN intermediate_scans AS intermediate \
              ON intermediate.route_key = nodes.route_key \
              AND intermediate.node_id = nodes.node_id \
-         WHERE routes.id = ? ORDER BY intermediate.node_id, place",
+         WHERE routes.id = $1 ORDER BY intermediate.node_id, place",
     )
     .bind(route.as_str())
     .fetch_all(reader)
@@ -125,7 +125,7 @@ pub(super) async fn intermediate_behind(
         "SELECT node_id, place, stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, companion, lends, \
              scan_sha256, scan \
          FROM routes JOIN intermediate_scans USING (route_key) \
-         WHERE routes.id = ? AND node_id IN (SELECT value FROM json_each(?)) AND place < ? \
+         WHERE routes.id = $1 AND node_id IN (SELECT value FROM json_each($2)) AND place < $3 \
          ORDER BY node_id, place",
     )
     .bind(route.as_str())
@@ -181,7 +181,7 @@ pub(super) async fn check_behind(
 ) -> Result<(), StoreError> {
     let rows = sqlx::query(
         "SELECT scan_sha256, scan FROM routes JOIN intermediate_scans USING (route_key) \
-         WHERE routes.id = ? AND node_id = ? AND scan IS NOT NULL",
+         WHERE routes.id = $1 AND node_id = $2 AND scan IS NOT NULL",
     )
     .bind(route.as_str())
     .bind(node.0)
@@ -207,7 +207,7 @@ pub(super) async fn trajectory(
          LEFT JOIN intermediate_scans AS between_keyframes \
              ON between_keyframes.route_key = nodes.route_key \
              AND between_keyframes.node_id = nodes.node_id \
-         WHERE routes.id = ? AND batches.trip_id = ? ORDER BY nodes.node_id, place",
+         WHERE routes.id = $1 AND batches.trip_id = $2 ORDER BY nodes.node_id, place",
     )
     .bind(route.as_str())
     .bind(trip.as_str())
