@@ -11,8 +11,8 @@ use super::zones::Mutes;
 use crate::model::{ChangeKind, Clearance, DismissReason};
 use crate::scan::HeightBand;
 
-/// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
-/// the route's anew.
+/// Writes alerts as they are to be, new and changed ones, with an event for each, and counts the
+/// route's anew.
 ///
 /// # Errors
 /// [`StoreError::InvalidResult`] if an alert is not the successor of what is stored.

@@ -14,6 +14,7 @@ use super::connection::Database;
 use super::error::StoreError;
 use super::lock::{DirectoryLock, LOCK_FILE};
 use super::migrations::newest_schema;
+use super::query::Query;
 use super::{files, marker};
 
 const ROOT: u32 = 0;
@@ -113,13 +114,19 @@ pub async fn backup_contents(file: &Path) -> Result<Contents, StoreError> {
 
 async fn contents_of(database: &Database) -> Result<Contents, StoreError> {
     let mut reader = database.open_reader().await.map_err(StoreError::named)?;
-    let contents = read_contents(&mut reader).await;
+    let contents = ContentsNow.answer(&mut reader).await;
     reader.close().await?;
     contents.map_err(StoreError::named)
 }
 
-async fn read_contents(reader: &mut SqliteConnection) -> Result<Contents, StoreError> {
-    let row = sqlx::query(
+/// What a database holds.
+struct ContentsNow;
+
+impl Query for ContentsNow {
+    type Answer = Contents;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(
         "SELECT (SELECT coalesce(max(version), 0) FROM _sqlx_migrations WHERE success) AS schema, \
          (SELECT count(*) FROM routes) AS routes, (SELECT count(*) FROM batches) AS batches, \
          (SELECT count(*) FROM nodes) AS nodes, (SELECT count(*) FROM alerts) AS alerts, \
@@ -127,16 +134,17 @@ async fn read_contents(reader: &mut SqliteConnection) -> Result<Contents, StoreE
     )
     .fetch_one(&mut *reader)
     .await?;
-    let count = |column| row.try_get(column).map(i64::unsigned_abs);
-    Ok(Contents {
-        schema: row.try_get("schema")?,
-        routes: count("routes")?,
-        batches: count("batches")?,
-        nodes: count("nodes")?,
-        alerts: count("alerts")?,
-        newest_batch_at: optional_time(&row, "newest_batch_at_us")?,
-        commits: marker::commits(reader).await?,
-    })
+        let count = |column| row.try_get(column).map(i64::unsigned_abs);
+        Ok(Contents {
+            schema: row.try_get("schema")?,
+            routes: count("routes")?,
+            batches: count("batches")?,
+            nodes: count("nodes")?,
+            alerts: count("alerts")?,
+            newest_batch_at: optional_time(&row, "newest_batch_at_us")?,
+            commits: marker::commits(reader).await?,
+        })
+    }
 }
 
 /// A data directory that this process holds, to put a backup into it.
