@@ -1,8 +1,8 @@
-//! The batches that wait for a place in the map, and which of them a job takes along.
+//! The batches that wait for a place in the map, and which of them a job processes with its own.
 //!
-//! What a job takes along is loaded and decoded at once, so it is bounded. Of a trip that waits the
-//! oldest come first, since scans go into the map in the order of their trip: once they are in it,
-//! the next ones get a job, and so on.
+//! All batches of a job are loaded and decoded together, so their number is bounded. The oldest of a
+//! trip come first, since scans enter the map in the order of their trip; once they are in it, the
+//! next ones get a job, and so on.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -16,11 +16,11 @@ use super::trips::{Place, end_turn, queue};
 use crate::ids::BatchId;
 use crate::model::BatchKind;
 
-/// Batches of scans of a job, at most: as many are decoded whenever the trip is searched for.
+/// Batches of scans of a job, at most: all are decoded whenever the trip is localised globally.
 const BATCHES_MAX: i64 = 256;
 /// Their bodies, decompressed, at most, unless a single one is longer.
 const BYTES_MAX: i64 = 64 << 20;
-/// Batches of edges that a job takes along, at most.
+/// Batches of edges that a job processes with its own, at most.
 const EDGE_BATCHES_MAX: i64 = 63;
 
 /// The batches of a job.
@@ -41,9 +41,9 @@ struct Waiting {
     body_bytes: i64,
 }
 
-/// What a job takes along, with its own batch. A job that a process was lost with takes its own
-/// alone. `None`: too much waits before it in its trip; the batch waits as well then, and what
-/// comes first has a job if that may lead to anything.
+/// The batches of a job: those that waited before its own in the trip, and its own. A job during which
+/// a process was lost takes its own alone. `None` if more waits before it than a job may load: then its
+/// batch waits as well, and the oldest that wait get a job if that can lead to anything.
 pub(super) async fn take(
     transaction: &mut SqliteConnection,
     job: &Job,
@@ -98,8 +98,8 @@ fn cut(batches: &mut Vec<Waiting>) {
     batches.truncate(count.clamp(1, most));
 }
 
-/// Gives the oldest batches of a trip that wait a job, as many as one may take, if none of the trip
-/// has one: after a batch of the trip has gone into the map.
+/// Queues a job for the oldest batches of a trip that wait, as many as one may take, unless a batch of
+/// the trip has a job: after a batch of the trip has entered the map.
 pub(super) async fn queue_oldest(
     transaction: &mut SqliteConnection,
     place: &Place,
@@ -139,8 +139,8 @@ async fn queue_last(
     queue(transaction, &place).await
 }
 
-/// Lets a job's batch wait behind others of its trip. The oldest of them get a job if the trip is
-/// in the map, or the map has grown since they were tried.
+/// Leaves a job's batch to wait behind others of its trip. The oldest of them get a job if the trip is
+/// in the map, or if the map has grown since they were tried.
 async fn leave(
     transaction: &mut SqliteConnection,
     place: &Place,
@@ -210,8 +210,8 @@ async fn before(
     rows.iter().map(waiting_of).collect()
 }
 
-/// The newest batches of edges of the job's vehicle that are not tied to the map yet, in the order
-/// of arrival, and the job's own.
+/// The newest batches of edges of the job's vehicle that are not connected to the map yet, in the
+/// order of arrival, and the job's own.
 async fn of_edges(
     transaction: &mut SqliteConnection,
     place: &Place,
@@ -246,7 +246,7 @@ fn waiting_of(row: &SqliteRow) -> Result<Waiting, StoreError> {
     })
 }
 
-/// Whether a sequence of a trip is in the map, or at least waits for its anchor.
+/// Whether a sequence of a trip is in the map, or waits to be localised.
 async fn is_used(
     transaction: &mut SqliteConnection,
     place: &Place,

@@ -12,7 +12,7 @@ use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, RouteId};
 
 impl Store {
-    /// Every edge, by id.
+    /// Every edge, by id: for tests. The service reads pages of edges, or exports the graph.
     ///
     /// # Errors
     /// [`StoreError`].

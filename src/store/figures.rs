@@ -15,8 +15,8 @@ use super::migrations::MIGRATIONS;
 use super::query::Query;
 use crate::model::{BatchStatus, ChangeKind, Stage, Tier};
 
-/// The statuses of batches that are not in a map; those that are, or were taken out, are too many to be
-/// counted.
+/// The statuses of batches that are not in a map. Batches in a map, and those removed from one, are too
+/// many to be counted.
 pub const NOT_IN_A_MAP: [BatchStatus; 5] = [
     BatchStatus::Queued,
     BatchStatus::Processing,
@@ -34,7 +34,7 @@ pub struct Figures {
     pub oldest_queued: Option<Timestamp>,
     /// Alerts that wait for a decision and are not muted.
     pub open_alerts: BTreeMap<(ChangeKind, Tier), i64>,
-    /// Vehicles that an undecided alert suspects; one counts on every route.
+    /// Vehicles with an undecided alert about them; one counts on every route.
     pub suspect_vehicles: i64,
     /// Vehicles whose uploads somebody keeps out of a map; one counts on every route.
     pub quarantined_vehicles: i64,
@@ -129,8 +129,8 @@ async fn batches(reader: &mut SqliteConnection) -> Result<BTreeMap<BatchStatus, 
     counted.collect()
 }
 
-/// In the order of arrival the first one that was never tried: a batch that is tried again arrived long
-/// ago.
+/// When the first batch arrived, in the order of arrival, that was never tried: one that is tried again
+/// arrived long ago.
 async fn oldest_queued(reader: &mut SqliteConnection) -> Result<Option<Timestamp>, StoreError> {
     let row = sqlx::query(
         "SELECT received_at_us FROM jobs CROSS JOIN batches USING (batch_key) \

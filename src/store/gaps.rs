@@ -20,7 +20,7 @@ impl Store {
     }
 }
 
-/// Held batches that one sweep lets go: a bounded write.
+/// Held batches that are queued in one write, at most.
 const RELEASED_MAX: i64 = 256;
 
 /// Queues held batches that have waited for their predecessor long enough.
@@ -65,8 +65,8 @@ impl Request for ReleaseOverdue {
 }
 
 impl ReleaseOverdue {
-    /// After the clock was put back: a batch that was received in what is the future now is held
-    /// from now on, and a job that waits for longer than jobs do waits no more.
+    /// After the clock was put back: a batch that was received at a time that is now in the future is
+    /// held from now on, and a job with a pause longer than the longest may run now.
     async fn follow_clock(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let now_us = micros(self.now);
         sqlx::query(

@@ -1,5 +1,5 @@
 //! The journal of everything that shaped a route's map, in the order in which it did. Each entry is
-//! written in the transaction of what came of it.
+//! written in the transaction of its result.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -114,7 +114,7 @@ pub struct JobInput {
 pub struct InputRecord {
     /// In the order of commits.
     pub key: i64,
-    /// The time that whatever came of it bears.
+    /// The time that its result is stamped with.
     pub at: Timestamp,
     /// What it was.
     pub input: Input,
@@ -171,7 +171,7 @@ impl Query for InputPage<'_> {
     }
 }
 
-/// Writes an entry in the transaction of what came of it.
+/// Writes an entry, in the transaction of its result.
 pub(super) async fn note(
     transaction: &mut SqliteConnection,
     route_key: i64,

@@ -17,7 +17,7 @@ use crate::ids::{LidarId, NodeId, RouteId, StampNs, TripId};
 
 impl Store {
     /// Where a trip was at each of its scans, keyframes and those between them, active or not, in
-    /// the order of time.
+    /// the order of time: for tests. The service exports trajectories.
     ///
     /// # Errors
     /// [`StoreError`].

@@ -16,7 +16,7 @@ use super::scan_columns::scan_of;
 use crate::ids::{NodeId, RouteId, TripId};
 
 impl Store {
-    /// Every node, by id.
+    /// Every node, by id: for tests. The service reads pages of nodes, or exports the graph.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -88,7 +88,8 @@ impl Store {
         self.read(NodeScan { route, id }).await
     }
 
-    /// The nodes of a trip, active or not, in the order of their scans.
+    /// The nodes of a trip, active or not, in the order of their scans: for tests. The service exports
+    /// trajectories.
     ///
     /// # Errors
     /// [`StoreError`].
