@@ -1,13 +1,14 @@
-//! Changes that maps have taken in.
+//! Changes that people have accepted into maps.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::alert_records::{Acceptance, AcceptedChange};
 use super::body::{SealedBody, unseal};
 use super::columns::{alert_id, corrupt, json, json_text, polygon, polygon_bytes};
 use super::error::StoreError;
-use super::{Store, named};
+use super::query::Query;
 use crate::ids::{AlertId, EdgeId, RouteId, StampNs};
 
 impl Store {
@@ -19,8 +20,7 @@ impl Store {
         &self,
         route: &RouteId,
     ) -> Result<Vec<AcceptedChange>, StoreError> {
-        let mut reader = self.reader().await?;
-        named(accepted_changes(&mut reader, route).await)
+        self.read(AcceptedChanges(route)).await
     }
 
     /// An accepted change with what takes it back; `None` if the alert's is not in the map.
@@ -28,7 +28,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Corrupt`] if what takes it back has lost its checksum.
     pub async fn acceptance(&self, alert: AlertId) -> Result<Option<Acceptance>, StoreError> {
-        named(acceptance(&self.shared.readers, alert).await)
+        self.read(AcceptanceOf(alert)).await
     }
 }
 
@@ -46,42 +46,48 @@ macro_rules! select_accepted {
 }
 
 /// The accepted changes of a route, in the order of acceptance.
-pub(super) async fn accepted_changes(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<Vec<AcceptedChange>, StoreError> {
-    let rows = sqlx::query(select_accepted!(
-        "",
-        "WHERE routes.id = ? ORDER BY accepted_changes.map_version, alerts.id"
-    ))
-    .bind(route.as_str())
-    .fetch_all(reader)
-    .await?;
-    rows.iter().map(accepted_of).collect()
+pub(super) struct AcceptedChanges<'a>(pub(super) &'a RouteId);
+
+impl Query for AcceptedChanges<'_> {
+    type Answer = Vec<AcceptedChange>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_accepted!(
+            "",
+            "WHERE routes.id = $1 ORDER BY accepted_changes.map_version, alerts.id"
+        ))
+        .bind(self.0.as_str())
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(accepted_of).collect()
+    }
 }
 
 /// The accepted change of an alert with what takes it back.
-pub(super) async fn acceptance(
-    readers: &SqlitePool,
-    alert: AlertId,
-) -> Result<Option<Acceptance>, StoreError> {
-    let row = sqlx::query(select_accepted!(
-        ", undo, undo_bytes, undo_sha256",
-        "WHERE alerts.id = ?"
-    ))
-    .bind(alert.to_string())
-    .fetch_optional(readers)
-    .await?;
-    let Some(row) = row else { return Ok(None) };
-    let undo = unseal(
-        row.try_get("undo")?,
-        row.try_get("undo_bytes")?,
-        row.try_get("undo_sha256")?,
-    );
-    Ok(Some(Acceptance {
-        change: accepted_of(&row)?,
-        undo: undo.ok_or_else(|| corrupt("undo"))?,
-    }))
+pub(super) struct AcceptanceOf(pub(super) AlertId);
+
+impl Query for AcceptanceOf {
+    type Answer = Option<Acceptance>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_accepted!(
+            ", undo, undo_bytes, undo_sha256",
+            "WHERE alerts.id = $1"
+        ))
+        .bind(self.0.to_string())
+        .fetch_optional(reader)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        let undo = unseal(
+            row.try_get("undo")?,
+            row.try_get("undo_bytes")?,
+            row.try_get("undo_sha256")?,
+        );
+        Ok(Some(Acceptance {
+            change: accepted_of(&row)?,
+            undo: undo.ok_or_else(|| corrupt("undo"))?,
+        }))
+    }
 }
 
 fn accepted_of(row: &SqliteRow) -> Result<AcceptedChange, StoreError> {
@@ -105,7 +111,7 @@ pub(super) async fn insert(
     sqlx::query(
         "INSERT INTO accepted_changes (alert_key, route_key, region, since_ns, map_version, \
          nodes, first_edge_id, undo, undo_bytes, undo_sha256) \
-         SELECT alert_key, ?, ?, ?, ?, ?, ?, ?, ?, ? FROM alerts WHERE id = ?",
+         SELECT alert_key, $1, $2, $3, $4, $5, $6, $7, $8, $9 FROM alerts WHERE id = $10",
     )
     .bind(route_key)
     .bind(polygon_bytes(&change.region))
@@ -129,7 +135,7 @@ pub(super) async fn remove(
 ) -> Result<bool, StoreError> {
     let removed = sqlx::query(
         "DELETE FROM accepted_changes \
-         WHERE alert_key = (SELECT alert_key FROM alerts WHERE id = ?)",
+         WHERE alert_key = (SELECT alert_key FROM alerts WHERE id = $1)",
     )
     .bind(alert.to_string())
     .execute(transaction)

@@ -11,7 +11,6 @@ pub use crate::model::SYSTEM;
 use crate::model::{Actor, Clearance, DismissReason, VersionAction, VersionState};
 pub use crate::render::MapPicture;
 
-use super::handling::Handling;
 use super::records::{EdgeChange, NodeChange};
 
 /// An alert.
@@ -30,14 +29,14 @@ pub struct AlertRecord {
     pub decision_region: Vec<Vector2<f64>>,
     /// Where it is in its life.
     pub status: AlertStatus,
-    /// What all looks at the place say together.
+    /// What all observations of the place say together.
     pub evidence: Finding,
-    /// The first look that ever showed it; `evidence.since` is the first of its present episode.
+    /// The first observation that ever showed it; `evidence.since` is the first of its present episode.
     pub first_seen: StampNs,
-    /// Whose looks show the new state, ascending.
+    /// Whose observations show the new state, ascending.
     pub vehicles: Vec<VehicleId>,
-    /// The passes by its place, and what they saw; `None` of what is no change of state, and of an alert
-    /// that has not changed since passes are kept.
+    /// The passes by its place, and what they saw; `None` for what is no change of state, and for an
+    /// alert that has not changed since this program began to keep passes.
     pub passes: Option<JudgedPasses>,
     /// How near it is to the vehicles' way; `None` as `passes`.
     pub clearance: Option<Clearance>,
@@ -45,7 +44,7 @@ pub struct AlertRecord {
     pub residual: Option<AlertResidual>,
     /// The version of the map that it contradicts.
     pub map_version: i64,
-    /// Other alerts that tell of the same place.
+    /// Other alerts about the same place.
     pub related: Vec<AlertId>,
     /// When it was raised.
     pub raised_at: Timestamp,
@@ -62,6 +61,26 @@ impl AlertRecord {
     pub fn shown_revision(&self) -> i64 {
         self.revision + self.handling.changes
     }
+}
+
+/// What people and zones have added to an alert.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Handling {
+    /// How often it has changed: counted on top of the alert's revision.
+    pub changes: i64,
+    /// Who sees to it.
+    pub assignee: Option<String>,
+    /// How many comments there are.
+    pub comments: i64,
+    /// Whether a zone mutes it.
+    pub muted: Option<Muted>,
+}
+
+/// That an alert is muted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Muted {
+    /// Until then; `None` for as long as the zone is there.
+    pub until: Option<Timestamp>,
 }
 
 /// A closure's place in the residual series of its sub-graph.

@@ -11,8 +11,8 @@ use super::zones::Mutes;
 use crate::model::{ChangeKind, Clearance, DismissReason};
 use crate::scan::HeightBand;
 
-/// Writes alerts as they are to be, new and changed ones, tells of them in the events, and counts
-/// the route's anew.
+/// Writes alerts as they are to be, new and changed ones, with an event for each, and counts the
+/// route's anew.
 ///
 /// # Errors
 /// [`StoreError::InvalidResult`] if an alert is not the successor of what is stored.
@@ -61,7 +61,7 @@ async fn is_decision(
     alert: &AlertRecord,
 ) -> Result<bool, StoreError> {
     let stored: Option<i64> =
-        sqlx::query_scalar("SELECT decision_revision FROM alerts WHERE id = ?")
+        sqlx::query_scalar("SELECT decision_revision FROM alerts WHERE id = $1")
             .bind(alert.id.to_string())
             .fetch_optional(transaction)
             .await?;
@@ -157,10 +157,10 @@ const UPSERT: &str = "INSERT INTO alerts (route_key, id, revision, kind, status,
      residual_ratio, residual_p_value, residual_seed_rule, map_version, related, raised_at_us, \
      updated_at_us, tier, counterpart_kind, counterpart_region, shift_x, shift_y, bands, \
      suspect, decision_revision, decision_region, passes, clearance, confirmed_revision) \
-     SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, \
-     ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, \
-     ?34, ?35, ?36, ?37, ?38, ?39, ?40, ?41, iif(?31 = 'confirmed', ?3, NULL) \
-     WHERE ?3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = ?2) \
+     SELECT $1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, \
+     $19, $20, $21, $22, $23, $24, $25, $26, $27, $28, $29, $30, $31, $32, $33, \
+     $34, $35, $36, $37, $38, $39, $40, $41, iif($31 = 'confirmed', $3, NULL) \
+     WHERE $3 = 1 OR EXISTS (SELECT 1 FROM alerts WHERE id = $2) \
      ON CONFLICT (id) DO UPDATE SET revision = excluded.revision, status = excluded.status, \
      confidence = excluded.confidence, x = excluded.x, y = excluded.y, \
      sigma_m = excluded.sigma_m, region = excluded.region, edges = excluded.edges, \
@@ -202,7 +202,7 @@ async fn add_history(
     for (position, entry) in history.iter().enumerate() {
         sqlx::query(
             "INSERT INTO alert_history (alert_key, position, status, at_us, by_whom, note, reason) \
-             VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING",
         )
         .bind(alert_key)
         .bind(length(position))
@@ -224,16 +224,16 @@ async fn link_batches(
     alert_key: i64,
     alert: &AlertRecord,
 ) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM alert_batches WHERE alert_key = ?")
+    sqlx::query("DELETE FROM alert_batches WHERE alert_key = $1")
         .bind(alert_key)
         .execute(&mut *transaction)
         .await?;
     sqlx::query(
         "INSERT INTO alert_batches (batch_key, alert_key) \
-         SELECT batch_key, ?2 FROM json_each(?3) CROSS JOIN nodes \
-             ON nodes.route_key = ?1 AND nodes.node_id = value \
-         UNION SELECT batch_key, ?2 FROM json_each(?4) CROSS JOIN edges \
-             ON edges.route_key = ?1 AND edges.edge_id = value",
+         SELECT batch_key, $2 FROM json_each($3) CROSS JOIN nodes \
+             ON nodes.route_key = $1 AND nodes.node_id = value \
+         UNION SELECT batch_key, $2 FROM json_each($4) CROSS JOIN edges \
+             ON edges.route_key = $1 AND edges.edge_id = value",
     )
     .bind(route_key)
     .bind(alert_key)

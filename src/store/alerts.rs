@@ -2,24 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use jiff::Timestamp;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::Store;
-use super::alert_records::{AlertEvent, AlertFilter, AlertRecord, AlertResidual, HistoryEntry};
-use super::columns::{
-    alert_id, corrupt, json, json_text, micros, name, optional_json, polygon, text, time, value_of,
-};
+use super::alert_columns::alert_of;
+use super::alert_records::{AlertFilter, AlertRecord};
+use super::columns::{alert_id, json_text, micros, name};
 use super::error::StoreError;
-use super::handling::handling_of;
 use super::query::Query;
 use super::report::ReportScope;
-use crate::change::{Counterpart, Finding, PendingChange};
-use crate::geometry::Vector2;
-use crate::ids::{AlertId, BatchId, EdgeId, RouteId, StampNs};
-use crate::model::{Clearance, DismissReason};
-use crate::scan::HeightBand;
+use crate::change::PendingChange;
+use crate::ids::{AlertId, BatchId, RouteId};
 
 impl Store {
     /// One alert.
@@ -72,25 +65,6 @@ impl Store {
         self.read(AlertsByBatch { route, batches }).await
     }
 
-    /// What happened to alerts after the event `after` (0 for the first), in order, at most
-    /// `limit`; of one route, or of all.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn alert_events(
-        &self,
-        route: Option<&RouteId>,
-        after: i64,
-        limit: u32,
-    ) -> Result<Vec<AlertEvent>, StoreError> {
-        let events = AlertEvents {
-            route,
-            after,
-            limit,
-        };
-        self.read(events).await
-    }
-
     /// What a route's alerts keep out of its map, the oldest alert first.
     ///
     /// # Errors
@@ -100,14 +74,6 @@ impl Store {
         let pending = alerts.iter();
         let pending = pending.filter_map(|alert| PendingChange::of(alert.status, &alert.evidence));
         Ok(pending.collect())
-    }
-
-    /// The sequence of the last event; 0 before the first.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn last_alert_event(&self) -> Result<i64, StoreError> {
-        self.read(LastAlertEvent).await
     }
 }
 
@@ -274,53 +240,6 @@ impl Query for AlertsByBatch<'_> {
     }
 }
 
-/// What happened to alerts after the event `after`, in order; of one route, or of all.
-struct AlertEvents<'a> {
-    route: Option<&'a RouteId>,
-    after: i64,
-    limit: u32,
-}
-
-impl Query for AlertEvents<'_> {
-    type Answer = Vec<AlertEvent>;
-
-    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
-        let rows = sqlx::query(
-            "SELECT sequence, alerts.id, alert_events.revision, at_us, is_decision \
-             FROM alert_events JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
-             WHERE sequence > $1 AND ($2 IS NULL OR routes.id = $2) ORDER BY sequence LIMIT $3",
-        )
-        .bind(self.after)
-        .bind(self.route.map(RouteId::as_str))
-        .bind(self.limit)
-        .fetch_all(reader)
-        .await?;
-        rows.iter().map(alert_event_of).collect()
-    }
-}
-
-fn alert_event_of(row: &SqliteRow) -> Result<AlertEvent, StoreError> {
-    Ok(AlertEvent {
-        sequence: row.try_get("sequence")?,
-        alert_id: alert_id(row, "id")?,
-        revision: row.try_get("revision")?,
-        at: time(row, "at_us")?,
-        is_decision: row.try_get("is_decision")?,
-    })
-}
-
-/// The sequence of the last event; 0 before the first.
-struct LastAlertEvent;
-
-impl Query for LastAlertEvent {
-    type Answer = i64;
-
-    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
-        let last = sqlx::query_scalar("SELECT coalesce(max(sequence), 0) FROM alert_events");
-        Ok(last.fetch_one(reader).await?)
-    }
-}
-
 /// The alerts of a route, the oldest first.
 pub(super) struct RouteAlerts<'a>(pub(super) &'a RouteId);
 
@@ -375,123 +294,4 @@ impl Query for OpenAlerts<'_> {
         .await?;
         rows.iter().map(alert_of).collect()
     }
-}
-
-fn alert_of(row: &SqliteRow) -> Result<AlertRecord, StoreError> {
-    Ok(AlertRecord {
-        id: alert_id(row, "id")?,
-        route_id: name(row, "route_id")?,
-        revision: row.try_get("revision")?,
-        decision_revision: row.try_get("decision_revision")?,
-        decision_region: polygon(row, "decision_region")?,
-        status: text(row, "status")?,
-        evidence: evidence_of(row)?,
-        first_seen: StampNs(row.try_get("first_seen_ns")?),
-        vehicles: json(row, "vehicles")?,
-        passes: optional_json(row, "passes")?,
-        clearance: clearance_of(row)?,
-        residual: residual_of(row)?,
-        map_version: row.try_get("map_version")?,
-        related: json(row, "related")?,
-        raised_at: time(row, "raised_at_us")?,
-        updated_at: time(row, "updated_at_us")?,
-        history: history_of(row)?,
-        handling: handling_of(row)?,
-    })
-}
-
-fn evidence_of(row: &SqliteRow) -> Result<Finding, StoreError> {
-    let count = |column| -> Result<usize, StoreError> {
-        let count: i64 = row.try_get(column)?;
-        usize::try_from(count).map_err(|_| corrupt(column))
-    };
-    let until: Option<i64> = row.try_get("until_ns")?;
-    Ok(Finding {
-        tier: text(row, "tier")?,
-        counterpart: counterpart_of(row)?,
-        shift: shift_of(row)?,
-        bands: bands_of(row)?,
-        suspect: optional_json(row, "suspect")?,
-        kind: text(row, "kind")?,
-        location: Vector2::new(row.try_get("x")?, row.try_get("y")?),
-        sigma_m: row.try_get("sigma_m")?,
-        region: polygon(row, "region")?,
-        edges: json(row, "edges")?,
-        nodes: json(row, "nodes")?,
-        trips: json(row, "trips")?,
-        views: count("views")?,
-        laps: count("laps")?,
-        confidence: row.try_get("confidence")?,
-        since: StampNs(row.try_get("since_ns")?),
-        last_seen: StampNs(row.try_get("last_seen_ns")?),
-        until: until.map(StampNs),
-    })
-}
-
-fn counterpart_of(row: &SqliteRow) -> Result<Option<Counterpart>, StoreError> {
-    let kind: Option<&str> = row.try_get("counterpart_kind")?;
-    if kind.is_none() {
-        return Ok(None);
-    }
-    Ok(Some(Counterpart {
-        kind: text(row, "counterpart_kind")?,
-        region: polygon(row, "counterpart_region")?,
-    }))
-}
-
-fn clearance_of(row: &SqliteRow) -> Result<Option<Clearance>, StoreError> {
-    let text: Option<&str> = row.try_get("clearance")?;
-    text.map(|text| value_of(text, "clearance")).transpose()
-}
-
-fn bands_of(row: &SqliteRow) -> Result<Vec<HeightBand>, StoreError> {
-    let ends: Vec<[f64; 2]> = json(row, "bands")?;
-    let bands = ends.into_iter();
-    let bands = bands.map(|[from_m, to_m]| HeightBand::new(from_m, to_m));
-    bands
-        .collect::<Result<_, _>>()
-        .map_err(|_| corrupt("bands"))
-}
-
-fn shift_of(row: &SqliteRow) -> Result<Option<Vector2<f64>>, StoreError> {
-    let (x, y): (Option<f64>, Option<f64>) = (row.try_get("shift_x")?, row.try_get("shift_y")?);
-    Ok(x.zip(y).map(|(x, y)| Vector2::new(x, y)))
-}
-
-fn residual_of(row: &SqliteRow) -> Result<Option<AlertResidual>, StoreError> {
-    let edge_id: Option<i64> = row.try_get("residual_edge")?;
-    let Some(edge_id) = edge_id else {
-        return Ok(None);
-    };
-    Ok(Some(AlertResidual {
-        edge_id: EdgeId(edge_id),
-        delta_f: row.try_get("residual_delta_f")?,
-        threshold: row.try_get("residual_threshold")?,
-        ratio: row.try_get("residual_ratio")?,
-        p_value: row.try_get("residual_p_value")?,
-        seed_rule: row.try_get("residual_seed_rule")?,
-    }))
-}
-
-fn history_of(row: &SqliteRow) -> Result<Vec<HistoryEntry>, StoreError> {
-    type Row = (
-        i64,
-        String,
-        i64,
-        String,
-        Option<String>,
-        Option<DismissReason>,
-    );
-    let mut rows: Vec<Row> = json(row, "history")?;
-    rows.sort_by_key(|(position, ..)| *position);
-    let entry = |(_, status, at_us, by, note, reason): Row| {
-        Ok(HistoryEntry {
-            status: value_of(&status, "history")?,
-            at: Timestamp::from_microsecond(at_us).map_err(|_| corrupt("history"))?,
-            by,
-            note,
-            reason,
-        })
-    };
-    rows.into_iter().map(entry).collect()
 }

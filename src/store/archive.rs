@@ -1,5 +1,5 @@
-//! Sums over the nodes and edges that have left the active graph, kept as they leave, so that
-//! nobody who asks for a route's sub-graphs or residuals has to read its whole past.
+//! Sums over the nodes and edges that have been archived, kept up to date as nodes leave the active
+//! graph and return: a route's sub-graphs and residuals are read without its whole past.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,10 @@ use futures::TryStreamExt;
 use sqlx::{Connection, Row, SqliteConnection};
 
 use super::columns::json_text;
+use super::edge_columns::{edge_of, select_edges};
 use super::error::StoreError;
-use super::graph::{edge_of, select_edges};
+use super::query::Query;
 use super::records::EdgeRecord;
-use super::{Store, of_snapshot, settled};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, RouteId};
 
@@ -40,7 +40,8 @@ pub struct SubgraphSums {
 }
 
 impl SubgraphSums {
-    fn add_edge(&mut self, edge: &EdgeRecord) {
+    /// Counts an edge.
+    pub(super) fn add_edge(&mut self, edge: &EdgeRecord) {
         if edge.status == EdgeStatus::Active {
             self.edges += 1;
             self.loop_closures += i64::from(edge.kind == EdgeKind::LoopClosure);
@@ -56,7 +57,8 @@ impl SubgraphSums {
         }
     }
 
-    fn plus(self, other: Self) -> Self {
+    /// The sums over what both are over.
+    pub(super) fn plus(self, other: Self) -> Self {
         Self {
             nodes: self.nodes + other.nodes,
             edges: self.edges + other.edges,
@@ -85,56 +87,6 @@ impl SubgraphSums {
 
 type BySubgraph = BTreeMap<i64, SubgraphSums>;
 
-impl Store {
-    /// Sums over each sub-graph of a route, what has left the active graph included.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn subgraph_sums(
-        &self,
-        route: &RouteId,
-    ) -> Result<BTreeMap<i64, SubgraphSums>, StoreError> {
-        let mut reader = self.reader().await?;
-        let sums = read_all(&mut reader, route).await;
-        of_snapshot(reader, sums)
-    }
-}
-
-async fn read_all(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<BySubgraph, StoreError> {
-    let mut snapshot = reader.begin().await?;
-    let archived = of_route(&mut snapshot, route).await?;
-    let edges = settled::active_edges(&mut snapshot, route).await?;
-    let nodes: Vec<(i64, i64)> = sqlx::query_as(
-        "SELECT subgraph_id, count(*) FROM routes \
-         CROSS JOIN nodes INDEXED BY nodes_active \
-             ON nodes.route_key = routes.route_key AND nodes.active = 1 \
-         WHERE routes.id = $1 AND subgraph_id IS NOT NULL GROUP BY subgraph_id",
-    )
-    .bind(route.as_str())
-    .fetch_all(&mut *snapshot)
-    .await?;
-    snapshot.commit().await?;
-    let mut sums = BySubgraph::new();
-    for (subgraph, nodes) in nodes {
-        sums.entry(subgraph).or_default().nodes = nodes;
-    }
-    for edge in &edges {
-        if let Some(subgraph) = edge.subgraph_id {
-            sums.entry(subgraph).or_default().add_edge(edge);
-        }
-    }
-    for (subgraph, archived) in archived {
-        if let Some(subgraph) = subgraph {
-            let sum = sums.entry(subgraph).or_default();
-            *sum = sum.plus(archived);
-        }
-    }
-    Ok(sums)
-}
-
 /// Counts nodes among what has left, with their edges: to be called while they are still active.
 pub(super) async fn add_leaving(
     transaction: &mut SqliteConnection,
@@ -159,37 +111,40 @@ pub(super) async fn take_reactivated(
 }
 
 /// The sums of every sub-graph of a route that something has left; `None` for what lay in none.
-pub(super) async fn of_route(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<BTreeMap<Option<i64>, SubgraphSums>, StoreError> {
-    let rows = sqlx::query(
+pub(super) struct ArchivedSums<'a>(pub(super) &'a RouteId);
+
+impl Query for ArchivedSums<'_> {
+    type Answer = BTreeMap<Option<i64>, SubgraphSums>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
         "SELECT subgraph_id, archive_sums.nodes, archive_sums.edges, archive_sums.loop_closures, \
              total, closures, delta_f, scan_closures, all_points \
          FROM routes JOIN archive_sums USING (route_key) WHERE routes.id = $1",
     )
-    .bind(route.as_str())
+    .bind(self.0.as_str())
     .fetch_all(reader)
     .await?;
-    let mut sums = BTreeMap::new();
-    for row in &rows {
-        let subgraph: i64 = row.try_get("subgraph_id")?;
-        let of_subgraph = SubgraphSums {
-            nodes: row.try_get("nodes")?,
-            edges: row.try_get("edges")?,
-            loop_closures: row.try_get("loop_closures")?,
-            total: row.try_get("total")?,
-            closures: row.try_get("closures")?,
-            delta_f: row.try_get("delta_f")?,
-            scan_closures: row.try_get("scan_closures")?,
-            all_points: row.try_get("all_points")?,
-        };
-        sums.insert((subgraph != NO_SUBGRAPH).then_some(subgraph), of_subgraph);
+        let mut sums = BTreeMap::new();
+        for row in &rows {
+            let subgraph: i64 = row.try_get("subgraph_id")?;
+            let of_subgraph = SubgraphSums {
+                nodes: row.try_get("nodes")?,
+                edges: row.try_get("edges")?,
+                loop_closures: row.try_get("loop_closures")?,
+                total: row.try_get("total")?,
+                closures: row.try_get("closures")?,
+                delta_f: row.try_get("delta_f")?,
+                scan_closures: row.try_get("scan_closures")?,
+                all_points: row.try_get("all_points")?,
+            };
+            sums.insert((subgraph != NO_SUBGRAPH).then_some(subgraph), of_subgraph);
+        }
+        Ok(sums)
     }
-    Ok(sums)
 }
 
-/// Sums up what had left before there were sums: all of it, or after a failure nothing.
+/// Sums up what had left before there were sums, in one transaction.
 pub(super) async fn fill_if_missing(writer: &mut SqliteConnection) -> Result<(), StoreError> {
     let mut transaction = writer.begin().await?;
     let missing: bool = sqlx::query_scalar(
@@ -298,8 +253,8 @@ async fn add(
     sums: BySubgraph,
 ) -> Result<(), StoreError> {
     for (subgraph, sum) in sums {
-        // An edge that comes back takes away what it amounts to by now, which may be more than it
-        // brought.
+        // An edge that returns subtracts its residual of now, which may be more than what was added
+        // when it left.
         sqlx::query(
             "INSERT INTO archive_sums (route_key, subgraph_id, nodes, edges, loop_closures, total, \
                  closures, delta_f, scan_closures, all_points) \

@@ -1,14 +1,15 @@
-//! The audit: who changed what, when, and from where. Whatever makes a change writes the row of it in
-//! its own transaction, so that there is neither without the other.
+//! The audit: who changed what, when, and from where. A change and its row are written in one
+//! transaction: there is neither without the other.
 
 use jiff::Timestamp;
 use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::Store;
 use super::columns::{corrupt, json_text, micros, optional_json, optional_name, text, time};
 use super::error::StoreError;
-use super::{Store, named};
+use super::query::Query;
 use crate::ids::RouteId;
 use crate::model::{Actor, AuditAction};
 
@@ -25,7 +26,8 @@ pub struct AuditRecord {
     pub action: AuditAction,
     /// The route, which may be gone; `None` for what is about all routes.
     pub route_id: Option<RouteId>,
-    /// What was changed: the name of a route, a batch or a vehicle, the id of an alert, a webhook, an operation.
+    /// What was changed: the name of a route, a batch or a vehicle, the id of an alert, a webhook, an
+    /// operation.
     pub subject: String,
     /// What was there before; `None` for what is new.
     pub before: Option<Value>,
@@ -59,7 +61,12 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<AuditRecord>, StoreError> {
-        named(audit_page(&self.shared.readers, filter, before, limit).await)
+        let page = AuditPage {
+            filter,
+            before,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
@@ -88,7 +95,7 @@ pub(super) async fn write(
 ) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO audit (at_us, actor, address, key_id, action, route_id, subject, before, after) \
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
     )
     .bind(micros(change.at))
     .bind(change.actor.name())
@@ -104,41 +111,56 @@ pub(super) async fn write(
     Ok(())
 }
 
-async fn audit_page(
-    readers: &SqlitePool,
-    filter: &AuditFilter,
+/// Changes, the newest first, those before the one with the key `before`, at most `limit`.
+struct AuditPage<'a> {
+    filter: &'a AuditFilter,
     before: Option<i64>,
     limit: u32,
-) -> Result<Vec<AuditRecord>, StoreError> {
-    let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM audit WHERE TRUE");
-    if let Some(before) = before {
-        query.push(
-            " AND (at_us, audit_key) < \
-             (SELECT last.at_us, last.audit_key FROM audit AS last WHERE last.audit_key = ",
-        );
-        query.push_bind(before).push(")");
+}
+
+impl Query for AuditPage<'_> {
+    type Answer = Vec<AuditRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM audit WHERE TRUE");
+        if let Some(before) = self.before {
+            query.push(
+                " AND (at_us, audit_key) < \
+                 (SELECT last.at_us, last.audit_key FROM audit AS last WHERE last.audit_key = ",
+            );
+            query.push_bind(before).push(")");
+        }
+        self.filter.push_to(&mut query)?;
+        query
+            .push(" ORDER BY at_us DESC, audit_key DESC LIMIT ")
+            .push_bind(self.limit);
+        let rows = query.build().fetch_all(reader).await?;
+        rows.iter().map(change_of).collect()
     }
-    if let Some(route) = &filter.route_id {
-        query.push(" AND route_id = ").push_bind(route.as_str());
+}
+
+impl AuditFilter {
+    /// Adds what it asks of a change. A condition is there only if it is asked for: SQLite chooses an
+    /// index only for a condition that is there.
+    fn push_to(&self, query: &mut QueryBuilder<Sqlite>) -> Result<(), StoreError> {
+        if let Some(route) = &self.route_id {
+            query.push(" AND route_id = ").push_bind(route.as_str());
+        }
+        if let Some(routes) = &self.among {
+            query.push(" AND route_id IN (SELECT value FROM json_each(");
+            query.push_bind(json_text(routes)?).push("))");
+        }
+        if let Some(action) = self.action {
+            query.push(" AND action = ").push_bind(action.name());
+        }
+        if let Some(since) = self.since {
+            query.push(" AND at_us >= ").push_bind(micros(since));
+        }
+        if let Some(until) = self.until {
+            query.push(" AND at_us < ").push_bind(micros(until));
+        }
+        Ok(())
     }
-    if let Some(routes) = &filter.among {
-        query.push(" AND route_id IN (SELECT value FROM json_each(");
-        query.push_bind(json_text(routes)?).push("))");
-    }
-    if let Some(action) = filter.action {
-        query.push(" AND action = ").push_bind(action.name());
-    }
-    if let Some(since) = filter.since {
-        query.push(" AND at_us >= ").push_bind(micros(since));
-    }
-    if let Some(until) = filter.until {
-        query.push(" AND at_us < ").push_bind(micros(until));
-    }
-    query
-        .push(" ORDER BY at_us DESC, audit_key DESC LIMIT ")
-        .push_bind(limit);
-    let rows = query.build().fetch_all(readers).await?;
-    rows.iter().map(change_of).collect()
 }
 
 fn change_of(row: &SqliteRow) -> Result<AuditRecord, StoreError> {

@@ -1,8 +1,8 @@
-//! The batches that wait for a place in the map, and which of them a job takes along.
+//! The batches that wait for a place in the map, and which of them a job processes with its own.
 //!
-//! What a job takes along is loaded and decoded at once, so it is bounded. Of a trip that waits the
-//! oldest come first, since scans go into the map in the order of their trip: once they are in it,
-//! the next ones get a job, and so on.
+//! All batches of a job are loaded and decoded together, so their number is bounded. The oldest of a
+//! trip come first, since scans enter the map in the order of their trip; once they are in it, the
+//! next ones get a job, and so on.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -16,11 +16,11 @@ use super::trips::{Place, end_turn, queue};
 use crate::ids::BatchId;
 use crate::model::BatchKind;
 
-/// Batches of scans of a job, at most: as many are decoded whenever the trip is searched for.
+/// Batches of scans of a job, at most: all are decoded whenever the trip is localised globally.
 const BATCHES_MAX: i64 = 256;
 /// Their bodies, decompressed, at most, unless a single one is longer.
 const BYTES_MAX: i64 = 64 << 20;
-/// Batches of edges that a job takes along, at most.
+/// Batches of edges that a job processes with its own, at most.
 const EDGE_BATCHES_MAX: i64 = 63;
 
 /// The batches of a job.
@@ -41,9 +41,9 @@ struct Waiting {
     body_bytes: i64,
 }
 
-/// What a job takes along, with its own batch. A job that a process was lost with takes its own
-/// alone. `None`: too much waits before it in its trip; the batch waits as well then, and what
-/// comes first has a job if that may lead to anything.
+/// The batches of a job: those that waited before its own in the trip, and its own. A job during which
+/// a process was lost takes its own alone. `None` if more waits before it than a job may load: then its
+/// batch waits as well, and the oldest that wait get a job if that can lead to anything.
 pub(super) async fn take(
     transaction: &mut SqliteConnection,
     job: &Job,
@@ -98,14 +98,14 @@ fn cut(batches: &mut Vec<Waiting>) {
     batches.truncate(count.clamp(1, most));
 }
 
-/// Gives the oldest batches of a trip that wait a job, as many as one may take, if none of the trip
-/// has one: after a batch of the trip has gone into the map.
+/// Queues a job for the oldest batches of a trip that wait, as many as one may take, unless a batch of
+/// the trip has a job: after a batch of the trip has entered the map.
 pub(super) async fn queue_oldest(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
     let has_job: bool = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE route_key = ? AND trip_id = ?)",
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE route_key = $1 AND trip_id = $2)",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -139,8 +139,8 @@ async fn queue_last(
     queue(transaction, &place).await
 }
 
-/// Lets a job's batch wait behind others of its trip. The oldest of them get a job if the trip is
-/// in the map, or the map has grown since they were tried.
+/// Leaves a job's batch to wait behind others of its trip. The oldest of them get a job if the trip is
+/// in the map, or if the map has grown since they were tried.
 async fn leave(
     transaction: &mut SqliteConnection,
     place: &Place,
@@ -149,10 +149,10 @@ async fn leave(
 ) -> Result<(), StoreError> {
     let last_key = oldest.last().map(|last| last.batch_key);
     let is_worth_a_try: bool = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ?1 AND trip_id = ?2 \
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 \
              AND status = 'merged' AND nodes_added > 0) \
          OR EXISTS (SELECT 1 FROM batches JOIN routes USING (route_key) \
-             WHERE batch_key = ?3 AND 4 * routes.nodes >= 5 * nodes_at_try + 80)",
+             WHERE batch_key = $3 AND 4 * routes.nodes >= 5 * nodes_at_try + 80)",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -160,11 +160,11 @@ async fn leave(
     .fetch_one(&mut *transaction)
     .await?;
     sqlx::query(
-        "UPDATE batches SET status = 'unanchored', processed_at_us = ?2, \
+        "UPDATE batches SET status = 'unanchored', processed_at_us = $2, \
          reason = 'the trip has no place in the map yet: this batch follows when those before it \
          are in it', \
          nodes_at_try = (SELECT nodes FROM routes WHERE routes.route_key = batches.route_key) \
-         WHERE batch_key = ?1",
+         WHERE batch_key = $1",
     )
     .bind(place.batch_key)
     .bind(micros(now))
@@ -183,7 +183,7 @@ async fn own(
     place: &Place,
 ) -> Result<(BatchKind, Waiting), StoreError> {
     let row = sqlx::query(
-        "SELECT kind, id, batch_key, sequence, body_bytes FROM batches WHERE batch_key = ?",
+        "SELECT kind, id, batch_key, sequence, body_bytes FROM batches WHERE batch_key = $1",
     )
     .bind(place.batch_key)
     .fetch_one(transaction)
@@ -198,8 +198,8 @@ async fn before(
 ) -> Result<Vec<Waiting>, StoreError> {
     let rows = sqlx::query(
         "SELECT id, batch_key, sequence, body_bytes FROM batches \
-         WHERE route_key = ? AND trip_id = ? AND status = 'unanchored' AND sequence < ? \
-         AND kind = 'scans' ORDER BY sequence LIMIT ?",
+         WHERE route_key = $1 AND trip_id = $2 AND status = 'unanchored' AND sequence < $3 \
+         AND kind = 'scans' ORDER BY sequence LIMIT $4",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -210,8 +210,8 @@ async fn before(
     rows.iter().map(waiting_of).collect()
 }
 
-/// The newest batches of edges of the job's vehicle that are not tied to the map yet, in the order
-/// of arrival, and the job's own.
+/// The newest batches of edges of the job's vehicle that are not connected to the map yet, in the
+/// order of arrival, and the job's own.
 async fn of_edges(
     transaction: &mut SqliteConnection,
     place: &Place,
@@ -219,9 +219,9 @@ async fn of_edges(
 ) -> Result<Vec<Waiting>, StoreError> {
     let rows = sqlx::query(
         "SELECT id, batch_key, sequence, body_bytes FROM batches \
-         WHERE route_key = ?2 AND batch_key <> ?1 AND status = 'unanchored' AND kind = 'edges' \
-         AND vehicle_id = (SELECT vehicle_id FROM batches WHERE batch_key = ?1) \
-         ORDER BY batch_key DESC LIMIT ?3",
+         WHERE route_key = $2 AND batch_key <> $1 AND status = 'unanchored' AND kind = 'edges' \
+         AND vehicle_id = (SELECT vehicle_id FROM batches WHERE batch_key = $1) \
+         ORDER BY batch_key DESC LIMIT $3",
     )
     .bind(place.batch_key)
     .bind(place.route_key)
@@ -246,15 +246,15 @@ fn waiting_of(row: &SqliteRow) -> Result<Waiting, StoreError> {
     })
 }
 
-/// Whether a sequence of a trip is in the map, or at least waits for its anchor.
+/// Whether a sequence of a trip is in the map, or waits to be localised.
 async fn is_used(
     transaction: &mut SqliteConnection,
     place: &Place,
     sequence: i64,
 ) -> Result<bool, StoreError> {
     let used = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? \
-         AND sequence = ? AND status IN ('merged', 'unanchored'))",
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 \
+         AND sequence = $3 AND status IN ('merged', 'unanchored'))",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)

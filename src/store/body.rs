@@ -54,9 +54,9 @@ mod tests {
         let unsealed = unseal(&sealed.compressed, sealed.bytes, &sealed.sha256);
         assert_eq!(unsealed.as_deref(), Some(body.as_slice()));
         for bit in 0..sealed.compressed.len() * 8 {
-            let mut rotten = sealed.compressed.clone();
-            rotten[bit / 8] ^= 1 << (bit % 8);
-            let read = unseal(&rotten, sealed.bytes, &sealed.sha256);
+            let mut flipped = sealed.compressed.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            let read = unseal(&flipped, sealed.bytes, &sealed.sha256);
             // A bit that the decoder ignores may flip: what was sent must come out, or nothing.
             assert!(read.is_none_or(|read| read == body), "bit {bit}");
         }

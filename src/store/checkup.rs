@@ -1,8 +1,9 @@
-//! What of a database its keepers should know, in one short read beside a running service.
+//! What operators should know of a database, in one short read beside a running service.
 
 use std::path::Path;
 
 use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
 
 use super::alert_records::{AlertFilter, AlertRecord};
@@ -11,13 +12,13 @@ use super::columns::{micros, optional_time};
 use super::connection::Database;
 use super::error::StoreError;
 use super::marker;
-use super::query::Query;
+use super::query::{Query, in_snapshot};
 use crate::model::{AlertStatus, BatchStatus, ChangeKind, DeliveryStatus};
 
 /// Alerts that are read.
 const SUSPECTS_MAX: u32 = 100;
 
-/// What of a database its keepers should know.
+/// What operators should know of a database.
 #[derive(Debug)]
 pub struct Checkup {
     /// Batches that were quarantined lately, by their reason, the most frequent first.
@@ -72,95 +73,109 @@ pub struct FailingWebhook {
     pub gone: bool,
 }
 
-/// Reads what keepers should know; bodies since `recent` are counted apart. A service may hold the
+/// Reads what operators should know; bodies since `recent` are counted apart. A service may hold the
 /// directory.
 ///
 /// # Errors
 /// [`StoreError`], also if the schema is not that of this program.
 pub async fn checkup(data_dir: &Path, recent: Timestamp) -> Result<Checkup, StoreError> {
     // Before the database is read: a service may commit meanwhile.
-    let noted = marker::commits_before(data_dir);
+    let noted_commits = marker::commits_before(data_dir);
     let database = Database::in_directory(data_dir);
-    let readers = database.open_readers().await.map_err(StoreError::named)?;
-    let read = async {
-        let mut reader = readers.acquire().await?;
-        if !database.is_up_to_date(&mut reader).await? {
-            return Err(StoreError::OldSchema);
-        }
-        let commits = marker::commits(&mut reader).await?;
-        let lost = noted.map_or(0, |noted| noted.saturating_sub(commits).max(0));
-        let mut checkup = read_rows(&mut reader, recent).await?;
-        checkup.lost_commits = lost.unsigned_abs();
-        for status in [AlertStatus::Open, AlertStatus::Acknowledged] {
-            let filter = AlertFilter {
-                kind: Some(ChangeKind::VehicleSuspect),
-                status: Some(status),
-                ..AlertFilter::default()
-            };
-            let page = AlertPage {
-                filter: &filter,
-                before: None,
-                limit: SUSPECTS_MAX,
-            };
-            checkup.suspects.extend(page.answer(&mut reader).await?);
-        }
-        Ok(checkup)
+    let mut reader = database.open_reader().await.map_err(StoreError::named)?;
+    let query = CheckupNow {
+        recent,
+        noted_commits,
     };
-    let read = read.await;
-    readers.close().await;
+    let read = match database.is_up_to_date(&mut reader).await {
+        Ok(true) => in_snapshot(&mut reader, &query).await,
+        Ok(false) => Err(StoreError::OldSchema),
+        Err(error) => Err(error),
+    };
+    reader.close().await?;
     let mut checkup = read.map_err(StoreError::named)?;
     checkup.log_bytes = database.wal_bytes();
     checkup.file_bytes = database.file_bytes();
     Ok(checkup)
 }
 
-async fn read_rows(
-    reader: &mut SqliteConnection,
+/// What the tables say; the lengths of the files are left 0.
+struct CheckupNow {
     recent: Timestamp,
-) -> Result<Checkup, StoreError> {
-    let mut transaction = reader.begin().await?;
-    let row = sqlx::query(
-        "SELECT coalesce(sum(body_bytes), 0) AS body_bytes, \
-             coalesce(sum(body_bytes) FILTER (WHERE received_at_us >= $1), 0) AS recent_bytes, \
-             min(received_at_us) AS first_at_us, \
-             nullif(max(max(received_at_us), coalesce(max(processed_at_us), 0)), 0) AS newest_at_us, \
-             count(*) FILTER (WHERE status = $2) AS held, \
-             min(received_at_us) FILTER (WHERE status = $2) AS held_at_us, \
-             count(*) FILTER (WHERE status IN ($3, $4)) AS queued, \
-             min(received_at_us) FILTER (WHERE status IN ($3, $4)) AS queued_at_us, \
-             count(*) FILTER (WHERE status = $5) AS unanchored FROM batches",
-    )
-    .bind(micros(recent))
-    .bind(BatchStatus::Held.name())
-    .bind(BatchStatus::Queued.name())
-    .bind(BatchStatus::Processing.name())
-    .bind(BatchStatus::Unanchored.name())
-    .fetch_one(&mut *transaction)
-    .await?;
-    let count = |column| row.try_get(column).map(i64::unsigned_abs);
-    let checkup = Checkup {
-        quarantined: quarantined(&mut transaction, recent).await?,
-        held: Backlog {
-            batches: count("held")?,
-            oldest_at: optional_time(&row, "held_at_us")?,
-        },
-        queued: Backlog {
-            batches: count("queued")?,
-            oldest_at: optional_time(&row, "queued_at_us")?,
-        },
-        unanchored: count("unanchored")?,
-        suspects: Vec::new(),
-        webhooks: failing_webhooks(&mut transaction).await?,
-        newest_write_at: optional_time(&row, "newest_at_us")?,
-        body_bytes: count("body_bytes")?,
-        recent_body_bytes: count("recent_bytes")?,
-        first_batch_at: optional_time(&row, "first_at_us")?,
-        log_bytes: 0,
-        file_bytes: 0,
-        lost_commits: 0,
-    };
-    transaction.commit().await?;
-    Ok(checkup)
+    /// The commits that the last process had made at least.
+    noted_commits: Option<i64>,
+}
+
+impl Query for CheckupNow {
+    type Answer = Checkup;
+    const ONE_SNAPSHOT: bool = true;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(
+            "SELECT coalesce(sum(body_bytes), 0) AS body_bytes, \
+                 coalesce(sum(body_bytes) FILTER (WHERE received_at_us >= $1), 0) AS recent_bytes, \
+                 min(received_at_us) AS first_at_us, \
+                 nullif(max(max(received_at_us), coalesce(max(processed_at_us), 0)), 0) \
+                     AS newest_at_us, \
+                 count(*) FILTER (WHERE status = $2) AS held, \
+                 min(received_at_us) FILTER (WHERE status = $2) AS held_at_us, \
+                 count(*) FILTER (WHERE status IN ($3, $4)) AS queued, \
+                 min(received_at_us) FILTER (WHERE status IN ($3, $4)) AS queued_at_us, \
+                 count(*) FILTER (WHERE status = $5) AS unanchored FROM batches",
+        )
+        .bind(micros(self.recent))
+        .bind(BatchStatus::Held.name())
+        .bind(BatchStatus::Queued.name())
+        .bind(BatchStatus::Processing.name())
+        .bind(BatchStatus::Unanchored.name())
+        .fetch_one(&mut *reader)
+        .await?;
+        let count = |column| row.try_get(column).map(i64::unsigned_abs);
+        let commits = marker::commits(reader).await?;
+        let lost = self
+            .noted_commits
+            .map(|noted| noted.saturating_sub(commits));
+        Ok(Checkup {
+            quarantined: quarantined(reader, self.recent).await?,
+            held: Backlog {
+                batches: count("held")?,
+                oldest_at: optional_time(&row, "held_at_us")?,
+            },
+            queued: Backlog {
+                batches: count("queued")?,
+                oldest_at: optional_time(&row, "queued_at_us")?,
+            },
+            unanchored: count("unanchored")?,
+            suspects: suspects(reader).await?,
+            webhooks: failing_webhooks(reader).await?,
+            newest_write_at: optional_time(&row, "newest_at_us")?,
+            body_bytes: count("body_bytes")?,
+            recent_body_bytes: count("recent_bytes")?,
+            first_batch_at: optional_time(&row, "first_at_us")?,
+            log_bytes: 0,
+            file_bytes: 0,
+            lost_commits: lost.unwrap_or_default().max(0).unsigned_abs(),
+        })
+    }
+}
+
+/// Alerts about vehicles that wait for a decision: the open ones, then those acknowledged.
+async fn suspects(reader: &mut SqliteConnection) -> Result<Vec<AlertRecord>, StoreError> {
+    let mut suspects = Vec::new();
+    for status in [AlertStatus::Open, AlertStatus::Acknowledged] {
+        let filter = AlertFilter {
+            kind: Some(ChangeKind::VehicleSuspect),
+            status: Some(status),
+            ..AlertFilter::default()
+        };
+        let page = AlertPage {
+            filter: &filter,
+            before: None,
+            limit: SUSPECTS_MAX,
+        };
+        suspects.extend(page.answer(reader).await?);
+    }
+    Ok(suspects)
 }
 
 async fn quarantined(
@@ -195,7 +210,7 @@ async fn failing_webhooks(
     .bind(DeliveryStatus::Pending.name())
     .fetch_all(reader)
     .await?;
-    let webhook = |row: &sqlx::sqlite::SqliteRow| {
+    let webhook = |row: &SqliteRow| {
         Ok(FailingWebhook {
             id: row.try_get("id")?,
             url: row.try_get("url")?,

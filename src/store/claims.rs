@@ -18,7 +18,7 @@ use crate::ids::{BatchId, RouteId};
 
 impl Store {
     /// The oldest job whose time has come on a route that no live lease holds; its batch is
-    /// `processing` from now on. A batch whose body has rotted is quarantined on the way.
+    /// `processing` from now on. A batch whose body is found corrupt is quarantined.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -37,7 +37,7 @@ impl Store {
             match self.load_entries(claim).await {
                 Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id })) => {
                     tracing::error!(%route_id, %batch_id, "a stored body is corrupt");
-                    let request = failures::QuarantineRotten {
+                    let request = failures::QuarantineCorrupt {
                         job_id,
                         generation,
                         batch_id,
@@ -58,7 +58,7 @@ impl Store {
     pub(super) async fn load_entries(&self, claim: Claim) -> Result<ClaimedJob, StoreError> {
         let mut entries = Vec::with_capacity(claim.batch_ids.len());
         for batch_id in &claim.batch_ids {
-            // Gone only if the route was deleted a moment ago; the fence will say so.
+            // Missing only if the route was deleted a moment ago; the job's generation is then refused.
             entries.extend(self.journal_entry(&claim.route_id, batch_id).await?);
         }
         Ok(ClaimedJob {
@@ -91,9 +91,9 @@ pub(super) struct Claim {
     pub(super) at: Timestamp,
 }
 
-/// What became of looking for a job.
+/// What became of the search for a job.
 #[derive(Default)]
-pub(super) struct Looked {
+pub(super) struct Search {
     /// The job that was found.
     pub(super) claim: Option<Claim>,
     /// Batches that have been tried often enough.
@@ -109,31 +109,31 @@ pub(super) struct ClaimJob {
 }
 
 impl Request for ClaimJob {
-    type Outcome = Looked;
+    type Outcome = Search;
     const QUEUES_JOBS: bool = false;
 
-    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Looked, StoreError> {
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Search, StoreError> {
         let now_us = micros(self.now);
-        let mut looked = Looked::default();
+        let mut search = Search::default();
         while let Some(job) = candidate(transaction, now_us, self.open).await? {
             if job.attempts >= TRIES_MAX {
-                // Nobody reported these failures: each time the worker was lost on the way.
+                // No worker reported these failures: each was lost during the job.
                 let reason = format!("processing was broken off {} times", job.attempts);
                 let given_up = give_up(transaction, &job.place, &reason, self.now).await?;
-                looked.given_up.push(given_up);
+                search.given_up.push(given_up);
             } else if job.orphaned > 0 && is_any_running(transaction, now_us).await? {
-                // It is tried with nothing beside it; nothing begins before that.
-                return Ok(looked);
+                // It runs alone, and nothing begins before it.
+                return Ok(search);
             } else if let Some(taken) = backlog::take(transaction, &job, self.now).await? {
-                looked.claim = Some(self.claim(transaction, &job, taken).await?);
-                return Ok(looked);
+                search.claim = Some(self.claim(transaction, &job, taken).await?);
+                return Ok(search);
             }
         }
-        Ok(looked)
+        Ok(search)
     }
 
-    fn committed(&self, looked: &Looked) {
-        looked.given_up.iter().for_each(GivenUp::report);
+    fn committed(&self, search: &Search) {
+        search.given_up.iter().for_each(GivenUp::report);
     }
 }
 
@@ -142,9 +142,9 @@ macro_rules! select_candidate {
         concat!(
             "SELECT job_id, attempts, orphaned, batch_key, route_key, trip_id, sequence \
              FROM jobs AS job \
-             WHERE (CASE state WHEN 'queued' THEN run_after_us ELSE lease_expires_us END) <= ?1 \
+             WHERE (CASE state WHEN 'queued' THEN run_after_us ELSE lease_expires_us END) <= $1 \
              AND route_key NOT IN (SELECT route_key FROM jobs \
-                 WHERE state = 'running' AND lease_expires_us > ?1) \
+                 WHERE state = 'running' AND lease_expires_us > $1) \
              AND NOT EXISTS (SELECT 1 FROM jobs AS earlier \
                  WHERE earlier.route_key = job.route_key \
                  AND earlier.trip_id = job.trip_id AND earlier.sequence < job.sequence) ",
@@ -157,17 +157,17 @@ macro_rules! select_candidate {
 /// The oldest job that may run: on a route that no live lease holds, and not before an earlier
 /// batch of its trip, which may be waiting for its next try.
 ///
-/// A job that a process was lost with comes first, and its route waits for it. While it runs
-/// nothing else does: if the process is lost again, it is known over what. It waits for 1 s after the
-/// start, then for 8 s, then for 64 s: whoever kills a service again and again, or a supply that
-/// flickers, does not meet the same job each time.
+/// A job during which a process was lost comes first, and its route waits for it. Nothing else runs
+/// beside it: if the process is lost again, that job was the cause. It waits until the service has run
+/// for 1 s, the next time for 8 s, then for 64 s: a service that is killed again and again, or whose
+/// power flickers, is not lost during the same job each time.
 async fn candidate(
     transaction: &mut SqliteConnection,
     now_us: i64,
     open: Duration,
 ) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query(select_candidate!(
-        "AND orphaned > 0 AND 1 << (3 * (orphaned - 1)) <= ?2"
+        "AND orphaned > 0 AND 1 << (3 * (orphaned - 1)) <= $2"
     ))
     .bind(now_us)
     .bind(i64::try_from(open.as_secs()).unwrap_or(i64::MAX))
@@ -177,7 +177,7 @@ async fn candidate(
         Some(row) => Some(row),
         None => sqlx::query(select_candidate!(
             "AND orphaned = 0 AND NOT EXISTS (SELECT 1 FROM jobs AS lost WHERE lost.orphaned > 0 \
-                 AND ((lost.state = 'running' AND lost.lease_expires_us > ?1) \
+                 AND ((lost.state = 'running' AND lost.lease_expires_us > $1) \
                      OR (lost.route_key = job.route_key AND lost.batch_key < job.batch_key)))"
         ))
         .bind(now_us)
@@ -192,7 +192,7 @@ async fn is_any_running(
     now_us: i64,
 ) -> Result<bool, StoreError> {
     let is_any = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE state = 'running' AND lease_expires_us > ?)",
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE state = 'running' AND lease_expires_us > $1)",
     )
     .bind(now_us)
     .fetch_one(transaction)
@@ -210,14 +210,14 @@ impl ClaimJob {
         let lease_us = i64::try_from(self.lease.as_micros()).unwrap_or(i64::MAX);
         let (generation, attempts): (i64, i64) = sqlx::query_as(
             "UPDATE jobs SET state = 'running', generation = generation + 1, \
-             attempts = attempts + 1, lease_expires_us = ? WHERE job_id = ? \
+             attempts = attempts + 1, lease_expires_us = $1 WHERE job_id = $2 \
              RETURNING generation, attempts",
         )
         .bind(micros(self.now).saturating_add(lease_us))
         .bind(job.job_id)
         .fetch_one(&mut *transaction)
         .await?;
-        sqlx::query("UPDATE batches SET status = 'processing' WHERE batch_key = ?")
+        sqlx::query("UPDATE batches SET status = 'processing' WHERE batch_key = $1")
             .bind(job.place.batch_key)
             .execute(&mut *transaction)
             .await?;
@@ -238,7 +238,7 @@ async fn route_id(
     transaction: &mut SqliteConnection,
     route_key: i64,
 ) -> Result<RouteId, StoreError> {
-    let row = sqlx::query("SELECT id FROM routes WHERE route_key = ?")
+    let row = sqlx::query("SELECT id FROM routes WHERE route_key = $1")
         .bind(route_key)
         .fetch_one(transaction)
         .await?;

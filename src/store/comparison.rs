@@ -1,4 +1,7 @@
 //! What differs between two databases of which one is a copy of the other.
+//!
+//! The only statements that are composed: two files are compared by SQLite itself, which attaches the
+//! one to the other, over whatever columns their tables have.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +17,7 @@ use crate::ids::RouteId;
 /// Alerts that are named.
 const ALERTS_MAX: usize = 100;
 
-/// The tables in which a route's map stands, each with the columns that are left out: they do not
+/// The tables that a route's map is kept in, each with the columns that are left out: they do not
 /// belong to the map, or are numbered as rows are written.
 const TABLES: [(&str, &[&str]); 13] = [
     ("nodes", &[]),
@@ -85,16 +88,16 @@ pub struct RowsApart {
     pub only_now: u64,
 }
 
-/// How far poses lie apart.
+/// How far apart poses are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct PosesApart {
     /// Nodes in both.
     pub nodes: u64,
     /// Those of them that moved at all.
     pub moved: u64,
-    /// The median way, metres.
+    /// The median distance, metres.
     pub median_m: f64,
-    /// The farthest way, metres.
+    /// The largest distance, metres.
     pub max_m: f64,
     /// The largest turn, radians.
     pub max_rad: f64,
@@ -107,7 +110,7 @@ pub struct AlertApart {
     pub id: String,
     /// Where it is.
     pub there: There,
-    /// What it tells.
+    /// Its kind.
     pub kind: String,
     /// Its status.
     pub status: String,
@@ -224,16 +227,19 @@ async fn poses(reader: &mut SqliteConnection, route_key: i64) -> Result<PosesApa
     .bind(route_key)
     .fetch_all(reader)
     .await?;
-    let ways = rows.iter().map(|(x, y, _)| x.hypot(*y));
-    let mut ways_m: Vec<f64> = ways.collect();
-    ways_m.sort_unstable_by(f64::total_cmp);
+    let distances = rows.iter().map(|(x, y, _)| x.hypot(*y));
+    let mut distances_m: Vec<f64> = distances.collect();
+    distances_m.sort_unstable_by(f64::total_cmp);
     let turns = rows.iter().map(|(_, _, theta)| wrap_angle(*theta).abs());
     let moved = rows.iter().filter(|apart| **apart != (0.0, 0.0, 0.0));
     Ok(PosesApart {
         nodes: rows.len() as u64,
         moved: moved.count() as u64,
-        median_m: ways_m.get(ways_m.len() / 2).copied().unwrap_or_default(),
-        max_m: ways_m.last().copied().unwrap_or_default(),
+        median_m: distances_m
+            .get(distances_m.len() / 2)
+            .copied()
+            .unwrap_or_default(),
+        max_m: distances_m.last().copied().unwrap_or_default(),
         max_rad: turns.fold(0.0, f64::max),
     })
 }

@@ -26,7 +26,7 @@ const WAL_BYTES_MAX_TEXT: &str = "67108864";
 /// The migration that gave every route's `false_alarm_rate` another meaning and the default.
 const RATES_PER_LAP: i64 = 9;
 
-/// What bringing the schema up to date did that its keepers should know of.
+/// What bringing the schema up to date did that operators should know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Migrated {
     /// Routes whose `false_alarm_rate` was set to the default, as false alerts per lap.
@@ -167,19 +167,15 @@ impl Database {
         // A migration that rebuilds a table drops the old one. With foreign keys enforced that would
         // delete every row that refers to it, and inside a migration's transaction it is too late to
         // turn them off.
-        sqlx::query("PRAGMA foreign_keys = OFF")
-            .execute(&mut *writer)
-            .await?;
-        // An index of millions of rows is sorted in files, wherever SQLite finds a directory for them:
-        // that happens once, and would take as much memory as the rows.
-        set_temp_store(writer, "FILE").await?;
+        set(writer, "PRAGMA foreign_keys = OFF").await?;
+        // An index over millions of rows is sorted in files, in whatever directory SQLite finds for
+        // them: in memory it would take as much as the rows. It happens once.
+        set(writer, "PRAGMA temp_store = FILE").await?;
         MIGRATIONS.run(&mut *writer).await?;
-        sqlx::query("PRAGMA foreign_keys = ON")
-            .execute(&mut *writer)
-            .await?;
+        set(writer, "PRAGMA foreign_keys = ON").await?;
         check_settings(writer).await?;
         archive::fill_if_missing(writer).await?;
-        set_temp_store(writer, "MEMORY").await?;
+        set(writer, "PRAGMA temp_store = MEMORY").await?;
         if had_rates_per_lap {
             return Ok(Migrated { rates_set: 0 });
         }
@@ -222,9 +218,8 @@ impl Database {
             .pragma("mmap_size", "0")
             .pragma("cell_size_check", "ON")
             .pragma("trusted_schema", "OFF")
-            // What a statement sets aside: pages of a few hundred rows, or rows that are sorted for an
-            // answer that is held in memory anyway. In files, every statement would depend on a
-            // directory that is not the data directory.
+            // Temporary tables are small, or are sorted for an answer that is held in memory anyway.
+            // In files, every statement would depend on a directory that is not the data directory.
             .pragma("temp_store", "MEMORY")
             .disable_statement_logging()
     }
@@ -252,7 +247,7 @@ async fn has_migration(
         return Ok(false);
     }
     let applied = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM _sqlx_migrations WHERE version = ? AND success)",
+        "SELECT EXISTS (SELECT 1 FROM _sqlx_migrations WHERE version = $1 AND success)",
     )
     .bind(version)
     .fetch_one(connection)
@@ -260,14 +255,8 @@ async fn has_migration(
     Ok(applied)
 }
 
-async fn set_temp_store(
-    connection: &mut SqliteConnection,
-    place: &'static str,
-) -> Result<(), StoreError> {
-    let statement = format!("PRAGMA temp_store = {place}");
-    sqlx::query(sqlx::AssertSqlSafe(statement))
-        .execute(connection)
-        .await?;
+async fn set(connection: &mut SqliteConnection, pragma: &'static str) -> Result<(), StoreError> {
+    sqlx::query(pragma).execute(connection).await?;
     Ok(())
 }
 
@@ -339,7 +328,7 @@ mod tests {
             sqlx::query(
                 "INSERT INTO routes (id, detector, false_alarm_rate, hold_s, stage, map_version, \
                  epoch, revision, next_node_id, next_edge_id, created_at_us, updated_at_us) \
-                 VALUES (?, 'fused', ?, 600, 'mapping', 1, 1, 0, 1, 1, 0, 0)",
+                 VALUES ($1, 'fused', $2, 600, 'mapping', 1, 1, 0, 1, 1, 0, 0)",
             )
             .bind(id)
             .bind(rate)

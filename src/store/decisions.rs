@@ -131,8 +131,8 @@ impl ApplyDecision {
     ) -> Result<Option<i64>, StoreError> {
         let route_key = sqlx::query_scalar(
             "SELECT route_key FROM routes JOIN alerts USING (route_key) \
-             WHERE routes.id = ? AND routes.revision = ? AND alerts.id = ? \
-             AND alerts.revision = ?",
+             WHERE routes.id = $1 AND routes.revision = $2 AND alerts.id = $3 \
+             AND alerts.revision = $4",
         )
         .bind(alert.route_id.as_str())
         .bind(self.base_revision)
@@ -251,10 +251,12 @@ pub(super) async fn raise_revision(
     at_us: i64,
 ) -> Result<(), StoreError> {
     count_blocks(transaction, route_key).await?;
-    sqlx::query("UPDATE routes SET revision = revision + 1, updated_at_us = ? WHERE route_key = ?")
-        .bind(at_us)
-        .bind(route_key)
-        .execute(transaction)
-        .await?;
+    sqlx::query(
+        "UPDATE routes SET revision = revision + 1, updated_at_us = $1 WHERE route_key = $2",
+    )
+    .bind(at_us)
+    .bind(route_key)
+    .execute(transaction)
+    .await?;
     Ok(())
 }

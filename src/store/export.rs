@@ -1,8 +1,9 @@
 //! Reads as long as a route: sent piece by piece, each when the one before it was taken.
 //!
 //! Each has a connection and a snapshot of its own: what it sends belongs together however long it
-//! takes, and the connections for short reads stay free. While a snapshot is held the
-//! write-ahead log cannot be cut back, so a reader that stops taking is sent away.
+//! takes, and the connections for short reads stay free. It is not a [`Query`](super::query::Query),
+//! whose answer comes as a whole. While a snapshot is held the write-ahead log cannot be truncated,
+//! so an export is ended if its pieces are not taken in time.
 
 use std::time::Duration;
 
@@ -12,8 +13,9 @@ use sqlx::{Connection, Row, SqliteConnection};
 use tokio::sync::mpsc;
 
 use super::columns::pose;
+use super::edge_columns::{edge_of, select_edges};
 use super::error::StoreError;
-use super::graph::{edge_of, node_columns, node_of, select_edges, select_nodes};
+use super::node_columns::{node_columns, node_of, select_nodes};
 use super::records::{EdgeRecord, NodeRecord, TrajectoryPose};
 use super::{Store, named};
 use crate::ids::{NodeId, RouteId, StampNs, TripId};
@@ -47,7 +49,7 @@ pub struct Within {
 /// Pieces as they are read.
 #[derive(Debug)]
 pub struct Pieces<T> {
-    /// `None` stands for the end, so that what was cut off does not look complete.
+    /// `None` stands for the end, so that what was cut off is not taken for complete.
     receiver: mpsc::Receiver<Result<Option<T>, StoreError>>,
 }
 
@@ -176,7 +178,8 @@ async fn send_graph(
             ),
             select_edges!(
                 "CROSS JOIN nodes AS inside USING (route_key) CROSS JOIN edges \
-                 INDEXED BY edges_by_from ON edges.route_key = inside.route_key AND edges.from_node = inside.node_id",
+                 INDEXED BY edges_by_from ON edges.route_key = inside.route_key \
+                 AND edges.from_node = inside.node_id",
                 concat!(
                     "AND ",
                     within!("inside"),

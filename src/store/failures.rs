@@ -61,8 +61,8 @@ impl Store {
         self.work(request).await.map(drop)
     }
 
-    /// Puts a job back for a second later without counting a try: the store or the machine was
-    /// in the way, not the batch.
+    /// Puts a job back to run in a second, without counting a try: the store or the machine failed, not
+    /// the batch.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -113,8 +113,8 @@ impl Request for FailJob {
         let run_after_us = micros(self.now) + backoff_us(job.attempts);
         put_back(transaction, &job, run_after_us).await?;
         sqlx::query(
-            "UPDATE batches SET status = 'queued', reason = ?, processed_at_us = ? \
-             WHERE batch_key = ?",
+            "UPDATE batches SET status = 'queued', reason = $1, processed_at_us = $2 \
+             WHERE batch_key = $3",
         )
         .bind(&self.reason)
         .bind(micros(self.now))
@@ -135,7 +135,7 @@ fn backoff_us(attempts: i64) -> i64 {
     MICROS_PER_SECOND << doublings
 }
 
-/// Puts a job back that could not be worked on through no fault of its own: no try is counted.
+/// Puts a job back that could not be worked on for a reason outside of it: no try is counted.
 pub(super) struct ReturnJob {
     pub(super) job_id: i64,
     pub(super) generation: i64,
@@ -152,16 +152,17 @@ impl Request for ReturnJob {
             return Ok(());
         };
         put_back(transaction, &job, micros(self.now) + MICROS_PER_SECOND).await?;
-        forget_try(transaction, &job).await
+        uncount_try(transaction, &job).await
     }
 }
 
-async fn forget_try(transaction: &mut SqliteConnection, job: &Job) -> Result<(), StoreError> {
-    sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = ?")
+/// Puts a batch back into the queue as if its job had not been tried.
+async fn uncount_try(transaction: &mut SqliteConnection, job: &Job) -> Result<(), StoreError> {
+    sqlx::query("UPDATE jobs SET attempts = attempts - 1 WHERE job_id = $1")
         .bind(job.job_id)
         .execute(&mut *transaction)
         .await?;
-    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = $1")
         .bind(job.place.batch_key)
         .execute(transaction)
         .await?;
@@ -169,14 +170,14 @@ async fn forget_try(transaction: &mut SqliteConnection, job: &Job) -> Result<(),
 }
 
 /// Quarantines a batch whose body is corrupt, and gives back the job that would have used it.
-pub(super) struct QuarantineRotten {
+pub(super) struct QuarantineCorrupt {
     pub(super) job_id: i64,
     pub(super) generation: i64,
     pub(super) batch_id: BatchId,
     pub(super) now: Timestamp,
 }
 
-impl Request for QuarantineRotten {
+impl Request for QuarantineCorrupt {
     type Outcome = Option<GivenUp>;
     const QUEUES_JOBS: bool = true;
     const WHILE_FULL: bool = true;
@@ -189,7 +190,7 @@ impl Request for QuarantineRotten {
             return Ok(None);
         };
         let batch_key: i64 =
-            sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = ? AND id = ?")
+            sqlx::query_scalar("SELECT batch_key FROM batches WHERE route_key = $1 AND id = $2")
                 .bind(job.place.route_key)
                 .bind(self.batch_id.as_str())
                 .fetch_one(&mut *transaction)
@@ -201,7 +202,7 @@ impl Request for QuarantineRotten {
         }
         let given_up = quarantine(transaction, batch_key, reason, self.now).await?;
         put_back(transaction, &job, 0).await?;
-        forget_try(transaction, &job).await?;
+        uncount_try(transaction, &job).await?;
         Ok(Some(given_up))
     }
 

@@ -1,4 +1,5 @@
-//! The figures of the whole store that its operators watch: what waits, what is open, what the disk holds.
+//! The figures of the whole store that its operators watch: what waits, what is open, what the disk
+//! holds.
 //!
 //! Each is read from an index that holds little more than what is counted.
 
@@ -7,14 +8,15 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::columns::{json_text, optional_time, text};
 use super::error::StoreError;
 use super::migrations::MIGRATIONS;
-use super::{Store, named};
+use super::query::Query;
 use crate::model::{BatchStatus, ChangeKind, Stage, Tier};
 
-/// The statuses of batches that are not in a map; those that are, or were taken out, are too many to be
-/// counted.
+/// The statuses of batches that are not in a map. Batches in a map, and those removed from one, are too
+/// many to be counted.
 pub const NOT_IN_A_MAP: [BatchStatus; 5] = [
     BatchStatus::Queued,
     BatchStatus::Processing,
@@ -23,7 +25,7 @@ pub const NOT_IN_A_MAP: [BatchStatus; 5] = [
     BatchStatus::Quarantined,
 ];
 
-/// What is counted over all routes, one after the other.
+/// What is counted over all routes, one figure after the other.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Figures {
     /// Batches by status, of [`NOT_IN_A_MAP`].
@@ -32,7 +34,7 @@ pub struct Figures {
     pub oldest_queued: Option<Timestamp>,
     /// Alerts that wait for a decision and are not muted.
     pub open_alerts: BTreeMap<(ChangeKind, Tier), i64>,
-    /// Vehicles that an undecided alert suspects; one counts on every route.
+    /// Vehicles with an undecided alert about them; one counts on every route.
     pub suspect_vehicles: i64,
     /// Vehicles whose uploads somebody keeps out of a map; one counts on every route.
     pub quarantined_vehicles: i64,
@@ -65,8 +67,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn figures(&self) -> Result<Figures, StoreError> {
-        let mut reader = self.reader().await?;
-        named(figures(&mut reader).await)
+        self.read(FiguresNow).await
     }
 
     /// What the data directory takes of its disk.
@@ -80,31 +81,44 @@ impl Store {
     }
 }
 
-async fn figures(reader: &mut SqliteConnection) -> Result<Figures, StoreError> {
-    Ok(Figures {
-        batches: batches(reader).await?,
-        oldest_queued: oldest_queued(reader).await?,
-        open_alerts: open_alerts(reader).await?,
-        suspect_vehicles: count(reader, SUSPECT_VEHICLES).await?,
-        quarantined_vehicles: count(reader, "SELECT count(*) FROM vehicle_quarantines").await?,
-        routes: routes(reader).await?,
-        unused_bytes: unused_bytes(reader).await?,
-    })
+/// The figures as they are now. Each is right for its moment; they need not be of the same one.
+struct FiguresNow;
+
+impl Query for FiguresNow {
+    type Answer = Figures;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        Ok(Figures {
+            batches: batches(reader).await?,
+            oldest_queued: oldest_queued(reader).await?,
+            open_alerts: open_alerts(reader).await?,
+            suspect_vehicles: suspect_vehicles(reader).await?,
+            quarantined_vehicles: quarantined_vehicles(reader).await?,
+            routes: routes(reader).await?,
+            unused_bytes: unused_bytes(reader).await?,
+        })
+    }
 }
 
-const SUSPECT_VEHICLES: &str = "SELECT count(*) FROM (SELECT DISTINCT route_key, value \
-     FROM alerts, json_each(alerts.vehicles) \
-     WHERE status IN ('open', 'acknowledged') AND kind = 'vehicle_suspect')";
+async fn suspect_vehicles(reader: &mut SqliteConnection) -> Result<i64, StoreError> {
+    let count = sqlx::query_scalar(
+        "SELECT count(*) FROM (SELECT DISTINCT route_key, value \
+             FROM alerts, json_each(alerts.vehicles) \
+             WHERE status IN ('open', 'acknowledged') AND kind = 'vehicle_suspect')",
+    );
+    Ok(count.fetch_one(reader).await?)
+}
 
-async fn count(reader: &mut SqliteConnection, query: &'static str) -> Result<i64, StoreError> {
-    Ok(sqlx::query_scalar(query).fetch_one(reader).await?)
+async fn quarantined_vehicles(reader: &mut SqliteConnection) -> Result<i64, StoreError> {
+    let count = sqlx::query_scalar("SELECT count(*) FROM vehicle_quarantines");
+    Ok(count.fetch_one(reader).await?)
 }
 
 async fn batches(reader: &mut SqliteConnection) -> Result<BTreeMap<BatchStatus, i64>, StoreError> {
     let rows = sqlx::query(
         "SELECT status, sum((SELECT count(*) FROM batches \
              WHERE batches.route_key = routes.route_key AND batches.status = wanted.status)) AS count \
-         FROM routes, (SELECT value AS status FROM json_each(?)) AS wanted GROUP BY status",
+         FROM routes, (SELECT value AS status FROM json_each($1)) AS wanted GROUP BY status",
     )
     .bind(json_text(&NOT_IN_A_MAP)?)
     .fetch_all(reader)
@@ -115,8 +129,8 @@ async fn batches(reader: &mut SqliteConnection) -> Result<BTreeMap<BatchStatus, 
     counted.collect()
 }
 
-/// In the order of arrival the first one that was never tried: a batch that is tried again arrived long
-/// ago.
+/// When the first batch arrived, in the order of arrival, that was never tried: one that is tried again
+/// arrived long ago.
 async fn oldest_queued(reader: &mut SqliteConnection) -> Result<Option<Timestamp>, StoreError> {
     let row = sqlx::query(
         "SELECT received_at_us FROM jobs CROSS JOIN batches USING (batch_key) \
@@ -160,7 +174,10 @@ async fn routes(reader: &mut SqliteConnection) -> Result<BTreeMap<Stage, i64>, S
 }
 
 async fn unused_bytes(reader: &mut SqliteConnection) -> Result<u64, StoreError> {
-    let pages = count(reader, "SELECT freelist_count FROM pragma_freelist_count").await?;
-    let page_bytes = count(reader, "SELECT page_size FROM pragma_page_size").await?;
+    let (pages, page_bytes): (i64, i64) = sqlx::query_as(
+        "SELECT freelist_count, page_size FROM pragma_freelist_count, pragma_page_size",
+    )
+    .fetch_one(reader)
+    .await?;
     Ok(u64::try_from(pages.saturating_mul(page_bytes)).unwrap_or_default())
 }

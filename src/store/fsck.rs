@@ -5,73 +5,25 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use futures::TryStreamExt;
 use serde::Serialize;
-use sqlx::SqlitePool;
+use sqlx::{SqliteConnection, SqlitePool};
 
+use super::acceptances::{AcceptanceOf, AcceptedChanges};
 use super::connection::Database;
+use super::edges::EdgePage;
 use super::error::{Corruption, StoreError};
+use super::intermediate_scans::CheckBehind;
+use super::laws::{FILE_IS_SOUND, LAWS, Law, for_each_fault};
+use super::nodes::{NodePage, NodeScan};
+use super::query::Query;
 use super::records::{BatchFilter, EdgeFilter};
-use super::{acceptances, graph, intermediate_scans, journal, map_versions, marker, routes};
+use super::{journal, map_versions, marker, routes};
 use crate::ids::RouteId;
 
 /// Rows of one read.
 const PAGE: u32 = 256;
 /// Faults that are named.
 const FAULTS_MAX: usize = 100;
-
-/// Statements that find what contradicts a law; each row names one fault.
-const LAWS: [(&str, &str); 8] = [
-    (
-        "what a row refers to is there",
-        "SELECT format('row %s of %s has no %s', rowid, \"table\", parent) \
-         FROM pragma_foreign_key_check",
-    ),
-    (
-        "a batch has a job while it is queued or processing, and then alone",
-        "SELECT format('job %d', job_id) FROM jobs LEFT JOIN batches USING (batch_key) \
-         WHERE status IS NULL OR status NOT IN ('queued', 'processing') \
-         UNION ALL SELECT format('batch %s of trip %s', id, trip_id) FROM batches \
-         WHERE status IN ('queued', 'processing') \
-         AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.batch_key = batches.batch_key)",
-    ),
-    (
-        "a merged batch has as many nodes as it says",
-        "SELECT format('batch %s of trip %s', id, trip_id) FROM batches \
-         WHERE status = 'merged' AND nodes_added <> \
-             (SELECT count(*) FROM nodes WHERE nodes.batch_key = batches.batch_key)",
-    ),
-    (
-        "a route has as many rows as it says",
-        "SELECT format('route %s', id) FROM routes WHERE (batches, nodes, edges) <> ( \
-             (SELECT count(*) FROM batches AS b WHERE b.route_key = routes.route_key), \
-             (SELECT count(*) FROM nodes AS n WHERE n.route_key = routes.route_key), \
-             (SELECT count(*) FROM edges AS e WHERE e.route_key = routes.route_key))",
-    ),
-    (
-        "poses are finite",
-        "SELECT format('node %d of route %s', node_id, id) FROM nodes JOIN routes USING (route_key) \
-         WHERE NOT (abs(x) < 9e999 AND abs(y) < 9e999 AND abs(theta) < 3.1415927)",
-    ),
-    (
-        "the sums over what has left count what has left",
-        "SELECT format('route %s', id) FROM routes WHERE \
-         (SELECT coalesce(sum(nodes), 0) FROM archive_sums AS s \
-             WHERE s.route_key = routes.route_key) <> \
-         (SELECT count(*) FROM nodes AS n WHERE n.route_key = routes.route_key AND n.active = 0)",
-    ),
-    (
-        "the edges of an alert are there",
-        "SELECT format('edge %s of alert %s', named.value, alerts.id) \
-         FROM alerts, json_each(alerts.edges) AS named WHERE NOT EXISTS (SELECT 1 FROM edges \
-             WHERE edges.route_key = alerts.route_key AND edges.edge_id = named.value)",
-    ),
-    (
-        "a map has a picture of each version before the present one",
-        "SELECT format('route %s', id) FROM routes WHERE map_version - 1 <> \
-             (SELECT count(*) FROM map_versions AS v WHERE v.route_key = routes.route_key)",
-    ),
-];
 
 /// What was found in a database.
 #[derive(Debug, Default, Serialize)]
@@ -156,15 +108,16 @@ async fn check(
     let mut check = Check {
         readers: &readers,
         report: FsckReport::default(),
-        total: total_rows(&readers).await?,
+        total: 0,
         on_progress,
     };
+    check.total = check.read(TotalRows).await?;
     check.commits(commits).await?;
     if full {
-        check.law(FILE_IS_SOUND, INTEGRITY).await?;
+        check.law(FILE_IS_SOUND).await?;
     }
-    for (law, statement) in LAWS {
-        check.law(law, statement).await?;
+    for law in LAWS {
+        check.law(law).await?;
     }
     let rows = check.rows().await;
     check.note("the routes", rows)?;
@@ -183,23 +136,26 @@ async fn check_file(database: &Database) -> Result<FsckReport, StoreError> {
         total: 0,
         on_progress: &|_, _| {},
     };
-    check.law(FILE_IS_SOUND, INTEGRITY).await?;
+    check.law(FILE_IS_SOUND).await?;
     let mut report = check.report;
     readers.close().await;
     report.sound = report.faults.is_empty();
     Ok(report)
 }
 
-const FILE_IS_SOUND: &str = "the file is sound";
-const INTEGRITY: &str =
-    "SELECT integrity_check FROM pragma_integrity_check WHERE integrity_check <> 'ok'";
+/// How many rows the check reads.
+struct TotalRows;
 
-async fn total_rows(readers: &SqlitePool) -> Result<u64, StoreError> {
-    let total: i64 =
-        sqlx::query_scalar("SELECT coalesce(sum(batches + nodes + edges), 0) FROM routes")
-            .fetch_one(readers)
-            .await?;
-    Ok(u64::try_from(total).unwrap_or_default())
+impl Query for TotalRows {
+    type Answer = u64;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let total: i64 =
+            sqlx::query_scalar("SELECT coalesce(sum(batches + nodes + edges), 0) FROM routes")
+                .fetch_one(reader)
+                .await?;
+        Ok(u64::try_from(total).unwrap_or_default())
+    }
 }
 
 struct Check<'a> {
@@ -210,6 +166,10 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
+    async fn read<Q: Query>(&self, query: Q) -> Result<Q::Answer, StoreError> {
+        query.answer(&mut *self.readers.acquire().await?).await
+    }
+
     fn fault(&mut self, law: &str, what: String) {
         if self.report.faults.len() < FAULTS_MAX {
             let law = law.to_owned();
@@ -255,16 +215,10 @@ impl Check<'_> {
         Ok(())
     }
 
-    async fn law(&mut self, law: &str, statement: &'static str) -> Result<(), StoreError> {
-        let readers = self.readers;
-        let mut faults = sqlx::query_scalar::<_, String>(statement).fetch(readers);
-        loop {
-            match faults.try_next().await {
-                Ok(Some(what)) => self.fault(law, what),
-                Ok(None) => return Ok(()),
-                Err(error) => return self.note(law, Err::<(), _>(error.into())),
-            }
-        }
+    async fn law(&mut self, law: Law) -> Result<(), StoreError> {
+        let mut reader = self.readers.acquire().await?;
+        let read = for_each_fault(&mut reader, law, |what| self.fault(law.0, what)).await;
+        self.note(law.0, read)
     }
 
     async fn rows(&mut self) -> Result<(), StoreError> {
@@ -311,7 +265,14 @@ impl Check<'_> {
     async fn nodes(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let (mut after, mut limit) = (None, PAGE);
         loop {
-            let page = match graph::node_page(self.readers, route, after, limit).await {
+            let page = match self
+                .read(NodePage {
+                    route,
+                    after,
+                    limit,
+                })
+                .await
+            {
                 // Those before it in the page are read first, one by one.
                 Err(StoreError::Corrupt(Corruption::Node(_))) if limit > 1 => {
                     limit = 1;
@@ -325,9 +286,11 @@ impl Check<'_> {
                 page => page?,
             };
             for node in &page {
-                let scan = graph::node_scan(self.readers, route, node.id).await;
+                let scan = NodeScan { route, id: node.id };
+                let scan = self.read(scan).await;
                 self.note(place, scan)?;
-                let behind = intermediate_scans::check_behind(self.readers, route, node.id).await;
+                let node = node.id;
+                let behind = self.read(CheckBehind { route, node }).await;
                 self.note(place, behind)?;
             }
             let Some(last) = page.last() else {
@@ -341,9 +304,14 @@ impl Check<'_> {
 
     async fn edges(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let mut after = None;
-        let filter = EdgeFilter::default();
         loop {
-            let page = match graph::edge_page(self.readers, route, filter, after, PAGE).await {
+            let page = EdgePage {
+                route,
+                filter: EdgeFilter::default(),
+                after,
+                limit: PAGE,
+            };
+            let page = match self.read(page).await {
                 Err(StoreError::Corrupt(Corruption::Edge(id))) => {
                     self.corrupt(place, &Corruption::Edge(id));
                     after = Some(id);
@@ -374,11 +342,8 @@ impl Check<'_> {
                 None => break,
             }
         }
-        let mut reader = self.readers.acquire().await?;
-        let accepted = acceptances::accepted_changes(&mut reader, route).await?;
-        drop(reader);
-        for change in accepted {
-            let undo = acceptances::acceptance(self.readers, change.alert_id).await;
+        for change in self.read(AcceptedChanges(route)).await? {
+            let undo = self.read(AcceptanceOf(change.alert_id)).await;
             self.note(format!("{place}, accepted alert {}", change.alert_id), undo)?;
         }
         Ok(())

@@ -20,7 +20,7 @@ impl Store {
     }
 }
 
-/// Held batches that one sweep lets go: a bounded write.
+/// Held batches that are queued in one write, at most.
 const RELEASED_MAX: i64 = 256;
 
 /// Queues held batches that have waited for their predecessor long enough.
@@ -42,8 +42,8 @@ impl Request for ReleaseOverdue {
              AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
                  AND jobs.trip_id = batches.trip_id) \
              GROUP BY batches.route_key, trip_id \
-             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= ? \
-             ORDER BY batch_key LIMIT ?",
+             HAVING coalesce(held_since_us, received_at_us) + hold_s * 1000000 <= $1 \
+             ORDER BY batch_key LIMIT $2",
         )
         .bind(micros(self.now))
         .bind(RELEASED_MAX)
@@ -65,19 +65,19 @@ impl Request for ReleaseOverdue {
 }
 
 impl ReleaseOverdue {
-    /// After the clock was put back: a batch that was received in what is the future now is held
-    /// from now on, and a job that waits for longer than jobs do waits no more.
+    /// After the clock was put back: a batch that was received at a time that is now in the future is
+    /// held from now on, and a job with a pause longer than the longest may run now.
     async fn follow_clock(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let now_us = micros(self.now);
         sqlx::query(
-            "UPDATE batches SET held_since_us = ?1 \
-             WHERE status = 'held' AND coalesce(held_since_us, received_at_us) > ?1",
+            "UPDATE batches SET held_since_us = $1 \
+             WHERE status = 'held' AND coalesce(held_since_us, received_at_us) > $1",
         )
         .bind(now_us)
         .execute(&mut *transaction)
         .await?;
         sqlx::query(
-            "UPDATE jobs SET run_after_us = ?1 WHERE state = 'queued' AND run_after_us > ?1 + ?2",
+            "UPDATE jobs SET run_after_us = $1 WHERE state = 'queued' AND run_after_us > $1 + $2",
         )
         .bind(now_us)
         .bind(PAUSE_MAX_US)

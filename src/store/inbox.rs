@@ -1,4 +1,4 @@
-//! The writer's queues: uploads, and everything else with a share of its own.
+//! The writer's queues: one for uploads, and one for everything else, each with its share of a commit.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use super::request::{Reply, Request, Write, pending};
 
 /// Most writes in one commit.
 const GROUP_MAX: usize = 64;
-/// Writes of a full group that are kept for workers and people while uploads queue up.
+/// Places in a full group that are kept for the writes of workers and people while uploads queue up.
 const WORK_SHARE: usize = 16;
 const UPLOADS_QUEUED_MAX: usize = 256;
 const WORK_QUEUED_MAX: usize = 64;

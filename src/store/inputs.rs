@@ -1,14 +1,16 @@
 //! The journal of everything that shaped a route's map, in the order in which it did. Each entry is
-//! written in the transaction of what came of it.
+//! written in the transaction of its result.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::columns::{json, json_text, micros, name, text, time};
 use super::error::StoreError;
+use super::query::Query;
 use super::records::RouteSettings;
-use super::{Store, named};
 use crate::ids::{AlertId, BatchId, OperationId, RouteId, VehicleId};
 use crate::model::{AlertAction, BatchStatus, DismissReason};
 
@@ -112,7 +114,7 @@ pub struct JobInput {
 pub struct InputRecord {
     /// In the order of commits.
     pub key: i64,
-    /// The time that whatever came of it bears.
+    /// The time that its result is stamped with.
     pub at: Timestamp,
     /// What it was.
     pub input: Input,
@@ -129,37 +131,47 @@ impl Store {
         after: i64,
         limit: u32,
     ) -> Result<Vec<InputRecord>, StoreError> {
-        let mut reader = self.reader().await?;
-        named(inputs(&mut reader, route, after, limit).await)
+        let page = InputPage {
+            route,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
-async fn inputs(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
+/// What shaped a route's map after the entry `after`, in that order, at most `limit` entries.
+struct InputPage<'a> {
+    route: &'a RouteId,
     after: i64,
     limit: u32,
-) -> Result<Vec<InputRecord>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT input_key, at_us, input FROM routes JOIN inputs USING (route_key) \
-         WHERE routes.id = $1 AND input_key > $2 ORDER BY input_key LIMIT $3",
-    )
-    .bind(route.as_str())
-    .bind(after)
-    .bind(limit)
-    .fetch_all(reader)
-    .await?;
-    let input_of = |row| {
-        Ok(InputRecord {
-            key: Row::try_get(row, "input_key")?,
-            at: time(row, "at_us")?,
-            input: json(row, "input")?,
-        })
-    };
-    rows.iter().map(input_of).collect()
 }
 
-/// Writes an entry in the transaction of what came of it.
+impl Query for InputPage<'_> {
+    type Answer = Vec<InputRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT input_key, at_us, input FROM routes JOIN inputs USING (route_key) \
+             WHERE routes.id = $1 AND input_key > $2 ORDER BY input_key LIMIT $3",
+        )
+        .bind(self.route.as_str())
+        .bind(self.after)
+        .bind(self.limit)
+        .fetch_all(reader)
+        .await?;
+        let input_of = |row: &SqliteRow| {
+            Ok(InputRecord {
+                key: row.try_get("input_key")?,
+                at: time(row, "at_us")?,
+                input: json(row, "input")?,
+            })
+        };
+        rows.iter().map(input_of).collect()
+    }
+}
+
+/// Writes an entry, in the transaction of its result.
 pub(super) async fn note(
     transaction: &mut SqliteConnection,
     route_key: i64,

@@ -3,20 +3,21 @@
 use std::collections::BTreeMap;
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, SqliteConnection, SqlitePool};
+use sqlx::{QueryBuilder, Row, SqliteConnection};
 
+use super::Store;
 use super::body::checksum;
 use super::columns::{corrupt, json_text, optional_name, pose};
 use super::error::StoreError;
-use super::graph::{scan_of, sound_scan};
 use super::graph_rows::{ROWS_MAX, push_pose};
+use super::query::Query;
 use super::records::{IntermediateRecord, NewIntermediate, TrajectoryPose};
-use super::{Store, named};
+use super::scan_columns::{scan_of, sound_scan};
 use crate::ids::{LidarId, NodeId, RouteId, StampNs, TripId};
 
 impl Store {
     /// Where a trip was at each of its scans, keyframes and those between them, active or not, in
-    /// the order of time.
+    /// the order of time: for tests. The service exports trajectories.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -25,7 +26,7 @@ impl Store {
         route: &RouteId,
         trip: &TripId,
     ) -> Result<Vec<TrajectoryPose>, StoreError> {
-        named(trajectory(&self.shared.readers, route, trip).await)
+        self.read(Trajectory { route, trip }).await
     }
 }
 
@@ -74,8 +75,8 @@ async fn check_places(
         return Ok(());
     }
     let gap: Option<i64> = sqlx::query_scalar(
-        "SELECT node_id FROM intermediate_scans WHERE route_key = ? \
-         AND node_id IN (SELECT value FROM json_each(?)) \
+        "SELECT node_id FROM intermediate_scans WHERE route_key = $1 \
+         AND node_id IN (SELECT value FROM json_each($2)) \
          GROUP BY node_id HAVING max(place) <> count(*) - 1 LIMIT 1",
     )
     .bind(route_key)
@@ -92,48 +93,56 @@ async fn check_places(
 }
 
 /// Those of the active nodes of a route, in order, by node.
-pub(super) async fn active_intermediate(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<BTreeMap<NodeId, Vec<IntermediateRecord>>, StoreError> {
-    // CROSS JOIN: the active nodes first, however many have left.
-    let rows = sqlx::query(
-        "SELECT intermediate.node_id, place, intermediate.stamp_ns, intermediate.x, \
-             intermediate.y, intermediate.theta, intermediate.odom_x, intermediate.odom_y, \
-             intermediate.odom_theta, companion, lends, scan_sha256, scan \
-         FROM routes CROSS JOIN nodes INDEXED BY nodes_active \
-             ON nodes.route_key = routes.route_key AND nodes.active = 1 \
-         CROSS JOIN intermediate_scans AS intermediate \
-             ON intermediate.route_key = nodes.route_key \
-             AND intermediate.node_id = nodes.node_id \
-         WHERE routes.id = ? ORDER BY intermediate.node_id, place",
-    )
-    .bind(route.as_str())
-    .fetch_all(reader)
-    .await?;
-    by_node(&rows, route)
+pub(super) struct ActiveIntermediate<'a>(pub(super) &'a RouteId);
+
+impl Query for ActiveIntermediate<'_> {
+    type Answer = BTreeMap<NodeId, Vec<IntermediateRecord>>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        // CROSS JOIN: the active nodes first, however many have left.
+        let rows = sqlx::query(
+            "SELECT intermediate.node_id, place, intermediate.stamp_ns, intermediate.x, \
+                 intermediate.y, intermediate.theta, intermediate.odom_x, intermediate.odom_y, \
+                 intermediate.odom_theta, companion, lends, scan_sha256, scan \
+             FROM routes CROSS JOIN nodes INDEXED BY nodes_active \
+                 ON nodes.route_key = routes.route_key AND nodes.active = 1 \
+             CROSS JOIN intermediate_scans AS intermediate \
+                 ON intermediate.route_key = nodes.route_key \
+                 AND intermediate.node_id = nodes.node_id \
+             WHERE routes.id = $1 ORDER BY intermediate.node_id, place",
+        )
+        .bind(self.0.as_str())
+        .fetch_all(reader)
+        .await?;
+        by_node(&rows, self.0)
+    }
 }
 
 /// Those of some nodes, in order, by node: of each the first `behind_max`.
-pub(super) async fn intermediate_behind(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-    nodes: &[NodeId],
-    behind_max: u32,
-) -> Result<BTreeMap<NodeId, Vec<IntermediateRecord>>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT node_id, place, stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, companion, lends, \
-             scan_sha256, scan \
+pub(super) struct IntermediateBehind<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) nodes: &'a [NodeId],
+    pub(super) behind_max: u32,
+}
+
+impl Query for IntermediateBehind<'_> {
+    type Answer = BTreeMap<NodeId, Vec<IntermediateRecord>>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT node_id, place, stamp_ns, x, y, theta, odom_x, odom_y, odom_theta, \
+             companion, lends, scan_sha256, scan \
          FROM routes JOIN intermediate_scans USING (route_key) \
-         WHERE routes.id = ? AND node_id IN (SELECT value FROM json_each(?)) AND place < ? \
+         WHERE routes.id = $1 AND node_id IN (SELECT value FROM json_each($2)) AND place < $3 \
          ORDER BY node_id, place",
-    )
-    .bind(route.as_str())
-    .bind(json_text(nodes)?)
-    .bind(behind_max)
-    .fetch_all(reader)
-    .await?;
-    by_node(&rows, route)
+        )
+        .bind(self.route.as_str())
+        .bind(json_text(self.nodes)?)
+        .bind(self.behind_max)
+        .fetch_all(reader)
+        .await?;
+        by_node(&rows, self.route)
+    }
 }
 
 fn by_node(
@@ -170,54 +179,65 @@ fn intermediate_of(
     })
 }
 
-/// Whether the scans behind a node have their checksums.
-///
-/// # Errors
-/// [`StoreError::Corrupt`] if one has not.
-pub(super) async fn check_behind(
-    readers: &SqlitePool,
-    route: &RouteId,
-    node: NodeId,
-) -> Result<(), StoreError> {
-    let rows = sqlx::query(
-        "SELECT scan_sha256, scan FROM routes JOIN intermediate_scans USING (route_key) \
-         WHERE routes.id = ? AND node_id = ? AND scan IS NOT NULL",
-    )
-    .bind(route.as_str())
-    .bind(node.0)
-    .fetch_all(readers)
-    .await?;
-    rows.iter()
-        .try_for_each(|row| scan_of(row, route, node).map(drop))
+/// Whether the scans behind a node have their checksums: [`StoreError::Corrupt`] if one has not.
+pub(super) struct CheckBehind<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) node: NodeId,
+}
+
+impl Query for CheckBehind<'_> {
+    type Answer = ();
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT scan_sha256, scan FROM routes JOIN intermediate_scans USING (route_key) \
+             WHERE routes.id = $1 AND node_id = $2 AND scan IS NOT NULL",
+        )
+        .bind(self.route.as_str())
+        .bind(self.node.0)
+        .fetch_all(reader)
+        .await?;
+        let mut rows = rows.iter();
+        rows.try_for_each(|row| scan_of(row, self.route, self.node).map(drop))
+    }
 }
 
 /// Where a trip was at each of its scans, keyframes and those between them, in the order of time.
-pub(super) async fn trajectory(
-    readers: &SqlitePool,
-    route: &RouteId,
-    trip: &TripId,
-) -> Result<Vec<TrajectoryPose>, StoreError> {
-    // One statement, so that no solve comes between a keyframe and the scans that move with it.
-    let rows = sqlx::query(
-        "SELECT nodes.node_id, nodes.stamp_ns, nodes.x, nodes.y, nodes.theta, place, \
-             between_keyframes.stamp_ns AS b_stamp_ns, between_keyframes.x AS b_x, \
-             between_keyframes.y AS b_y, between_keyframes.theta AS b_theta \
-         FROM routes JOIN batches USING (route_key) \
-         CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
-         LEFT JOIN intermediate_scans AS between_keyframes \
-             ON between_keyframes.route_key = nodes.route_key \
-             AND between_keyframes.node_id = nodes.node_id \
-         WHERE routes.id = ? AND batches.trip_id = ? ORDER BY nodes.node_id, place",
-    )
-    .bind(route.as_str())
-    .bind(trip.as_str())
-    .fetch_all(readers)
-    .await?;
+struct Trajectory<'a> {
+    route: &'a RouteId,
+    trip: &'a TripId,
+}
+
+impl Query for Trajectory<'_> {
+    type Answer = Vec<TrajectoryPose>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        // One statement, so that no solve comes between a keyframe and the scans that move with it.
+        let rows = sqlx::query(
+            "SELECT nodes.node_id, nodes.stamp_ns, nodes.x, nodes.y, nodes.theta, place, \
+                 between_keyframes.stamp_ns AS b_stamp_ns, between_keyframes.x AS b_x, \
+                 between_keyframes.y AS b_y, between_keyframes.theta AS b_theta \
+             FROM routes JOIN batches USING (route_key) \
+             CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
+             LEFT JOIN intermediate_scans AS between_keyframes \
+                 ON between_keyframes.route_key = nodes.route_key \
+                 AND between_keyframes.node_id = nodes.node_id \
+             WHERE routes.id = $1 AND batches.trip_id = $2 ORDER BY nodes.node_id, place",
+        )
+        .bind(self.route.as_str())
+        .bind(self.trip.as_str())
+        .fetch_all(reader)
+        .await?;
+        trajectory_of(&rows)
+    }
+}
+
+/// The poses of rows: each keyframe comes once with each scan behind it, or once alone.
+fn trajectory_of(rows: &[SqliteRow]) -> Result<Vec<TrajectoryPose>, StoreError> {
     let mut poses: Vec<TrajectoryPose> = Vec::with_capacity(rows.len());
-    for row in &rows {
+    for row in rows {
         let node_id = NodeId(row.try_get("node_id")?);
         let map_from_keyframe = pose(row, ["x", "y", "theta"])?;
-        // Each keyframe comes once with each scan behind it, or once alone.
         if poses.last().is_none_or(|last| last.node_id != node_id) {
             poses.push(TrajectoryPose {
                 node_id,
@@ -237,7 +257,7 @@ pub(super) async fn trajectory(
             });
         }
     }
-    // A stable sort: what shares a stamp stays in the order of the drive.
+    // A stable sort: what shares a stamp stays in the order of the trip.
     poses.sort_by_key(|pose| pose.stamp);
     Ok(poses)
 }

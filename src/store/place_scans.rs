@@ -5,8 +5,9 @@ use sqlx::{Connection, SqliteConnection, SqlitePool};
 use super::columns::json_text;
 use super::error::StoreError;
 use super::export::Within;
-use super::graph::{node_columns, node_of, node_with_scan_of, select_nodes};
-use super::intermediate_scans::intermediate_behind;
+use super::intermediate_scans::IntermediateBehind;
+use super::node_columns::{node_columns, node_of, node_with_scan_of, select_nodes};
+use super::query::Query;
 use super::records::{NodeRecord, NodeWithScan};
 use super::{Store, named};
 use crate::ids::{NodeId, RouteId};
@@ -79,7 +80,12 @@ async fn scans_of_nodes(
     .bind(json_text(ids)?)
     .fetch_all(&mut *snapshot)
     .await?;
-    let mut behind = intermediate_behind(&mut snapshot, route, ids, behind_max).await?;
+    let behind = IntermediateBehind {
+        route,
+        nodes: ids,
+        behind_max,
+    };
+    let mut behind = behind.answer(&mut snapshot).await?;
     snapshot.commit().await?;
     let with_scans = |row| {
         let mut node = node_with_scan_of(row, route)?;

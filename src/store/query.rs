@@ -36,7 +36,8 @@ impl Store {
     }
 }
 
-async fn in_snapshot<Q: Query>(
+/// What a query answers of one moment, on a connection that may be closed after an error.
+pub(super) async fn in_snapshot<Q: Query>(
     reader: &mut SqliteConnection,
     query: &Q,
 ) -> Result<Q::Answer, StoreError> {

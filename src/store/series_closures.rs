@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
 
-use super::archive::{self, SubgraphSums};
+use super::archive::{ArchivedSums, SubgraphSums};
 use super::columns::name;
 use super::error::StoreError;
+use super::query::Query;
 use super::records::{SETTLED_CLOSURES_MAX, SettledClosure};
 use super::settled::join_active_edges;
 use super::{Store, of_snapshot};
@@ -110,7 +111,7 @@ async fn read(
         .bind(route.as_str())
         .fetch_all(&mut *snapshot)
         .await?;
-    let archive = archive::of_route(&mut snapshot, route).await?;
+    let archive = ArchivedSums(route).answer(&mut snapshot).await?;
     snapshot.commit().await?;
     for row in &active {
         closures.push(closure_of(row, false)?);

@@ -4,8 +4,8 @@ use sqlx::{SqliteConnection, SqlitePool};
 
 use super::archive;
 use super::columns::json_text;
+use super::edge_columns::{edge_of, select_edges};
 use super::error::StoreError;
-use super::graph::{edge_of, select_edges};
 use super::records::EdgeRecord;
 use super::request::Request;
 use super::{Store, named};
