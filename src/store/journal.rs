@@ -107,8 +107,8 @@ impl Request for Journal {
         // writes, and the table's UNIQUE stands behind it.
         let found: Option<(i64, Option<Vec<u8>>)> = sqlx::query_as(
             "SELECT routes.route_key, body_sha256 FROM routes \
-             LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = ? \
-             WHERE routes.id = ?",
+             LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = $1 \
+             WHERE routes.id = $2",
         )
         .bind(self.batch.id.as_str())
         .bind(self.batch.route_id.as_str())
@@ -147,7 +147,7 @@ impl Journal {
         self.count(transaction, route_key).await?;
         let placement = place(transaction, route_key, &self.batch).await?;
         let batch_key = self.insert(transaction, route_key, &placement).await?;
-        sqlx::query("INSERT INTO batch_bodies (batch_key, body) VALUES (?, ?)")
+        sqlx::query("INSERT INTO batch_bodies (batch_key, body) VALUES ($1, $2)")
             .bind(batch_key)
             .bind(&self.body.compressed)
             .execute(&mut *transaction)
@@ -174,9 +174,9 @@ impl Journal {
         route_key: i64,
     ) -> Result<(), StoreError> {
         sqlx::query(
-            "UPDATE routes SET batches = batches + 1, scans = scans + ?, vehicles = vehicles + \
-             NOT EXISTS (SELECT 1 FROM batches WHERE route_key = ?2 AND vehicle_id = ?3) \
-             WHERE route_key = ?2",
+            "UPDATE routes SET batches = batches + 1, scans = scans + $1, vehicles = vehicles + \
+             NOT EXISTS (SELECT 1 FROM batches WHERE route_key = $2 AND vehicle_id = $3) \
+             WHERE route_key = $2",
         )
         .bind(self.batch.content.scans())
         .bind(route_key)
@@ -197,7 +197,7 @@ impl Journal {
             "INSERT INTO batches (route_key, id, vehicle_id, trip_id, kind, sequence, status, \
              reason, flags, above_range_max, below_range_min, extensions, scans, body_sha256, \
              body_bytes, received_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16) RETURNING batch_key",
         )
         .bind(route_key)
         .bind(batch.id.as_str())
@@ -229,7 +229,7 @@ pub(super) async fn batch(
 ) -> Result<Option<BatchRecord>, StoreError> {
     let row = sqlx::query(select_batches!(
         "",
-        "WHERE routes.id = ? AND batches.id = ?"
+        "WHERE routes.id = $1 AND batches.id = $2"
     ))
     .bind(route.as_str())
     .bind(id.as_str())
@@ -286,7 +286,7 @@ pub(super) async fn entry(
 ) -> Result<Option<JournalEntry>, StoreError> {
     let row = sqlx::query(select_batches!(
         ", body, body_bytes, body_sha256, body_kept",
-        "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = ? AND batches.id = ?"
+        "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = $1 AND batches.id = $2"
     ))
     .bind(route.as_str())
     .bind(id.as_str())

@@ -128,7 +128,7 @@ impl Request for Create {
         let id = new.id.to_string();
         sqlx::query(
             "INSERT INTO keys (id, name, role, vehicle_id, routes, secret_sha256, created_at_us, \
-             created_by, expires_at_us) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             created_by, expires_at_us) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
         )
         .bind(&id)
         .bind(&new.name)
@@ -174,15 +174,17 @@ impl Request for Revoke {
         if before.revoked_at.is_some() {
             return Ok(true);
         }
-        sqlx::query("UPDATE keys SET revoked_at_us = ? WHERE id = ?")
+        sqlx::query("UPDATE keys SET revoked_at_us = $1 WHERE id = $2")
             .bind(micros(self.now))
             .bind(&id)
             .execute(&mut *transaction)
             .await?;
-        sqlx::query("DELETE FROM sessions WHERE key_key = (SELECT key_key FROM keys WHERE id = ?)")
-            .bind(&id)
-            .execute(&mut *transaction)
-            .await?;
+        sqlx::query(
+            "DELETE FROM sessions WHERE key_key = (SELECT key_key FROM keys WHERE id = $1)",
+        )
+        .bind(&id)
+        .execute(&mut *transaction)
+        .await?;
         let after = key(&mut *transaction, self.id).await?;
         let change = Change {
             at: self.now,
@@ -209,7 +211,7 @@ impl Request for NoteUse {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("UPDATE keys SET last_used_at_us = ? WHERE id = ?")
+        sqlx::query("UPDATE keys SET last_used_at_us = $1 WHERE id = $2")
             .bind(micros(self.now))
             .bind(self.id.to_string())
             .execute(transaction)
@@ -232,7 +234,7 @@ fn audited(key: &KeyRecord) -> String {
 }
 
 async fn key(reader: impl SqliteExecutor<'_>, id: KeyId) -> Result<Option<KeyRecord>, StoreError> {
-    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
+    let row = sqlx::query("SELECT * FROM keys WHERE id = $1")
         .bind(id.to_string())
         .fetch_optional(reader)
         .await?;
@@ -240,7 +242,7 @@ async fn key(reader: impl SqliteExecutor<'_>, id: KeyId) -> Result<Option<KeyRec
 }
 
 async fn key_shown(readers: &SqlitePool, shown: &KeyText) -> Result<Option<KeyRecord>, StoreError> {
-    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
+    let row = sqlx::query("SELECT * FROM keys WHERE id = $1")
         .bind(shown.id.to_string())
         .fetch_optional(readers)
         .await?;
@@ -258,7 +260,7 @@ async fn keys(
     after: Option<KeyId>,
     limit: u32,
 ) -> Result<Vec<KeyRecord>, StoreError> {
-    let rows = sqlx::query("SELECT * FROM keys WHERE id > ? ORDER BY id LIMIT ?")
+    let rows = sqlx::query("SELECT * FROM keys WHERE id > $1 ORDER BY id LIMIT $2")
         .bind(after.map_or_else(String::new, |id| id.to_string()))
         .bind(limit)
         .fetch_all(readers)

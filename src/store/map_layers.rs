@@ -90,10 +90,10 @@ async fn tracks(
         "SELECT newest.trip_id, newest.vehicle_id, stamp_ns, x, y, theta \
          FROM (SELECT batch_key, trip_id, vehicle_id \
                FROM batches INDEXED BY batches_by_status \
-               WHERE route_key = (SELECT route_key FROM routes WHERE id = ?1) AND status = ?2 \
-               ORDER BY batch_key DESC LIMIT ?3) AS newest \
+               WHERE route_key = (SELECT route_key FROM routes WHERE id = $1) AND status = $2 \
+               ORDER BY batch_key DESC LIMIT $3) AS newest \
          CROSS JOIN nodes INDEXED BY nodes_by_batch ON nodes.batch_key = newest.batch_key \
-         ORDER BY stamp_ns DESC, node_id DESC LIMIT ?4",
+         ORDER BY stamp_ns DESC, node_id DESC LIMIT $4",
     )
     .bind(route.as_str())
     .bind(BatchStatus::Merged.name())
@@ -136,7 +136,7 @@ async fn worst_closures(
          info_yy, info_yt, info_tt, older.x AS a_x, older.y AS a_y, older.theta AS a_theta, \
          newer.x AS b_x, newer.y AS b_y, newer.theta AS b_theta FROM routes ",
         join_active_edges!(),
-        " WHERE routes.id = ?1 AND edges.status = ?2 AND edges.kind = ?3"
+        " WHERE routes.id = $1 AND edges.status = $2 AND edges.kind = $3"
     ))
     .bind(route.as_str())
     .bind(EdgeStatus::Active.name())
@@ -174,7 +174,7 @@ async fn reference_positions(
 ) -> Result<Vec<Vector2<f64>>, StoreError> {
     let positions: Vec<(f64, f64)> = sqlx::query_as(
         "SELECT x, y FROM routes CROSS JOIN nodes INDEXED BY nodes_active USING (route_key) \
-         WHERE routes.id = ? AND active = 1 AND reference = 1 ORDER BY node_id",
+         WHERE routes.id = $1 AND active = 1 AND reference = 1 ORDER BY node_id",
     )
     .bind(route.as_str())
     .fetch_all(readers)

@@ -49,7 +49,7 @@ impl Store {
     pub async fn newest_release(&self, route: &RouteId) -> Result<Option<i64>, StoreError> {
         let newest = sqlx::query_scalar(
             "SELECT max(version) FROM routes JOIN map_versions USING (route_key) \
-             WHERE routes.id = ? AND released_at_us IS NOT NULL AND retired_at_us IS NULL",
+             WHERE routes.id = $1 AND released_at_us IS NOT NULL AND retired_at_us IS NULL",
         )
         .bind(route.as_str())
         .fetch_one(&self.shared.readers)
@@ -95,13 +95,13 @@ pub(super) async fn map_versions(
         "SELECT version, map_versions.epoch, map_versions.created_at_us AS began_at_us, \
          superseded_at_us, cause_alert_id, cause_action, cause_by, cause_note, \
          max_displacement_m, released_at_us, released_by, release_note, retired_at_us, pgm_sha256 \
-         FROM routes JOIN map_versions USING (route_key) WHERE routes.id = ?1 AND version > ?2 \
+         FROM routes JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version > $2 \
          UNION ALL \
          SELECT map_version, epoch, coalesce(version_created_at_us, created_at_us), \
          NULL, version_alert_id, version_action, version_by, version_note, \
          version_max_displacement_m, NULL, NULL, NULL, NULL, NULL \
-         FROM routes WHERE id = ?1 AND map_version > ?2 \
-         ORDER BY 1 LIMIT ?3",
+         FROM routes WHERE id = $1 AND map_version > $2 \
+         ORDER BY 1 LIMIT $3",
     )
     .bind(route.as_str())
     .bind(after)
@@ -165,10 +165,10 @@ async fn alerts_between(
         "SELECT DISTINCT alerts.id \
          FROM alert_history AS entry INDEXED BY alert_history_by_time \
              JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
-         WHERE entry.at_us > ?1 AND entry.at_us <= ?2 AND routes.id = ?3 \
-         AND (entry.status = ?4 OR EXISTS ( \
+         WHERE entry.at_us > $1 AND entry.at_us <= $2 AND routes.id = $3 \
+         AND (entry.status = $4 OR EXISTS ( \
              SELECT 1 FROM alert_history AS before WHERE before.alert_key = entry.alert_key \
-             AND before.position = entry.position - 1 AND before.status = ?4)) \
+             AND before.position = entry.position - 1 AND before.status = $4)) \
          ORDER BY alerts.id",
     )
     .bind(micros(after))
@@ -188,7 +188,7 @@ pub(super) async fn picture(
 ) -> Result<Option<MapPicture>, StoreError> {
     let row = sqlx::query(
         "SELECT png, pgm, pgm_bytes, pgm_sha256, yaml FROM routes \
-         JOIN map_versions USING (route_key) WHERE routes.id = ? AND version = ?",
+         JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version = $2",
     )
     .bind(route.as_str())
     .bind(version)
@@ -255,9 +255,9 @@ pub(super) async fn file(
          cause_alert_id, cause_action, cause_by, cause_note, max_displacement_m, \
          png, pgm, pgm_bytes, pgm_sha256, yaml) \
          SELECT route_key, map_version, epoch, coalesce(version_created_at_us, created_at_us), \
-         ?2, version_alert_id, version_action, version_by, version_note, \
-         version_max_displacement_m, ?3, ?4, ?5, ?6, ?7 \
-         FROM routes WHERE route_key = ?1",
+         $2, version_alert_id, version_action, version_by, version_note, \
+         version_max_displacement_m, $3, $4, $5, $6, $7 \
+         FROM routes WHERE route_key = $1",
     )
     .bind(route_key)
     .bind(at_us)
@@ -279,10 +279,10 @@ pub(super) async fn begin(
     next: &Beginning<'_>,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "UPDATE routes SET map_version = map_version + 1, epoch = epoch + (?3 IS NOT NULL), \
-         version_created_at_us = ?2, version_alert_id = ?3, version_action = ?4, \
-         version_by = ?5, version_note = ?6, version_max_displacement_m = ?7 \
-         WHERE route_key = ?1",
+        "UPDATE routes SET map_version = map_version + 1, epoch = epoch + ($3 IS NOT NULL), \
+         version_created_at_us = $2, version_alert_id = $3, version_action = $4, \
+         version_by = $5, version_note = $6, version_max_displacement_m = $7 \
+         WHERE route_key = $1",
     )
     .bind(route_key)
     .bind(next.at_us)

@@ -26,10 +26,10 @@ impl Notice<'_> {
         sqlx::query(
             "INSERT INTO webhook_deliveries (webhook_key, id, event, route_key, subject, at_us, \
              status, attempts, next_attempt_at_us) \
-             SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), ?1, ?2, ?3, ?4, \
-             'pending', 0, ?4 \
-             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?2) \
-             AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = ?1) ORDER BY webhook_key",
+             SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), $1, $2, $3, $4, \
+             'pending', 0, $4 \
+             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = $2) \
+             AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = $1) ORDER BY webhook_key",
         )
         .bind(self.topic.name())
         .bind(self.route_key)
@@ -49,7 +49,7 @@ pub(super) async fn batch_ended(
     at: Timestamp,
 ) -> Result<(), StoreError> {
     let row =
-        sqlx::query("SELECT route_key, id, vehicle_id, status FROM batches WHERE batch_key = ?")
+        sqlx::query("SELECT route_key, id, vehicle_id, status FROM batches WHERE batch_key = $1")
             .bind(batch_key)
             .fetch_one(&mut *transaction)
             .await?;

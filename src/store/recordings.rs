@@ -91,7 +91,7 @@ impl Store {
     ) -> Result<Option<RecordingJournaled>, StoreError> {
         let found = sqlx::query_scalar(
             "SELECT recording_sha256 FROM batches JOIN routes USING (route_key) \
-             WHERE routes.id = ? AND batches.id = ?",
+             WHERE routes.id = $1 AND batches.id = $2",
         )
         .bind(route.as_str())
         .bind(id.as_str())
@@ -153,7 +153,7 @@ impl Request for JournalRecording {
             ));
         };
         let route_key: Option<i64> =
-            sqlx::query_scalar("SELECT route_key FROM routes WHERE id = ?")
+            sqlx::query_scalar("SELECT route_key FROM routes WHERE id = $1")
                 .bind(last.route_id.as_str())
                 .fetch_optional(&mut *transaction)
                 .await?;
@@ -173,7 +173,7 @@ impl Request for JournalRecording {
         for part in &self.parts {
             part.store(transaction, route_key).await?;
         }
-        sqlx::query("UPDATE batches SET recording_sha256 = ? WHERE route_key = ? AND id = ?")
+        sqlx::query("UPDATE batches SET recording_sha256 = $1 WHERE route_key = $2 AND id = $3")
             .bind(self.identity.as_slice())
             .bind(route_key)
             .bind(last.id.as_str())
@@ -190,7 +190,7 @@ async fn identity_of(
     id: &BatchId,
 ) -> Result<Option<Option<Vec<u8>>>, StoreError> {
     let found =
-        sqlx::query_scalar("SELECT recording_sha256 FROM batches WHERE route_key = ? AND id = ?")
+        sqlx::query_scalar("SELECT recording_sha256 FROM batches WHERE route_key = $1 AND id = $2")
             .bind(route_key)
             .bind(id.as_str())
             .fetch_optional(transaction)
@@ -205,8 +205,8 @@ async fn is_taken(
     trip_id: &TripId,
 ) -> Result<bool, StoreError> {
     let is_taken = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = ?1 AND trip_id = ?2 AND next_sequence > 0) \
-         OR EXISTS (SELECT 1 FROM batches WHERE route_key = ?1 AND trip_id = ?2 AND status <> 'removed')",
+        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = $1 AND trip_id = $2 AND next_sequence > 0) \
+         OR EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 AND status <> 'removed')",
     )
     .bind(route_key)
     .bind(trip_id.as_str())

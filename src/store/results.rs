@@ -113,7 +113,7 @@ async fn marks(
 ) -> Result<Option<Marks>, StoreError> {
     let marks: Option<(i64, i64)> = sqlx::query_as(
         "SELECT next_node_id, next_edge_id FROM routes \
-         WHERE route_key = ? AND id = ? AND revision = ?",
+         WHERE route_key = $1 AND id = $2 AND revision = $3",
     )
     .bind(place.route_key)
     .bind(result.route_id.as_str())
@@ -129,10 +129,10 @@ async fn marks(
 async fn members(transaction: &mut SqliteConnection, place: &Place) -> Result<Members, StoreError> {
     let rows = sqlx::query(
         "SELECT batch_key, id, vehicle_id, trip_id FROM batches \
-         WHERE (route_key = ?1 AND trip_id = ?2 AND status = 'unanchored' AND kind = 'scans') \
-         OR (route_key = ?1 AND status = 'unanchored' AND kind = 'edges' AND (vehicle_id, kind) = \
-             (SELECT vehicle_id, kind FROM batches WHERE batch_key = ?3)) \
-         OR batch_key = ?3",
+         WHERE (route_key = $1 AND trip_id = $2 AND status = 'unanchored' AND kind = 'scans') \
+         OR (route_key = $1 AND status = 'unanchored' AND kind = 'edges' AND (vehicle_id, kind) = \
+             (SELECT vehicle_id, kind FROM batches WHERE batch_key = $3)) \
+         OR batch_key = $3",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -213,10 +213,10 @@ async fn raise_route(
     let last_node = result.nodes.iter().map(|with_scan| with_scan.node.id.0);
     let last_edge = result.edges.iter().map(|edge| edge.id.0);
     let nodes = sqlx::query_scalar(
-        "UPDATE routes SET revision = revision + 1, stage = ?2, updated_at_us = ?3, \
-         nodes = nodes + ?4, edges = edges + ?5, loop_closures = loop_closures + ?6, \
-         next_node_id = max(next_node_id, ?7), next_edge_id = max(next_edge_id, ?8) \
-         WHERE route_key = ?1 RETURNING nodes",
+        "UPDATE routes SET revision = revision + 1, stage = $2, updated_at_us = $3, \
+         nodes = nodes + $4, edges = edges + $5, loop_closures = loop_closures + $6, \
+         next_node_id = max(next_node_id, $7), next_edge_id = max(next_edge_id, $8) \
+         WHERE route_key = $1 RETURNING nodes",
     )
     .bind(place.route_key)
     .bind(result.stage.name())
@@ -241,13 +241,13 @@ pub(super) async fn count_blocks(
     // as much as there are blocks, not edges.
     sqlx::query(
         "UPDATE routes SET subgraphs = (WITH RECURSIVE block(id) AS ( \
-             SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 AND status = 'active' \
+             SELECT min(subgraph_id) FROM edges WHERE route_key = $1 AND status = 'active' \
              UNION ALL \
-             SELECT (SELECT min(subgraph_id) FROM edges WHERE route_key = ?1 \
+             SELECT (SELECT min(subgraph_id) FROM edges WHERE route_key = $1 \
                  AND status = 'active' AND subgraph_id > block.id) \
              FROM block WHERE block.id IS NOT NULL) \
              SELECT count(id) FROM block) \
-         WHERE route_key = ?1",
+         WHERE route_key = $1",
     )
     .bind(route_key)
     .execute(transaction)
@@ -269,7 +269,7 @@ async fn end_batch(
     let Some(member) = members.get(&outcome.batch_id) else {
         return Ok(());
     };
-    let flags: String = sqlx::query_scalar("SELECT flags FROM batches WHERE batch_key = ?")
+    let flags: String = sqlx::query_scalar("SELECT flags FROM batches WHERE batch_key = $1")
         .bind(member.batch_key)
         .fetch_one(&mut *transaction)
         .await?;
@@ -281,8 +281,8 @@ async fn end_batch(
     }
     let nodes_at_try = (outcome.status == BatchStatus::Unanchored).then_some(nodes);
     sqlx::query(
-        "UPDATE batches SET status = ?, reason = ?, flags = ?, nodes_added = ?, \
-         loop_closures = ?, nodes_at_try = ?, processed_at_us = ? WHERE batch_key = ?",
+        "UPDATE batches SET status = $1, reason = $2, flags = $3, nodes_added = $4, \
+         loop_closures = $5, nodes_at_try = $6, processed_at_us = $7 WHERE batch_key = $8",
     )
     .bind(outcome.status.name())
     .bind(outcome.reason.as_deref())
@@ -308,10 +308,10 @@ async fn queue_unanchored(
 ) -> Result<(), StoreError> {
     let rows = sqlx::query_as(
         "SELECT batch_key, trip_id, max(sequence) FROM batches \
-         WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'scans' \
+         WHERE route_key = $1 AND status = 'unanchored' AND kind = 'scans' \
          AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.route_key = batches.route_key \
              AND jobs.trip_id = batches.trip_id) \
-         GROUP BY trip_id HAVING 4 * ?2 >= 5 * nodes_at_try + 80 ORDER BY batch_key",
+         GROUP BY trip_id HAVING 4 * $2 >= 5 * nodes_at_try + 80 ORDER BY batch_key",
     )
     .bind(route_key)
     .bind(nodes)
@@ -329,11 +329,11 @@ async fn queue_unanchored_edges(
 ) -> Result<(), StoreError> {
     let rows = sqlx::query_as(
         "SELECT max(batch_key), trip_id, sequence FROM batches AS batch \
-         WHERE route_key = ?1 AND status = 'unanchored' AND kind = 'edges' \
+         WHERE route_key = $1 AND status = 'unanchored' AND kind = 'edges' \
          AND NOT EXISTS (SELECT 1 FROM jobs JOIN batches AS other USING (batch_key) \
-             WHERE jobs.route_key = ?1 AND other.kind = 'edges' \
+             WHERE jobs.route_key = $1 AND other.kind = 'edges' \
              AND other.vehicle_id = batch.vehicle_id) \
-         GROUP BY vehicle_id HAVING 4 * ?2 >= 5 * nodes_at_try + 80 ORDER BY 1",
+         GROUP BY vehicle_id HAVING 4 * $2 >= 5 * nodes_at_try + 80 ORDER BY 1",
     )
     .bind(route_key)
     .bind(nodes)

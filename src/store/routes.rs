@@ -194,7 +194,7 @@ impl PutRoute {
             "INSERT INTO routes (id, display_name, geo_latitude, geo_longitude, geo_heading, \
              detector, false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, \
              next_node_id, next_edge_id, created_at_us, updated_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, 1, 0, 1, 1, ?, ?)",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 1, 1, 0, 1, 1, $11, $12)",
         )
         .bind(self.id.as_str())
         .bind(self.update.display_name.as_deref())
@@ -262,7 +262,7 @@ pub(super) async fn route(
     reader: impl SqliteExecutor<'_>,
     id: &RouteId,
 ) -> Result<Option<RouteRecord>, StoreError> {
-    let row = sqlx::query(select_routes!("WHERE id = ?"))
+    let row = sqlx::query(select_routes!("WHERE id = $1"))
         .bind(id.as_str())
         .fetch_optional(reader)
         .await?;
@@ -277,8 +277,8 @@ pub(super) async fn routes(
     limit: u32,
 ) -> Result<Vec<RouteRecord>, StoreError> {
     let rows = sqlx::query(select_routes!(
-        "WHERE id > ?1 AND (?3 IS NULL OR id IN (SELECT value FROM json_each(?3))) \
-         ORDER BY id LIMIT ?2"
+        "WHERE id > $1 AND ($3 IS NULL OR id IN (SELECT value FROM json_each($3))) \
+         ORDER BY id LIMIT $2"
     ))
     .bind(after.map_or("", RouteId::as_str))
     .bind(limit)

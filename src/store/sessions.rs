@@ -70,14 +70,14 @@ impl Request for Begin {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let before = |age| self.now.saturating_sub(age).map_or(0, micros);
-        sqlx::query("DELETE FROM sessions WHERE created_at_us <= ? OR last_used_at_us <= ?")
+        sqlx::query("DELETE FROM sessions WHERE created_at_us <= $1 OR last_used_at_us <= $2")
             .bind(before(SESSION_MAX))
             .bind(before(SESSION_IDLE_MAX))
             .execute(&mut *transaction)
             .await?;
         sqlx::query(
             "INSERT INTO sessions (id_sha256, key_key, created_at_us, last_used_at_us) \
-             SELECT ?1, key_key, ?3, ?3 FROM keys WHERE id = ?2",
+             SELECT $1, key_key, $3, $3 FROM keys WHERE id = $2",
         )
         .bind(self.id.as_slice())
         .bind(self.key.to_string())
@@ -99,7 +99,7 @@ impl Request for NoteUse {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("UPDATE sessions SET last_used_at_us = ? WHERE id_sha256 = ?")
+        sqlx::query("UPDATE sessions SET last_used_at_us = $1 WHERE id_sha256 = $2")
             .bind(micros(self.now))
             .bind(self.id.as_slice())
             .execute(transaction)
@@ -118,7 +118,7 @@ impl Request for End {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("DELETE FROM sessions WHERE id_sha256 = ?")
+        sqlx::query("DELETE FROM sessions WHERE id_sha256 = $1")
             .bind(self.id.as_slice())
             .execute(transaction)
             .await?;
@@ -130,7 +130,7 @@ async fn session(readers: &SqlitePool, id: &[u8; 32]) -> Result<Option<SessionRe
     let row = sqlx::query(
         "SELECT keys.*, sessions.created_at_us AS begun_at_us, \
          sessions.last_used_at_us AS session_used_at_us \
-         FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = ?",
+         FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = $1",
     )
     .bind(id.as_slice())
     .fetch_optional(readers)

@@ -116,8 +116,8 @@ pub(super) async fn tail(
         "SELECT node_id FROM ( \
              SELECT node_id, active FROM routes JOIN batches USING (route_key) \
              CROSS JOIN nodes ON nodes.batch_key = batches.batch_key \
-             WHERE routes.id = ? AND batches.trip_id = ? \
-             ORDER BY batches.sequence DESC, node_id DESC LIMIT ?) \
+             WHERE routes.id = $1 AND batches.trip_id = $2 \
+             ORDER BY batches.sequence DESC, node_id DESC LIMIT $3) \
          WHERE NOT active ORDER BY node_id",
     )
     .bind(route.as_str())
@@ -137,14 +137,14 @@ pub(super) async fn among(
 ) -> Result<Vec<NodeId>, StoreError> {
     let ids = sqlx::query_scalar(
         "SELECT node_id FROM nodes JOIN routes USING (route_key) \
-         WHERE routes.id = ?1 AND NOT active AND node_id IN ( \
-             SELECT value FROM json_each(?2) \
+         WHERE routes.id = $1 AND NOT active AND node_id IN ( \
+             SELECT value FROM json_each($2) \
              UNION SELECT from_node FROM edges \
-                 WHERE edges.route_key = (SELECT route_key FROM routes WHERE id = ?1) \
-                 AND edge_id IN (SELECT value FROM json_each(?3)) \
+                 WHERE edges.route_key = (SELECT route_key FROM routes WHERE id = $1) \
+                 AND edge_id IN (SELECT value FROM json_each($3)) \
              UNION SELECT to_node FROM edges \
-                 WHERE edges.route_key = (SELECT route_key FROM routes WHERE id = ?1) \
-                 AND edge_id IN (SELECT value FROM json_each(?3))) \
+                 WHERE edges.route_key = (SELECT route_key FROM routes WHERE id = $1) \
+                 AND edge_id IN (SELECT value FROM json_each($3))) \
          ORDER BY node_id",
     )
     .bind(route.as_str())
@@ -163,7 +163,7 @@ async fn closures_among(
 ) -> Result<Vec<EdgeId>, StoreError> {
     let ids = sqlx::query_scalar(
         "SELECT edge_id FROM routes JOIN edges USING (route_key) \
-         WHERE routes.id = ?1 AND edge_id IN (SELECT value FROM json_each(?2)) \
+         WHERE routes.id = $1 AND edge_id IN (SELECT value FROM json_each($2)) \
          AND kind = 'loop_closure' AND status = 'active' ORDER BY edge_id",
     )
     .bind(route.as_str())

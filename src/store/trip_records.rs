@@ -63,8 +63,8 @@ async fn trips(
          FROM routes JOIN trips USING (route_key) \
              JOIN batches ON batches.route_key = trips.route_key \
                  AND batches.trip_id = trips.trip_id \
-         WHERE routes.id = ?1 AND trips.trip_id > ?2 \
-         GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT ?3",
+         WHERE routes.id = $1 AND trips.trip_id > $2 \
+         GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT $3",
     )
     .bind(route.as_str())
     .bind(after)

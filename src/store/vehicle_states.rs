@@ -40,7 +40,7 @@ pub(super) async fn note_state(
         return Ok(());
     }
     sqlx::query(
-        "INSERT INTO vehicle_states (route_key, vehicle_id, state) VALUES (?, ?, ?) \
+        "INSERT INTO vehicle_states (route_key, vehicle_id, state) VALUES ($1, $2, $3) \
          ON CONFLICT DO UPDATE SET state = excluded.state",
     )
     .bind(route_key)
@@ -66,7 +66,7 @@ async fn stored(
     vehicle: &VehicleId,
 ) -> Result<VehicleState, StoreError> {
     let state: Option<String> = sqlx::query_scalar(
-        "SELECT state FROM vehicle_states WHERE route_key = ? AND vehicle_id = ?",
+        "SELECT state FROM vehicle_states WHERE route_key = $1 AND vehicle_id = $2",
     )
     .bind(route_key)
     .bind(vehicle.as_str())
@@ -82,7 +82,7 @@ async fn present(
     vehicle: &VehicleId,
 ) -> Result<VehicleState, StoreError> {
     let is_quarantined = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM vehicle_quarantines WHERE route_key = ? AND vehicle_id = ?)",
+        "SELECT EXISTS (SELECT 1 FROM vehicle_quarantines WHERE route_key = $1 AND vehicle_id = $2)",
     )
     .bind(route_key)
     .bind(vehicle.as_str())

@@ -125,7 +125,7 @@ impl Store {
     ) -> Result<Option<TripStart>, StoreError> {
         let read = sqlx::query(
             "SELECT corrections, clock_ahead_ns FROM routes JOIN trips USING (route_key) \
-             WHERE routes.id = ? AND trip_id = ?",
+             WHERE routes.id = $1 AND trip_id = $2",
         )
         .bind(route.as_str())
         .bind(trip.as_str())
@@ -150,8 +150,8 @@ impl Store {
                  SUM(batches.scans) AS scan_count, COUNT(DISTINCT trip_id) AS trip_count, \
                  MAX(received_at_us) AS last_seen_us \
              FROM routes JOIN batches USING (route_key) \
-             WHERE routes.id = ?1 AND vehicle_id > ?2 AND (?3 = '' OR vehicle_id = ?3) \
-             GROUP BY vehicle_id ORDER BY vehicle_id LIMIT ?4",
+             WHERE routes.id = $1 AND vehicle_id > $2 AND ($3 = '' OR vehicle_id = $3) \
+             GROUP BY vehicle_id ORDER BY vehicle_id LIMIT $4",
         )
         .bind(route.as_str())
         .bind(after)
@@ -198,7 +198,7 @@ pub(super) async fn put_calibration(
     let beside_primary = record.beside_primary.as_ref().map(json).transpose()?;
     sqlx::query(
         "INSERT OR REPLACE INTO lidar_calibrations (route_key, trip_id, lidar, vehicle_id, \
-         stamp_ns, scans, calibration, beside_primary) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+         stamp_ns, scans, calibration, beside_primary) VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
     )
     .bind(route_key)
     .bind(record.trip_id.as_str())
@@ -249,7 +249,7 @@ async fn newest_corrections(
 ) -> Result<TripCorrections, StoreError> {
     let row = sqlx::query(
         "SELECT corrections FROM batches JOIN trips USING (route_key, trip_id) \
-         WHERE route_key = ? AND batches.vehicle_id = ? AND corrections IS NOT NULL \
+         WHERE route_key = $1 AND batches.vehicle_id = $2 AND corrections IS NOT NULL \
          ORDER BY batch_key DESC LIMIT 1",
     )
     .bind(route_key)
@@ -270,8 +270,8 @@ pub(super) async fn route_calibrations(
         "SELECT trip_id, vehicle_id, lidar, stamp_ns, scans, calibration, beside_primary FROM ( \
              SELECT lidar_calibrations.*, row_number() OVER ( \
                  PARTITION BY vehicle_id, lidar ORDER BY stamp_ns DESC, trip_id DESC) AS newness \
-             FROM routes JOIN lidar_calibrations USING (route_key) WHERE routes.id = ?) \
-         WHERE newness <= ? ORDER BY vehicle_id, lidar, stamp_ns, trip_id",
+             FROM routes JOIN lidar_calibrations USING (route_key) WHERE routes.id = $1) \
+         WHERE newness <= $2 ORDER BY vehicle_id, lidar, stamp_ns, trip_id",
     )
     .bind(route.as_str())
     .bind(TRIPS_MAX as i64)
@@ -324,8 +324,8 @@ async fn calibrations(
         "SELECT trip_id, vehicle_id, lidar, stamp_ns, scans, calibration, beside_primary FROM ( \
              SELECT *, row_number() OVER ( \
                  PARTITION BY lidar ORDER BY stamp_ns DESC, trip_id DESC) AS newness \
-             FROM lidar_calibrations WHERE route_key = ? AND vehicle_id = ?) \
-         WHERE newness <= ? ORDER BY lidar, stamp_ns, trip_id",
+             FROM lidar_calibrations WHERE route_key = $1 AND vehicle_id = $2) \
+         WHERE newness <= $3 ORDER BY lidar, stamp_ns, trip_id",
     )
     .bind(route_key)
     .bind(vehicle.as_str())
@@ -389,9 +389,9 @@ pub(super) async fn suspected_by(
     vehicle: &VehicleId,
 ) -> Result<Vec<AlertId>, StoreError> {
     let rows = sqlx::query(
-        "SELECT alerts.id FROM alerts WHERE route_key = ? AND kind = 'vehicle_suspect' \
+        "SELECT alerts.id FROM alerts WHERE route_key = $1 AND kind = 'vehicle_suspect' \
          AND status IN ('open', 'acknowledged') \
-         AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = ?) ORDER BY id",
+         AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = $2) ORDER BY id",
     )
     .bind(route_key)
     .bind(vehicle.as_str())

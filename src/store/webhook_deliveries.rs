@@ -75,10 +75,10 @@ pub(super) async fn queue(
     sqlx::query(
         "INSERT INTO webhook_deliveries (webhook_key, id, event, event_sequence, alert_key, \
          alert_revision, at_us, status, attempts, next_attempt_at_us) \
-         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), happened, ?2, ?3, ?6, ?4, \
-         'pending', 0, ?4 \
-         FROM (SELECT webhook_key, events, iif(include_tentative, ?1, ?7) AS happened \
-             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5)) \
+         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), happened, $2, $3, $6, $4, \
+         'pending', 0, $4 \
+         FROM (SELECT webhook_key, events, iif(include_tentative, $1, $7) AS happened \
+             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = $5)) \
          WHERE happened IS NOT NULL \
          AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = happened) ORDER BY webhook_key",
     )
@@ -116,7 +116,7 @@ impl Request for QueueTest {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<TestQueued, StoreError> {
-        let active: Option<bool> = sqlx::query_scalar("SELECT active FROM webhooks WHERE id = ?")
+        let active: Option<bool> = sqlx::query_scalar("SELECT active FROM webhooks WHERE id = $1")
             .bind(self.webhook.to_string())
             .fetch_optional(&mut *transaction)
             .await?;
@@ -131,7 +131,7 @@ impl Request for QueueTest {
         sqlx::query(
             "INSERT INTO webhook_deliveries (webhook_key, id, event, at_us, status, attempts, \
              next_attempt_at_us) SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), \
-             'webhook.test', ?2, 'pending', 0, ?2 FROM webhooks WHERE id = ?1",
+             'webhook.test', $2, 'pending', 0, $2 FROM webhooks WHERE id = $1",
         )
         .bind(self.webhook.to_string())
         .bind(micros(self.now))
@@ -153,7 +153,7 @@ impl QueueTest {
             "WHERE delivery_key IN (SELECT delivery_key \
              FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
              WHERE status = 'pending' AND event = 'webhook.test' AND webhook_key = \
-             (SELECT webhook_key FROM webhooks WHERE id = ?))"
+             (SELECT webhook_key FROM webhooks WHERE id = $1))"
         ))
         .bind(self.webhook.to_string())
         .fetch_optional(transaction)
@@ -188,7 +188,7 @@ async fn deliveries(
     limit: u32,
 ) -> Result<Vec<DeliveryRecord>, StoreError> {
     let rows = sqlx::query(select_deliveries!(
-        "WHERE webhooks.id = ? AND delivery_key < ? ORDER BY delivery_key DESC LIMIT ?"
+        "WHERE webhooks.id = $1 AND delivery_key < $2 ORDER BY delivery_key DESC LIMIT $3"
     ))
     .bind(webhook.to_string())
     .bind(before.unwrap_or(i64::MAX))

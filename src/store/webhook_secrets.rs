@@ -43,7 +43,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn delete_previous_secrets(&self, now: Timestamp) -> Result<(), StoreError> {
         let are_there = sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM webhooks WHERE previous_secret_until_us <= ?)",
+            "SELECT EXISTS (SELECT 1 FROM webhooks WHERE previous_secret_until_us <= $1)",
         )
         .bind(micros(now))
         .fetch_one(&self.shared.readers)
@@ -73,9 +73,9 @@ impl Request for Rotate {
         };
         let until = self.secret.previous_until;
         let rotated = sqlx::query(
-            "UPDATE webhooks SET revision = revision + 1, updated_at_us = ?5, secret = ?3, \
-             previous_secret = iif(?4 IS NULL, NULL, secret), previous_secret_until_us = ?4 \
-             WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
+            "UPDATE webhooks SET revision = revision + 1, updated_at_us = $5, secret = $3, \
+             previous_secret = iif($4 IS NULL, NULL, secret), previous_secret_until_us = $4 \
+             WHERE id = $1 AND ($2 IS NULL OR revision = $2)",
         )
         .bind(self.id.to_string())
         .bind(self.revision)
@@ -104,7 +104,7 @@ impl Request for DeletePrevious {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(
             "UPDATE webhooks SET previous_secret = NULL, previous_secret_until_us = NULL \
-             WHERE previous_secret_until_us <= ?",
+             WHERE previous_secret_until_us <= $1",
         )
         .bind(micros(self.0))
         .execute(transaction)

@@ -125,9 +125,9 @@ impl Request for Register {
         let inserted = sqlx::query(
             "INSERT INTO webhooks (id, revision, url, secret, events, route_key, description, \
              active, created_at_us, updated_at_us, include_tentative) \
-             SELECT ?1, 1, ?2, ?3, ?4, (SELECT route_key FROM routes WHERE id = ?5), ?6, 1, ?7, \
-             ?7, ?8 \
-             WHERE ?5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = ?5)",
+             SELECT $1, 1, $2, $3, $4, (SELECT route_key FROM routes WHERE id = $5), $6, 1, $7, \
+             $7, $8 \
+             WHERE $5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = $5)",
         )
         .bind(webhook.id.to_string())
         .bind(&webhook.url)
@@ -166,12 +166,12 @@ impl Request for Update {
         };
         let events = update.events.as_deref().map(events_text).transpose()?;
         let changed = sqlx::query(
-            "UPDATE webhooks SET revision = revision + 1, url = coalesce(?3, url), \
-             events = coalesce(?4, events), description = coalesce(?5, description), \
-             active = coalesce(?6, active), \
-             include_tentative = coalesce(?8, include_tentative), \
-             gone_at_us = CASE WHEN ?6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = ?7 \
-             WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
+            "UPDATE webhooks SET revision = revision + 1, url = coalesce($3, url), \
+             events = coalesce($4, events), description = coalesce($5, description), \
+             active = coalesce($6, active), \
+             include_tentative = coalesce($8, include_tentative), \
+             gone_at_us = CASE WHEN $6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = $7 \
+             WHERE id = $1 AND ($2 IS NULL OR revision = $2)",
         )
         .bind(self.id.to_string())
         .bind(self.revision)
@@ -208,7 +208,7 @@ impl Request for Delete {
             return Ok(Edited::Unknown);
         };
         let deleted =
-            sqlx::query("DELETE FROM webhooks WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)")
+            sqlx::query("DELETE FROM webhooks WHERE id = $1 AND ($2 IS NULL OR revision = $2)")
                 .bind(self.id.to_string())
                 .bind(self.revision)
                 .execute(&mut *transaction)
@@ -250,7 +250,7 @@ pub(super) async fn webhook(
     reader: impl SqliteExecutor<'_>,
     id: WebhookId,
 ) -> Result<Option<WebhookRecord>, StoreError> {
-    let row = sqlx::query(select_webhooks!("WHERE webhooks.id = ?"))
+    let row = sqlx::query(select_webhooks!("WHERE webhooks.id = $1"))
         .bind(id.to_string())
         .fetch_optional(reader)
         .await?;
@@ -262,10 +262,12 @@ pub(super) async fn webhooks_of(
     transaction: &mut SqliteConnection,
     route: &RouteId,
 ) -> Result<Vec<WebhookRecord>, StoreError> {
-    let rows = sqlx::query(select_webhooks!("WHERE routes.id = ? ORDER BY webhooks.id"))
-        .bind(route.as_str())
-        .fetch_all(transaction)
-        .await?;
+    let rows = sqlx::query(select_webhooks!(
+        "WHERE routes.id = $1 ORDER BY webhooks.id"
+    ))
+    .bind(route.as_str())
+    .fetch_all(transaction)
+    .await?;
     rows.iter().map(webhook_of).collect()
 }
 
@@ -276,9 +278,9 @@ async fn webhooks(
     limit: u32,
 ) -> Result<Vec<WebhookRecord>, StoreError> {
     let rows = sqlx::query(select_webhooks!(
-        "WHERE webhooks.id > ?1 \
-         AND (?3 IS NULL OR routes.id IN (SELECT value FROM json_each(?3))) \
-         ORDER BY webhooks.id LIMIT ?2"
+        "WHERE webhooks.id > $1 \
+         AND ($3 IS NULL OR routes.id IN (SELECT value FROM json_each($3))) \
+         ORDER BY webhooks.id LIMIT $2"
     ))
     .bind(after.map_or_else(String::new, |id| id.to_string()))
     .bind(limit)

@@ -339,7 +339,7 @@ mod tests {
         async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
             match self {
                 Self::Add(bytes) => {
-                    sqlx::query("INSERT INTO deeds VALUES (zeroblob(?))")
+                    sqlx::query("INSERT INTO deeds VALUES (zeroblob($1))")
                         .bind(bytes)
                         .execute(transaction)
                         .await?;

@@ -139,7 +139,7 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<ZoneRecord>, StoreError> {
         let rows = sqlx::query(select_zones!(
-            "WHERE routes.id = ? AND zones.id > ? ORDER BY zones.id LIMIT ?"
+            "WHERE routes.id = $1 AND zones.id > $2 ORDER BY zones.id LIMIT $3"
         ))
         .bind(route.as_str())
         .bind(after.map_or_else(String::new, |id| id.to_string()))
@@ -158,7 +158,7 @@ impl Store {
     pub async fn end_zones(&self, now: Timestamp) -> Result<usize, StoreError> {
         let waiting: Result<bool, _> = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM zones INDEXED BY zones_ending \
-             WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= ?)",
+             WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1)",
         )
         .bind(micros(now))
         .fetch_one(&self.shared.readers)
@@ -185,7 +185,7 @@ async fn zone(
     route: &RouteId,
     id: ZoneId,
 ) -> Result<Option<ZoneRecord>, StoreError> {
-    let row = sqlx::query(select_zones!("WHERE routes.id = ? AND zones.id = ?"))
+    let row = sqlx::query(select_zones!("WHERE routes.id = $1 AND zones.id = $2"))
         .bind(route.as_str())
         .bind(id.to_string())
         .fetch_optional(reader)
@@ -222,7 +222,7 @@ impl Mutes {
         route_key: i64,
     ) -> Result<Self, StoreError> {
         let rows = sqlx::query(select_zones!(
-            "WHERE route_key = ? AND ended_at_us IS NULL AND purpose = 'mute' ORDER BY zones.id"
+            "WHERE route_key = $1 AND ended_at_us IS NULL AND purpose = 'mute' ORDER BY zones.id"
         ))
         .bind(route_key)
         .fetch_all(transaction)
@@ -257,7 +257,7 @@ async fn mute_again(
     let rows = sqlx::query(
         "SELECT route_key, alert_key, revision, confirmed_revision, status, kind, x, y, \
          muted_until_us FROM alerts LEFT JOIN alert_handling USING (alert_key) \
-         WHERE route_key = ? AND (status IN ('open', 'acknowledged') OR muted_until_us IS NOT NULL) \
+         WHERE route_key = $1 AND (status IN ('open', 'acknowledged') OR muted_until_us IS NOT NULL) \
          ORDER BY alert_key",
     )
     .bind(route_key)
@@ -290,7 +290,7 @@ impl Request for Create {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<ZoneMade, StoreError> {
         let row: Option<(i64, u32)> = sqlx::query_as(
             "SELECT route_key, (SELECT count(*) FROM zones WHERE zones.route_key = routes.route_key) \
-             FROM routes WHERE id = ?",
+             FROM routes WHERE id = $1",
         )
         .bind(self.route.as_str())
         .fetch_optional(&mut *transaction)
@@ -303,7 +303,7 @@ impl Request for Create {
         }
         sqlx::query(
             "INSERT INTO zones (id, route_key, revision, polygon, purpose, kinds, until_us, note, \
-             created_at_us, created_by, updated_at_us) VALUES (?1, ?2, 1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?8)",
+             created_at_us, created_by, updated_at_us) VALUES ($1, $2, 1, $3, $4, $5, $6, $7, $8, $9, $8)",
         )
         .bind(self.id.to_string())
         .bind(route_key)
@@ -348,9 +348,9 @@ impl Request for Edit {
         }
         let changed = match &self.edit {
             Some(edit) => sqlx::query_scalar(
-                "UPDATE zones SET revision = revision + 1, polygon = ?2, purpose = ?3, kinds = ?4, \
-                 until_us = ?5, ended_at_us = NULL, note = ?6, updated_at_us = ?7 \
-                 WHERE id = ?1 RETURNING route_key",
+                "UPDATE zones SET revision = revision + 1, polygon = $2, purpose = $3, kinds = $4, \
+                 until_us = $5, ended_at_us = NULL, note = $6, updated_at_us = $7 \
+                 WHERE id = $1 RETURNING route_key",
             )
             .bind(self.id.to_string())
             .bind(polygon_bytes(&edit.polygon))
@@ -359,7 +359,7 @@ impl Request for Edit {
             .bind(edit.until.map(micros))
             .bind(edit.note.as_deref())
             .bind(micros(self.now)),
-            None => sqlx::query_scalar("DELETE FROM zones WHERE id = ?1 RETURNING route_key")
+            None => sqlx::query_scalar("DELETE FROM zones WHERE id = $1 RETURNING route_key")
                 .bind(self.id.to_string()),
         };
         let route_key: i64 = changed.fetch_one(&mut *transaction).await?;
@@ -386,14 +386,14 @@ impl Request for End {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<usize, StoreError> {
         let now = self.0;
         let rows = sqlx::query(select_zones!(
-            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= ? ORDER BY zones.id"
+            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1 ORDER BY zones.id"
         ))
         .bind(micros(now))
         .fetch_all(&mut *transaction)
         .await?;
         for row in &rows {
             let before = zone_of(row)?;
-            sqlx::query("UPDATE zones SET ended_at_us = ? WHERE id = ?")
+            sqlx::query("UPDATE zones SET ended_at_us = $1 WHERE id = $2")
                 .bind(micros(now))
                 .bind(before.id.to_string())
                 .execute(&mut *transaction)
