@@ -12,7 +12,8 @@ use super::intermediate_scans::active_intermediate;
 use super::query::Query;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
-use super::{Store, named, of_snapshot, row_sums, series_closures, settled, vehicles};
+use super::trip_calibrations::RouteCalibrations;
+use super::{Store, named, of_snapshot, row_sums, series_closures, settled};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
@@ -259,7 +260,7 @@ async fn load_snapshot(
     let settled_closures = series_closures::first_archived(&mut snapshot, route).await?;
     let alerts = RouteAlerts(route).answer(&mut snapshot).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
-    let calibrations = vehicles::route_calibrations(&mut snapshot, route).await?;
+    let calibrations = RouteCalibrations(route).answer(&mut snapshot).await?;
     snapshot.commit().await?;
     let with_scans = |row: &SqliteRow| {
         let mut node = node_with_scan_of(row, route)?;

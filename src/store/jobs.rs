@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
 
+use super::batch_ends::batch_ended;
 use super::columns::micros;
 use super::error::StoreError;
 use super::inputs;
 use super::news::GivenUp;
-use super::notices::batch_ended;
 use super::request::Request;
 use super::trips::{Place, end_turn};
 

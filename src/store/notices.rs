@@ -2,13 +2,12 @@
 //! suspect, operations that end. Each is queued in the transaction of what it is about.
 
 use jiff::Timestamp;
-use sqlx::{Row, SqliteConnection};
+use sqlx::SqliteConnection;
 
-use super::columns::{micros, name, text};
+use super::columns::micros;
 use super::error::StoreError;
-use super::vehicle_states::note_state;
 use crate::ids::OperationId;
-use crate::model::{BatchStatus, WebhookTopic};
+use crate::model::WebhookTopic;
 
 /// Something that happened to no alert.
 pub(super) struct Notice<'a> {
@@ -39,32 +38,6 @@ impl Notice<'_> {
         .await?;
         Ok(())
     }
-}
-
-/// A batch has its final status, for now: receivers are sent that it was quarantined, and what follows
-/// from it for its vehicle.
-pub(super) async fn batch_ended(
-    transaction: &mut SqliteConnection,
-    batch_key: i64,
-    at: Timestamp,
-) -> Result<(), StoreError> {
-    let row =
-        sqlx::query("SELECT route_key, id, vehicle_id, status FROM batches WHERE batch_key = $1")
-            .bind(batch_key)
-            .fetch_one(&mut *transaction)
-            .await?;
-    let route_key: i64 = row.try_get("route_key")?;
-    let status: BatchStatus = text(&row, "status")?;
-    if status == BatchStatus::Quarantined {
-        let notice = Notice {
-            topic: WebhookTopic::BatchQuarantined,
-            route_key: Some(route_key),
-            subject: row.try_get("id")?,
-            at,
-        };
-        notice.queue(transaction).await?;
-    }
-    note_state(transaction, route_key, &name(&row, "vehicle_id")?, at).await
 }
 
 /// An operation has ended.

@@ -9,9 +9,10 @@ use sqlx::SqliteConnection;
 use super::body::{Checksum, SealedBody};
 use super::error::StoreError;
 use super::journal::Journal;
+use super::query::Query;
 use super::records::NewBatch;
 use super::request::Request;
-use super::{Store, named, outcome};
+use super::{Store, outcome};
 use crate::ids::{BatchId, RouteId, TripId};
 
 /// The batches of a recording in the order of time, ready to be stored. The last one has the recording's
@@ -89,17 +90,12 @@ impl Store {
         id: &BatchId,
         identity: &Checksum,
     ) -> Result<Option<RecordingJournaled>, StoreError> {
-        let found = sqlx::query_scalar(
-            "SELECT recording_sha256 FROM batches JOIN routes USING (route_key) \
-             WHERE routes.id = $1 AND batches.id = $2",
-        )
-        .bind(route.as_str())
-        .bind(id.as_str())
-        .fetch_optional(&self.shared.readers)
-        .await
-        .map_err(StoreError::from);
-        let found: Option<Option<Vec<u8>>> = named(found)?;
-        Ok(found.map(|stored| same_or_conflict(stored.as_deref(), identity)))
+        let recorded = RecordedAs {
+            route,
+            id,
+            identity,
+        };
+        self.read(recorded).await
     }
 
     /// A file for at most so many bytes in the data directory that nobody else can open, and that is gone
@@ -115,6 +111,29 @@ impl Store {
             false => Err(StoreError::Full),
         });
         made.await.map_err(|_| StoreError::Unavailable)?
+    }
+}
+
+/// What a batch of this name says of a recording that is about to be stored.
+struct RecordedAs<'a> {
+    route: &'a RouteId,
+    id: &'a BatchId,
+    identity: &'a Checksum,
+}
+
+impl Query for RecordedAs<'_> {
+    type Answer = Option<RecordingJournaled>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let found: Option<Option<Vec<u8>>> = sqlx::query_scalar(
+            "SELECT recording_sha256 FROM batches JOIN routes USING (route_key) \
+             WHERE routes.id = $1 AND batches.id = $2",
+        )
+        .bind(self.route.as_str())
+        .bind(self.id.as_str())
+        .fetch_optional(reader)
+        .await?;
+        Ok(found.map(|stored| same_or_conflict(stored.as_deref(), self.identity)))
     }
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
 use super::inputs::JobInput;
-use super::vehicles::TripCalibrationRecord;
+use super::trip_calibrations::TripCalibrationRecord;
 use crate::calibration::TripCorrections;
 use crate::change::FALSE_ALERTS_PER_LAP;
 use crate::geometry::{Information, Pose2, PoseSigma};

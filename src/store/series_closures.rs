@@ -4,14 +4,15 @@
 use std::collections::BTreeMap;
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row, SqliteConnection};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::archive::{self, SubgraphSums};
 use super::columns::name;
 use super::error::StoreError;
+use super::query::Query;
 use super::records::{SETTLED_CLOSURES_MAX, SettledClosure};
 use super::settled::join_active_edges;
-use super::{Store, of_snapshot};
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 
 /// A closure with what residual series are made of.
@@ -94,29 +95,30 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn series_closures(&self, route: &RouteId) -> Result<SeriesClosures, StoreError> {
-        let mut reader = self.reader().await?;
-        let closures = read(&mut reader, route).await;
-        of_snapshot(reader, closures)
+        self.read(RouteSeriesClosures(route)).await
     }
 }
 
-async fn read(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<SeriesClosures, StoreError> {
-    let mut snapshot = reader.begin().await?;
-    let mut closures = first_archived(&mut snapshot, route).await?;
-    let active = sqlx::query(ACTIVE)
-        .bind(route.as_str())
-        .fetch_all(&mut *snapshot)
-        .await?;
-    let archive = archive::of_route(&mut snapshot, route).await?;
-    snapshot.commit().await?;
-    for row in &active {
-        closures.push(closure_of(row, false)?);
+/// The closures of a route that residual series are read from.
+struct RouteSeriesClosures<'a>(&'a RouteId);
+
+impl Query for RouteSeriesClosures<'_> {
+    type Answer = SeriesClosures;
+    const ONE_SNAPSHOT: bool = true;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let mut closures = first_archived(reader, self.0).await?;
+        let active = sqlx::query(ACTIVE)
+            .bind(self.0.as_str())
+            .fetch_all(&mut *reader)
+            .await?;
+        for row in &active {
+            closures.push(closure_of(row, false)?);
+        }
+        closures.sort_unstable_by_key(|closure| closure.id);
+        let archive = archive::of_route(reader, self.0).await?;
+        Ok(SeriesClosures { closures, archive })
     }
-    closures.sort_unstable_by_key(|closure| closure.id);
-    Ok(SeriesClosures { closures, archive })
 }
 
 /// Of the closures that have left the active graph the first [`SETTLED_CLOSURES_MAX`], by id.

@@ -6,9 +6,10 @@ use sqlx::SqliteConnection;
 use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict};
-use super::webhooks::{note, webhook, webhook_id};
+use super::webhooks::{OneWebhook, note, webhook_id};
 use crate::model::{Actor, DeliveryStatus};
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
@@ -125,7 +126,7 @@ impl Record {
         .fetch_one(&mut *transaction)
         .await?;
         let id = webhook_id(&row, "id")?;
-        let before = webhook(&mut *transaction, id).await?;
+        let before = OneWebhook(id).answer(transaction).await?;
         sqlx::query(
             "UPDATE webhooks SET active = 0, gone_at_us = $2, updated_at_us = $2, \
              revision = revision + 1 WHERE active = 1 AND revision = $3 AND id = $1",
