@@ -44,6 +44,7 @@ mod map_layers;
 mod map_versions;
 mod marker;
 mod migrations;
+mod mutes;
 mod news;
 mod notices;
 mod operation_records;
@@ -85,6 +86,8 @@ mod webhook_secrets;
 mod webhooks;
 mod withheld;
 mod writer;
+mod zone_audit;
+mod zone_records;
 mod zones;
 
 pub use alert_records::*;
@@ -117,7 +120,7 @@ pub use upload_lags::UploadLag;
 pub use vehicle_states::KeptOut;
 pub use vehicles::VehicleRecord;
 pub use webhook_records::*;
-pub use zones::{ZONES_MAX, ZoneEdit, ZoneMade, ZoneRecord};
+pub use zone_records::*;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
