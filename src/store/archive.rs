@@ -6,11 +6,13 @@ use std::collections::BTreeMap;
 use futures::TryStreamExt;
 use sqlx::{Connection, Row, SqliteConnection};
 
+use super::active_graph::ActiveEdges;
 use super::columns::json_text;
 use super::error::StoreError;
 use super::graph::{edge_of, select_edges};
+use super::query::Query;
 use super::records::EdgeRecord;
-use super::{Store, of_snapshot, settled};
+use super::{Store, of_snapshot};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, RouteId};
 
@@ -106,7 +108,7 @@ async fn read_all(
 ) -> Result<BySubgraph, StoreError> {
     let mut snapshot = reader.begin().await?;
     let archived = of_route(&mut snapshot, route).await?;
-    let edges = settled::active_edges(&mut snapshot, route).await?;
+    let edges = ActiveEdges(route).answer(&mut snapshot).await?;
     let nodes: Vec<(i64, i64)> = sqlx::query_as(
         "SELECT subgraph_id, count(*) FROM routes \
          CROSS JOIN nodes INDEXED BY nodes_active \

@@ -4,6 +4,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 
 use super::acceptances;
+use super::active_graph::ActiveEdges;
 use super::alerts::RouteAlerts;
 use super::body::checksum;
 use super::columns::{information, json_text, name, optional_name, pose, pose_sigma, text};
@@ -12,8 +13,9 @@ use super::intermediate_scans::active_intermediate;
 use super::query::Query;
 use super::records::{ClosureRecord, EdgeFilter, EdgeRecord, NodeRecord, NodeWithScan, RouteGraph};
 use super::routes::settings_of;
+use super::series_closures::FirstArchivedClosures;
 use super::trip_calibrations::RouteCalibrations;
-use super::{Store, named, of_snapshot, row_sums, series_closures, settled};
+use super::{Store, named, of_snapshot, row_sums};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{EdgeId, NodeId, RouteId, StampNs, TripId};
@@ -256,8 +258,8 @@ async fn load_snapshot(
     .fetch_all(&mut *snapshot)
     .await?;
     let mut intermediate = active_intermediate(&mut snapshot, route).await?;
-    let edges = settled::active_edges(&mut snapshot, route).await?;
-    let settled_closures = series_closures::first_archived(&mut snapshot, route).await?;
+    let edges = ActiveEdges(route).answer(&mut snapshot).await?;
+    let settled_closures = FirstArchivedClosures(route).answer(&mut snapshot).await?;
     let alerts = RouteAlerts(route).answer(&mut snapshot).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     let calibrations = RouteCalibrations(route).answer(&mut snapshot).await?;

@@ -7,10 +7,10 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::Store;
+use super::active_graph::join_active_edges;
 use super::columns::{information, name, pose, text};
 use super::error::StoreError;
 use super::query::Query;
-use super::settled::join_active_edges;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{EdgeId, RouteId, StampNs, TripId, VehicleId};
 use crate::model::{BatchStatus, EdgeKind, EdgeStatus};

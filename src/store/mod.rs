@@ -6,10 +6,12 @@
 //! nothing. Reads run on a few connections of their own, short and side by side.
 
 mod acceptances;
+mod active_graph;
 mod alert_records;
 mod alert_rows;
 mod alerts;
 mod archive;
+mod archived;
 mod audit;
 mod backlog;
 mod backup;
@@ -69,7 +71,6 @@ mod row_sums;
 mod secrets;
 mod series_closures;
 mod sessions;
-mod settled;
 mod space;
 mod trip_calibrations;
 mod trip_records;
