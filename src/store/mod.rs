@@ -61,6 +61,7 @@ mod records;
 mod releases;
 mod removal_records;
 mod removals;
+mod repeat;
 mod report;
 mod request;
 mod result_checks;
