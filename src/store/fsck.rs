@@ -9,15 +9,19 @@ use serde::Serialize;
 use sqlx::{SqliteConnection, SqlitePool};
 
 use super::acceptances::{AcceptanceOf, AcceptedChanges};
+use super::alert_records::MapVersionRecord;
 use super::connection::Database;
 use super::edges::EdgePage;
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::CheckBehind;
+use super::journal::{BatchPage, OneEntry};
 use super::laws::{FILE_IS_SOUND, LAWS, Law, for_each_fault};
+use super::map_versions::{VersionPage, VersionPicture};
+use super::marker;
 use super::nodes::{NodePage, NodeScan};
 use super::query::Query;
-use super::records::{BatchFilter, EdgeFilter};
-use super::{journal, map_versions, marker, routes};
+use super::records::{BatchFilter, BatchRecord, EdgeFilter};
+use super::routes::RoutePage;
 use crate::ids::RouteId;
 
 /// Rows of one read.
@@ -224,7 +228,12 @@ impl Check<'_> {
     async fn rows(&mut self) -> Result<(), StoreError> {
         let mut after = None;
         loop {
-            let page = routes::routes(self.readers, None, after.as_ref(), PAGE).await?;
+            let page = RoutePage {
+                among: None,
+                after: after.as_ref(),
+                limit: PAGE,
+            };
+            let page = self.read(page).await?;
             for route in &page {
                 self.report.routes += 1;
                 let place = format!("route {}", route.id);
@@ -246,11 +255,21 @@ impl Check<'_> {
 
     async fn batches(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let mut after = None;
+        let filter = BatchFilter::default();
         loop {
-            let filter = BatchFilter::default();
-            let page = journal::batches(self.readers, route, &filter, after.as_ref(), PAGE).await?;
-            for batch in &page {
-                let entry = journal::entry(self.readers, route, &batch.id).await;
+            let page = BatchPage {
+                route,
+                filter: &filter,
+                after: after.as_ref(),
+                limit: PAGE,
+            };
+            let page = self.read(page).await?;
+            for BatchRecord { id, .. } in &page {
+                let entry = match self.read(OneEntry { route, id }).await {
+                    Ok(Some(sealed)) => sealed.open().await.map(drop),
+                    Ok(None) => Ok(()),
+                    Err(error) => Err(error),
+                };
                 self.note(place, entry)?;
             }
             let Some(last) = page.last() else {
@@ -332,10 +351,15 @@ impl Check<'_> {
     async fn versions(&mut self, route: &RouteId, place: &str) -> Result<(), StoreError> {
         let mut after = 0;
         loop {
-            let page = map_versions::map_versions(self.readers, route, after, PAGE).await?;
-            for version in &page {
-                let picture = map_versions::picture(self.readers, route, version.version).await;
-                self.note(format!("{place}, version {}", version.version), picture)?;
+            let page = VersionPage {
+                route,
+                after,
+                limit: PAGE,
+            };
+            let page = self.read(page).await?;
+            for &MapVersionRecord { version, .. } in &page {
+                let picture = self.read(VersionPicture { route, version }).await;
+                self.note(format!("{place}, version {version}"), picture)?;
             }
             match page.last() {
                 Some(last) => after = last.version,

@@ -1,8 +1,8 @@
 //! The order of the batches of a trip.
 //!
-//! A trip's batches are worked on one after the other: the one whose sequence is due has a job,
-//! later ones are held. When a batch ends, however it ends, the next one is due. Batches of edges
-//! are numbered as they arrive, so that each is due at once.
+//! A trip's batches are processed one after the other: the one whose sequence is due has a job, later
+//! ones are held. When the turn of a batch ends, with whatever status, the next one is due. Batches of
+//! edges are numbered as they arrive, so that each is due at once.
 
 use sqlx::SqliteConnection;
 
@@ -30,13 +30,13 @@ pub(super) struct Place {
     pub(super) sequence: i64,
 }
 
-/// Decides where a batch is put that was not there before; makes its trip if it is the first.
+/// Decides the status of a new batch; makes its trip if it is the first.
 pub(super) async fn place(
     transaction: &mut SqliteConnection,
     route_key: i64,
     batch: &NewBatch,
 ) -> Result<Placement, StoreError> {
-    // A trip of which nothing is left is anybody's.
+    // A trip all of whose batches were removed may be taken over by another vehicle.
     sqlx::query(
         "INSERT INTO trips (route_key, trip_id, vehicle_id, next_sequence) VALUES ($1, $2, $3, 0) \
          ON CONFLICT DO UPDATE SET vehicle_id = $3 WHERE vehicle_id <> $3 AND NOT EXISTS ( \
@@ -49,7 +49,7 @@ pub(super) async fn place(
     .execute(&mut *transaction)
     .await?;
     let (vehicle_id, next_sequence): (String, i64) = sqlx::query_as(
-        "SELECT vehicle_id, next_sequence FROM trips WHERE route_key = ? AND trip_id = ?",
+        "SELECT vehicle_id, next_sequence FROM trips WHERE route_key = $1 AND trip_id = $2",
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
@@ -105,7 +105,7 @@ async fn sequence_after_all(
     batch: &NewBatch,
 ) -> Result<i64, StoreError> {
     let sequence = sqlx::query_scalar(
-        "SELECT coalesce(max(sequence) + 1, 0) FROM batches WHERE route_key = ? AND trip_id = ?",
+        "SELECT coalesce(max(sequence) + 1, 0) FROM batches WHERE route_key = $1 AND trip_id = $2",
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
@@ -121,7 +121,7 @@ async fn has_others(
     batch: &NewBatch,
 ) -> Result<bool, StoreError> {
     let has_others = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? AND kind <> ? \
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 AND kind <> $3 \
          AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL))",
     )
@@ -133,8 +133,7 @@ async fn has_others(
     Ok(has_others)
 }
 
-/// The batch that has the sequence already: one that had its turn or waits for it, not one that
-/// was refused on arrival.
+/// The batch that has the sequence already; those that were refused on arrival do not count.
 async fn holder(
     transaction: &mut SqliteConnection,
     route_key: i64,
@@ -142,7 +141,7 @@ async fn holder(
     sequence: i64,
 ) -> Result<Option<String>, StoreError> {
     let holder: Option<String> = sqlx::query_scalar(
-        "SELECT id FROM batches WHERE route_key = ? AND trip_id = ? AND sequence = ? \
+        "SELECT id FROM batches WHERE route_key = $1 AND trip_id = $2 AND sequence = $3 \
          AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL) LIMIT 1",
     )
@@ -159,7 +158,7 @@ pub(super) async fn queue(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = $1")
         .bind(place.batch_key)
         .execute(&mut *transaction)
         .await?;
@@ -173,7 +172,7 @@ pub(super) async fn add_job(
 ) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO jobs (batch_key, route_key, trip_id, sequence, state) \
-         VALUES (?, ?, ?, ?, 'queued')",
+         VALUES ($1, $2, $3, $4, 'queued')",
     )
     .bind(place.batch_key)
     .bind(place.route_key)
@@ -189,14 +188,14 @@ pub(super) async fn end_turn(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM jobs WHERE batch_key = ?")
+    sqlx::query("DELETE FROM jobs WHERE batch_key = $1")
         .bind(place.batch_key)
         .execute(&mut *transaction)
         .await?;
     // The greater of the two: an unanchored batch has its turn again after later ones had theirs.
     let next_sequence: i64 = sqlx::query_scalar(
-        "UPDATE trips SET next_sequence = max(next_sequence, ?) \
-         WHERE route_key = ? AND trip_id = ? RETURNING next_sequence",
+        "UPDATE trips SET next_sequence = max(next_sequence, $1) \
+         WHERE route_key = $2 AND trip_id = $3 RETURNING next_sequence",
     )
     .bind(place.sequence + 1)
     .bind(place.route_key)
@@ -205,7 +204,7 @@ pub(super) async fn end_turn(
     .await?;
     let successor: Option<i64> = sqlx::query_scalar(
         "SELECT batch_key FROM batches \
-         WHERE route_key = ? AND trip_id = ? AND sequence = ? AND status = 'held'",
+         WHERE route_key = $1 AND trip_id = $2 AND sequence = $3 AND status = 'held'",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -223,12 +222,12 @@ pub(super) async fn end_turn(
     Ok(())
 }
 
-/// Starts a trip anew at a held batch whose predecessor never came.
+/// Continues a trip at a held batch whose predecessor never came.
 pub(super) async fn skip_gap(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE trips SET next_sequence = ? WHERE route_key = ? AND trip_id = ?")
+    sqlx::query("UPDATE trips SET next_sequence = $1 WHERE route_key = $2 AND trip_id = $3")
         .bind(place.sequence)
         .bind(place.route_key)
         .bind(&place.trip_id)
