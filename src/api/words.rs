@@ -29,7 +29,7 @@ fn constant<T: TextEnum>(
 }
 
 /// What happened.
-fn kind_words(kind: ChangeKind) -> &'static str {
+pub(super) fn kind_words(kind: ChangeKind) -> &'static str {
     match kind {
         ChangeKind::Appeared => "Something appeared",
         ChangeKind::Disappeared => "Something disappeared",

@@ -9,8 +9,7 @@ use flate2::read::MultiGzDecoder;
 
 use crate::ids::{NAME_LENGTH_MAX, StampNs, TripId};
 use crate::ingest::mcap::TopicChoice;
-use crate::ingest::{LidarLog, RecordedScans, Recording, format_of};
-use crate::model::RecordingFormat;
+use crate::ingest::{LidarLog, RecordedScans, Recording, format_of, format_title};
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Room that a batch id needs behind the trip's name.
@@ -75,10 +74,7 @@ impl RecordingFile {
         read: &RecordedScans<'_, R>,
     ) -> Vec<String> {
         let recording = &self.recording;
-        let format = match recording.format {
-            RecordingFormat::Carmen => "CARMEN log",
-            RecordingFormat::Mcap => "MCAP recording",
-        };
+        let format = format_title(recording.format);
         let duration_s = stamps[1].seconds() - stamps[0].seconds();
         let mut lines = vec![format!(
             "{}: {format}, {scans} scans in {duration_s:.1} s",

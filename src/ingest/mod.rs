@@ -27,7 +27,7 @@ pub use carmen::{CarmenClock, CarmenError, CarmenLog};
 pub use carmen_line::SkipReason;
 pub use extensions::{EXTENSIONS_BYTES_MAX, EXTENSIONS_DEPTH_MAX};
 pub use recorded::{LidarLog, RecordedLidar, RecordedScan};
-pub use recording::{RecordedScans, Recording, RecordingError, format_of};
+pub use recording::{RecordedScans, Recording, RecordingError, format_of, format_title};
 pub use route_recording::{
     ExportedAlert, ExportedGrid, ExportedKeyframe, ExportedScan, RouteRecording,
     RouteRecordingError,

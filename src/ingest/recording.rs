@@ -67,15 +67,16 @@ pub struct Recording {
 
 #[derive(Debug)]
 enum Content {
-    /// Scans, and lines that gave none.
-    Carmen(Vec<RecordedScan>, Vec<String>),
+    /// All scans of an only lidar, and what gave none.
+    InMemory(Vec<RecordedScan>, Vec<String>),
+    /// What a second reading takes.
     Mcap(Plan),
 }
 
 /// The scans of a recording in the order of time, each with the place of its lidar.
 pub enum RecordedScans<'a, R> {
-    /// Of a CARMEN log.
-    Carmen(std::slice::Iter<'a, RecordedScan>, &'a [String]),
+    /// Of a recording whose scans were all read when it was opened.
+    InMemory(std::slice::Iter<'a, RecordedScan>, &'a [String]),
     /// Of an MCAP recording.
     Mcap(Box<ScanReader<'a, R>>),
 }
@@ -95,6 +96,14 @@ pub fn format_of(start: &[u8]) -> Result<RecordingFormat, RecordingError> {
         true => RecordingFormat::Mcap,
         false => RecordingFormat::Carmen,
     })
+}
+
+/// What a format is called, for people.
+pub fn format_title(format: RecordingFormat) -> &'static str {
+    match format {
+        RecordingFormat::Carmen => "CARMEN log",
+        RecordingFormat::Mcap => "MCAP recording",
+    }
 }
 
 impl Recording {
@@ -146,7 +155,7 @@ impl Recording {
                 scan_time_s: 0.0,
             }],
             notes,
-            content: Content::Carmen(log.scans, skipped.collect()),
+            content: Content::InMemory(log.scans, skipped.collect()),
         })
     }
 
@@ -156,7 +165,7 @@ impl Recording {
     /// [`RecordingError`] if they are not those that were opened.
     pub fn scans<R: Read>(&self, reader: R) -> Result<RecordedScans<'_, R>, RecordingError> {
         Ok(match &self.content {
-            Content::Carmen(scans, skipped) => RecordedScans::Carmen(scans.iter(), skipped),
+            Content::InMemory(scans, skipped) => RecordedScans::InMemory(scans.iter(), skipped),
             Content::Mcap(plan) => RecordedScans::Mcap(Box::new(ScanReader::new(plan, reader)?)),
         })
     }
@@ -184,7 +193,7 @@ impl<R: Read> RecordedScans<'_, R> {
     /// What was not taken so far and why, for people.
     pub fn skipped(&self) -> Vec<String> {
         match self {
-            Self::Carmen(_, skipped) => skipped.to_vec(),
+            Self::InMemory(_, skipped) => skipped.to_vec(),
             Self::Mcap(reader) => {
                 let skipped = reader.skipped().iter();
                 skipped
@@ -197,7 +206,7 @@ impl<R: Read> RecordedScans<'_, R> {
     /// How many scans so far were put at the angles of their lidar's first one.
     pub fn resampled(&self) -> usize {
         match self {
-            Self::Carmen(..) => 0,
+            Self::InMemory(..) => 0,
             Self::Mcap(reader) => reader.resampled(),
         }
     }
@@ -218,7 +227,7 @@ impl<R: Read> Iterator for RecordedScans<'_, R> {
 
     fn next(&mut self) -> Option<Self::Item> {
         match self {
-            Self::Carmen(scans, _) => scans.next().map(|scan| Ok((0, scan.clone()))),
+            Self::InMemory(scans, _) => scans.next().map(|scan| Ok((0, scan.clone()))),
             Self::Mcap(reader) => reader.next().map(|read| read.map_err(RecordingError::from)),
         }
     }

@@ -23,6 +23,12 @@ impl ChangeKind {
     pub fn is_of_state(self) -> bool {
         matches!(self, Self::Appeared | Self::Disappeared)
     }
+
+    /// Whether it is about the world, so that a map can take it in: a vehicle that is off and a map that is
+    /// wrong are no changes.
+    pub fn is_of_world(self) -> bool {
+        !matches!(self, Self::VehicleSuspect | Self::MapMismatch)
+    }
 }
 
 text_enum! {

@@ -8,7 +8,7 @@ use super::decision_revision;
 use super::engine::{Engine, as_kept};
 use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
-use crate::change::{AlertAction, AlertStatus, ChangeKind};
+use crate::change::{AlertAction, AlertStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
@@ -201,13 +201,10 @@ impl Decisions {
     }
 }
 
-/// Whether somebody may do this with the alert as it is. A vehicle that is suspected and a segment
-/// where the map is wrong are no changes of the world: there is nothing to take into the map.
+/// Whether somebody may do this with the alert as it is. Of what is no change of the world there is nothing to
+/// take into the map.
 pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
-    let is_change = !matches!(
-        alert.evidence.kind,
-        ChangeKind::VehicleSuspect | ChangeKind::MapMismatch
-    );
+    let is_change = alert.evidence.kind.is_of_world();
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
 }
 

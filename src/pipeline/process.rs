@@ -20,7 +20,6 @@ use super::stage::stage_of;
 use super::vehicles::{corrected, primary_of};
 use super::workspace::Workspace;
 use crate::calibration::{Corrections, TripCorrections};
-use crate::change::Detector;
 use crate::ids::{NodeId, StampNs, TripId, VehicleId};
 use crate::ingest::batch_json;
 use crate::mapping::{
@@ -151,7 +150,7 @@ pub(super) fn process(
 /// map by the paper's rule is what the paper would make of what was sent.
 fn guarded(workspace: &Workspace, trip: &TripId) -> Option<PosesBefore> {
     let is_complete = workspace.stage == Stage::Monitoring;
-    let is_guarded = is_complete && workspace.detector == Detector::Fused;
+    let is_guarded = is_complete && !workspace.detector.keeps_as_sent();
     is_guarded.then(|| {
         let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
             keyframe.trip == *trip
@@ -180,7 +179,7 @@ fn trip_start(
                 uploads,
             },
             Some((first, last)),
-        ) if workspace.detector == Detector::Fused => {
+        ) if !workspace.detector.keeps_as_sent() => {
             let clock_ahead_ns = simulated_ns.unwrap_or_else(|| {
                 clock_ahead_ns(&drive.scans, received_at, map, trip)
                     - clock_behind_ns([first.stamp, last.stamp], received_at, uploads)

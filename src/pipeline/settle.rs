@@ -6,7 +6,6 @@ use anyhow::Context;
 
 use super::options::PipelineOptions;
 use super::workspace::Workspace;
-use crate::change::Detector;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId};
 use crate::mapping::{RouteMap, Stay, TRIP_TAIL};
 use crate::store::{AlertRecord, SETTLED_CLOSURES_MAX, SettledClosure, Store, StoreError};
@@ -30,7 +29,7 @@ pub(super) fn settle(
     named: &[NodeId],
     options: &PipelineOptions,
 ) -> anyhow::Result<()> {
-    if workspace.detector == Detector::Seed {
+    if workspace.detector.keeps_as_sent() {
         return Ok(());
     }
     let mut nodes = named_by_alerts(workspace);

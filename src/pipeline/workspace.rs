@@ -67,9 +67,9 @@ impl Workspace {
     }
 
     fn restore(graph: RouteGraph) -> anyhow::Result<Self> {
-        let weighting = match graph.settings.detector {
-            Detector::Fused => Weighting::Robust,
-            Detector::Seed => Weighting::AllPointsIdentity,
+        let weighting = match graph.settings.detector.keeps_as_sent() {
+            true => Weighting::AllPointsIdentity,
+            false => Weighting::Robust,
         };
         let nodes: Vec<_> = graph
             .nodes

@@ -1,5 +1,7 @@
 //! Reads whose work does not grow with the age of a route: pages, exports, and sums over what has
 //! left the active graph.
+//!
+//! With SQL past the store, for SQLite: the sums that are stored, and what happens without them.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,6 @@
 //! The audit: one row for each change, written with it.
+//!
+//! With SQL past the store, for SQLite: a table that takes no rows.
 
 use mapshift::change::{AlertAction, AlertStatus, Tier};
 use mapshift::ids::{AlertId, OperationId, TripId, VehicleId, WebhookId};

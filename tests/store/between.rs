@@ -1,4 +1,6 @@
 //! Scans between keyframes.
+//!
+//! With SQL past the store, for SQLite: a scan that is not what was written.
 
 use mapshift::geometry::Pose2;
 use mapshift::ids::{NodeId, TripId};

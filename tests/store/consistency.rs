@@ -1,4 +1,6 @@
 //! Counters and states against what the tables say, after random work.
+//!
+//! With SQL past the store, for SQLite: what the tables say.
 
 use mapshift::graph::EdgeKind;
 use mapshift::ids::VehicleId;

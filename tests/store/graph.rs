@@ -1,3 +1,7 @@
+//! The pose graph of a route: what results write, and what is read of it.
+//!
+//! With SQL past the store, for SQLite: rows that have gone, and a scan that is not what was written.
+
 use mapshift::geometry::{Information, Pose2, PoseSigma};
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};

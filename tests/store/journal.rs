@@ -1,3 +1,7 @@
+//! Uploads: stored once, replayed without a trace, listed, and read back to the bit.
+//!
+//! With SQL past the store, for SQLite: a body that is not what was written.
+
 use std::collections::BTreeMap;
 
 use mapshift::ids::{RouteId, VehicleId};

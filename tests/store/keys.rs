@@ -1,4 +1,6 @@
 //! Keys and sessions: when they end, what is kept of them, and the rows of the audit.
+//!
+//! With SQL past the store, for SQLite: a table that takes no rows.
 
 use mapshift::ids::{KeyId, RouteId, VehicleId};
 use mapshift::model::{Actor, AuditAction, Role};

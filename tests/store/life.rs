@@ -2,12 +2,10 @@
 
 use mapshift::ids::{EdgeId, NodeId, TripId};
 use mapshift::model::BatchStatus;
-use mapshift::store::{
-    BatchFilter, Deleted, EdgeFilter, Journaled, RouteGraph, Store, StoreError, StoreOptions,
-};
+use mapshift::store::{BatchFilter, Deleted, EdgeFilter, Journaled, RouteGraph, Store, StoreError};
 use tokio::runtime::Runtime;
 
-use crate::support::{Fixture, LEASE, at, batch_id, by, open, put_route, route, upload};
+use crate::support::{Fixture, LEASE, at, batch_id, by, open, options, put_route, route, upload};
 
 #[test]
 fn a_killed_process_loses_nothing_and_its_jobs_are_free_again() {
@@ -45,10 +43,7 @@ fn a_killed_process_loses_nothing_and_its_jobs_are_free_again() {
 #[tokio::test]
 async fn one_store_a_directory() {
     let fixture = Fixture::new().await;
-    let second = Store::open(StoreOptions {
-        data_dir: fixture.directory.path().to_path_buf(),
-    })
-    .await;
+    let second = Store::open(options(&fixture.directory)).await;
     assert!(matches!(second, Err(StoreError::Locked(_))));
     fixture.store.close().await.unwrap();
     open(&fixture.directory).await.close().await.unwrap();

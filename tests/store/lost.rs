@@ -1,15 +1,17 @@
 //! Processes that are lost, and what they leave behind: jobs, a log, a clock that was ahead.
+//!
+//! With SQL past the store, for SQLite: files of a database, and a job that was tried before.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use mapshift::ids::RouteId;
 use mapshift::model::BatchStatus::{self, Held, Merged, Quarantined, Queued, Unanchored};
-use mapshift::store::{Applied, ClaimedJob, Store, StoreError, StoreOptions};
+use mapshift::store::{Applied, ClaimedJob, Store, StoreError};
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 
-use crate::support::{Fixture, at, node, open, put_route, route, upload};
+use crate::support::{Fixture, at, node, open, options, put_route, route, upload};
 
 /// Runs a part of a store's life that ends without a word.
 fn lose(directory: TempDir, life: impl AsyncFnOnce(&Fixture)) -> TempDir {
@@ -210,12 +212,6 @@ fn copy_without(from: &Path, left_out: &[&str]) -> TempDir {
         }
     }
     to
-}
-
-fn options(directory: &TempDir) -> StoreOptions {
-    StoreOptions {
-        data_dir: directory.path().to_path_buf(),
-    }
 }
 
 #[tokio::test]

@@ -1,4 +1,6 @@
 //! What is not what was written: found where it is read, and by a check of the whole database.
+//!
+//! With SQL past the store, for SQLite: bits that flip in the file.
 
 use mapshift::model::BatchStatus;
 use mapshift::store::{Fault, FsckReport, Store, StoreError, fsck};

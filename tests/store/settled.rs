@@ -1,4 +1,6 @@
 //! Nodes that have left the active graph, and bodies whose time is over.
+//!
+//! With SQL past the store, for SQLite: the length of a body as it is stored, and the statements of a migration.
 
 use mapshift::graph::EdgeKind;
 use mapshift::ids::{EdgeId, NodeId, RouteId, TripId};

@@ -32,7 +32,7 @@ impl Fixture {
         Self { store, directory }
     }
 
-    /// A second connection to the file, past the store.
+    /// A second connection to the file, past the store: only for what is about SQLite itself.
     pub async fn raw(&self) -> SqliteConnection {
         let path = self.directory.path().join("mapshift.db");
         SqliteConnection::connect(path.to_str().unwrap())
@@ -119,12 +119,15 @@ impl Fixture {
     }
 }
 
-pub async fn open(directory: &TempDir) -> Store {
-    Store::open(StoreOptions {
+/// What every store of the suite is opened with: another backend would be chosen here.
+pub fn options(directory: &TempDir) -> StoreOptions {
+    StoreOptions {
         data_dir: directory.path().to_path_buf(),
-    })
-    .await
-    .unwrap()
+    }
+}
+
+pub async fn open(directory: &TempDir) -> Store {
+    Store::open(options(directory)).await.unwrap()
 }
 
 pub async fn put_route(store: &Store, id: &str) {

@@ -1,4 +1,6 @@
 //! Alerts that are tentative at first, what is kept of them, and whom they are sent to.
+//!
+//! With SQL past the store, for SQLite: what the table itself refuses, and the statements of a migration.
 
 use mapshift::change::{
     AlertStatus, ChangeKind, Counterpart, Finding, JudgedPass, JudgedPasses, Tier,
@@ -19,7 +21,7 @@ use crate::support::{Fixture, at, by, route, upload};
 const PLAIN: u128 = 1;
 const WITH_TENTATIVE: u128 = 2;
 
-async fn register(store: &Store, number: u128, include_tentative: bool) {
+pub async fn register(store: &Store, number: u128, include_tentative: bool) {
     let webhook = NewWebhook {
         id: WebhookId(Uuid::from_u128(number)),
         url: "https://example.com/".to_owned(),
@@ -100,7 +102,7 @@ fn passes() -> JudgedPasses {
     JudgedPasses::of(ChangeKind::Appeared, passes)
 }
 
-fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
+pub fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
     let mut next = alert.clone();
     next.revision += 1;
     next.decision_revision += i64::from(tier != alert.evidence.tier);
@@ -109,7 +111,7 @@ fn next(alert: &AlertRecord, tier: Tier) -> AlertRecord {
 }
 
 /// Round the alerts, for a while.
-fn mute() -> ZoneEdit {
+pub fn mute() -> ZoneEdit {
     ZoneEdit {
         polygon: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
             .map(Vector2::from)

@@ -1,4 +1,6 @@
 //! Webhooks and what waits for them. Tests of a webhook stand in for events: they are queued alike.
+//!
+//! With SQL past the store, for SQLite: many deliveries at once.
 
 use jiff::Timestamp;
 use mapshift::ids::WebhookId;

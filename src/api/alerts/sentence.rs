@@ -6,6 +6,7 @@ use jiff::tz::TimeZone;
 
 use super::size::Size;
 use crate::api::types::timestamp;
+use crate::api::words::kind_words;
 use crate::change::{Counterpart, Finding, JudgedPasses, PassCounts, centroid};
 use crate::ids::StampNs;
 use crate::model::ChangeKind;
@@ -25,7 +26,7 @@ pub(super) fn title(alert: &AlertRecord, size: Option<Size>) -> String {
         _ if finding.counterpart.is_some() => "Moved",
         ChangeKind::Appeared => "Appeared",
         ChangeKind::Disappeared => "Disappeared",
-        ChangeKind::Residual => "Closures contradict the map",
+        kind => kind_words(kind),
     };
     match size {
         Some(size) => format!("{head}: about {}", area(size)),

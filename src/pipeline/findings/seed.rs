@@ -1,0 +1,103 @@
+//! The paper's rule: the residual series of each sub-graph. It says what the paper would say of what was
+//! sent, and asks no scan.
+
+use std::collections::BTreeSet;
+
+use super::rule::Rule;
+use crate::change::paper::{ClosurePlace, PaperChange, PaperParams, Peak, paper_changes};
+use crate::change::series::{ClosureSample, residual_series};
+use crate::change::{ChangeKind, Finding, Tier, region_round};
+use crate::ids::{EdgeId, NodeId, TripId};
+use crate::pipeline::stage::references;
+use crate::pipeline::workspace::Workspace;
+
+/// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
+/// the rule does not say where.
+const PAPER_REGION_M: f64 = 1.0;
+
+/// The rule of the detector `seed`.
+pub(super) struct Seed;
+
+impl Rule for Seed {
+    fn findings(&self, workspace: &Workspace, _: Vec<Finding>) -> Vec<Finding> {
+        by_the_paper(workspace)
+    }
+}
+
+/// The changes that the series of each sub-graph shows (paper, section 4.2).
+fn by_the_paper(workspace: &Workspace) -> Vec<Finding> {
+    let keyframes_a_lap = references(workspace).max(1);
+    let of_subgraph = |samples: Vec<ClosureSample>| {
+        let places: Option<Vec<ClosurePlace>> = samples
+            .iter()
+            .map(|sample| place_of(workspace, sample, keyframes_a_lap))
+            .collect();
+        let places = places.unwrap_or_default();
+        let params = PaperParams::for_laps(&places, 1.0);
+        let series = residual_series(&samples, &params.series);
+        let p_value = |peak: &Peak| series.entries[peak.n - 1].p_value;
+        let changes = paper_changes(&series, &places, &params);
+        let found = changes
+            .iter()
+            .filter_map(|change| finding_of(workspace, change, p_value(&change.first)));
+        found.collect::<Vec<_>>()
+    };
+    let subgraphs = workspace.closures_by_subgraph();
+    subgraphs.into_values().flat_map(of_subgraph).collect()
+}
+
+/// A lap is over when as many keyframes have come as there are references.
+fn place_of(
+    workspace: &Workspace,
+    sample: &ClosureSample,
+    keyframes_a_lap: usize,
+) -> Option<ClosurePlace> {
+    let graph = workspace.map.graph();
+    let (old, new) = graph.ends()[graph.edge_position(sample.edge_id)?];
+    let [old_place, new_place] = [old, new].map(|k| graph.nodes()[k].pose.translation());
+    Some(ClosurePlace {
+        position: 0.5 * (old_place + new_place),
+        lap: old.max(new) / keyframes_a_lap,
+    })
+}
+
+fn finding_of(workspace: &Workspace, change: &PaperChange, p_value: f64) -> Option<Finding> {
+    let graph = workspace.map.graph();
+    let peaks = || std::iter::once(&change.first).chain(&change.repeats);
+    let mut edges: Vec<EdgeId> = peaks().map(|peak| peak.edge_id).collect();
+    edges.sort_unstable();
+    let ends = |edge: &EdgeId| {
+        let (from, to) = graph.ends()[graph.edge_position(*edge)?];
+        Some((from.min(to), from.max(to)))
+    };
+    let ends: Vec<(usize, usize)> = edges.iter().filter_map(ends).collect();
+    let nodes: BTreeSet<NodeId> = ends
+        .iter()
+        .flat_map(|&(old, new)| [old, new].map(|k| graph.nodes()[k].id))
+        .collect();
+    let keyframes = workspace.map.keyframes();
+    let new = || ends.iter().map(|&(_, new)| &keyframes[new]);
+    let trips: BTreeSet<TripId> = new().map(|keyframe| keyframe.trip.clone()).collect();
+    let (old, newest) = graph.ends()[graph.edge_position(change.first.edge_id)?];
+    let around = [old, newest].map(|k| graph.nodes()[k].pose.translation());
+    Some(Finding {
+        tier: Tier::Confirmed,
+        counterpart: None,
+        shift: None,
+        suspect: None,
+        bands: Vec::new(),
+        kind: ChangeKind::Residual,
+        location: change.first.place.position,
+        sigma_m: PAPER_REGION_M,
+        region: region_round(&around, PAPER_REGION_M),
+        edges,
+        nodes: nodes.into_iter().collect(),
+        trips: trips.into_iter().collect(),
+        views: ends.len(),
+        laps: peaks().count(),
+        confidence: 1.0 - p_value,
+        since: new().map(|keyframe| keyframe.stamp).min()?,
+        last_seen: new().map(|keyframe| keyframe.stamp).max()?,
+        until: None,
+    })
+}
