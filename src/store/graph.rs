@@ -6,6 +6,7 @@ use sqlx::{Connection, Row, SqliteConnection, SqlitePool};
 use super::acceptances;
 use super::alerts::RouteAlerts;
 use super::body::checksum;
+use super::clock_faults::clock_faults;
 use super::columns::{information, json_text, name, optional_name, pose, pose_sigma, text};
 use super::error::{Corruption, StoreError};
 use super::intermediate_scans::active_intermediate;
@@ -260,6 +261,7 @@ async fn load_snapshot(
     let alerts = RouteAlerts(route).answer(&mut snapshot).await?;
     let accepted = acceptances::accepted_changes(&mut snapshot, route).await?;
     let calibrations = vehicles::route_calibrations(&mut snapshot, route).await?;
+    let clock_faults = clock_faults(&mut snapshot, route).await?;
     snapshot.commit().await?;
     let with_scans = |row: &SqliteRow| {
         let mut node = node_with_scan_of(row, route)?;
@@ -279,6 +281,7 @@ async fn load_snapshot(
         alerts,
         accepted,
         calibrations,
+        clock_faults,
     }))
 }
 

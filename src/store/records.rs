@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alert_records::{AcceptedChange, AlertRecord};
+use super::clock_faults::ClockFault;
 use super::inputs::JobInput;
 use super::vehicles::TripCalibrationRecord;
 use crate::calibration::TripCorrections;
@@ -538,6 +539,8 @@ pub struct JobResult {
     pub stage: Stage,
     /// What the trip says of its vehicle by each of its lidars that was asked.
     pub calibrations: Vec<TripCalibrationRecord>,
+    /// What was found of clocks, or has ended.
+    pub clock_faults: Vec<ClockFault>,
     /// What was decided of a trip that begins.
     pub trip_start: Option<(TripId, TripStart)>,
     /// What was processed.
@@ -623,6 +626,8 @@ pub struct RouteGraph {
     /// What the newest trips of each vehicle say of each lidar: by vehicle and lidar, the oldest
     /// first.
     pub calibrations: Vec<TripCalibrationRecord>,
+    /// The trips whose clock is behind, by name.
+    pub clock_faults: Vec<ClockFault>,
 }
 
 /// Most closures that are remembered in a worker's map after their nodes have left it.

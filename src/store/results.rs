@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use sqlx::{Row, SqliteConnection};
 
 use super::alert_rows::write_alerts;
+use super::clock_faults::put_clock_fault;
 use super::columns::{flags_text, micros, name, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
@@ -69,6 +70,9 @@ impl Request for ApplyResult {
         write_alerts(transaction, place.route_key, &result.alerts).await?;
         for calibration in &result.calibrations {
             put_calibration(transaction, place.route_key, calibration).await?;
+        }
+        for fault in &result.clock_faults {
+            put_clock_fault(transaction, place.route_key, fault).await?;
         }
         if let Some((trip, start)) = &result.trip_start {
             put_trip_start(transaction, place.route_key, trip, start).await?;

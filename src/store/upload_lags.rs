@@ -37,7 +37,7 @@ impl Store {
     }
 }
 
-async fn upload_lags(
+pub(super) async fn upload_lags(
     reader: &mut SqliteConnection,
     route: &RouteId,
     vehicle: &VehicleId,
