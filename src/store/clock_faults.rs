@@ -148,7 +148,7 @@ pub(super) async fn clock_faults(
     route: &RouteId,
 ) -> Result<Vec<ClockFault>, StoreError> {
     let rows = sqlx::query(
-        "SELECT trip_id, vehicle_id, behind_ns, since_ns, last_seen_ns, scans, until_ns \
+        "SELECT trip_id, vehicle_id, behind_ns, since_ns, last_seen_ns, clock_faults.scans, until_ns \
          FROM routes JOIN clock_faults USING (route_key) WHERE routes.id = $1 ORDER BY trip_id",
     )
     .bind(route.as_str())
