@@ -91,8 +91,16 @@ fn suspect(vehicle: &VehicleId, mut faults: Vec<&ClockFault>) -> Option<Suspect>
     })
 }
 
-/// One suspect for two reasons.
+/// One suspect for two reasons; for the one that stands, if the other has ended.
 fn join(known: &mut Suspect, clock: Suspect) {
+    match (known.until, clock.until) {
+        (Some(_), None) => {
+            *known = clock;
+            return;
+        }
+        (None, Some(_)) => return,
+        _ => {}
+    }
     let trips: BTreeSet<TripId> = known.trips.drain(..).chain(clock.trips).collect();
     known.trips = trips.into_iter().collect();
     known.faults.extend(clock.faults);
@@ -152,9 +160,12 @@ mod tests {
         faults.put(fault("v", "first", 10));
         let mut known = suspects(&faults);
         known[0].trips = vec![TripId::new("z").unwrap()];
-        known[0].until = Some(StampNs(90));
+        let mut ended = known.clone();
         faults.add_to(&mut known);
         assert_eq!((known.len(), known[0].faults.len()), (1, 2));
         assert_eq!((known[0].trips.len(), known[0].until), (2, None));
+        ended[0].until = Some(StampNs(90));
+        faults.add_to(&mut ended);
+        assert_eq!((&ended, ended[0].until), (&suspects(&faults), None));
     }
 }

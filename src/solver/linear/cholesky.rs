@@ -72,7 +72,7 @@ impl<const B: usize> BlockCholesky<B> {
         }
     }
 
-    /// How many multiplications ordering, factoring and solving have taken since this was asked last: by
+    /// How many multiplications factoring and solving have taken since this was asked last: by
     /// the structure, so that they are the same on every machine.
     pub(crate) fn take_operations(&mut self) -> f64 {
         std::mem::take(&mut self.operations)
@@ -115,7 +115,6 @@ impl<const B: usize> BlockCholesky<B> {
         self.bottom_up.retain(|&f| fronts[f as usize].is_in_use);
         let below: Vec<&[u32]> = given.iter().map(|&f| fronts[f as usize].below()).collect();
         let order = order_of_top(matrix, &top, &below, &mut self.place);
-        self.operations += operations_to_order(top.len());
         let parts = eliminate(matrix, &order, &below, &mut self.place);
         Some(self.add_fronts(matrix, parts, &given))
     }
@@ -278,12 +277,6 @@ impl<const B: usize> BlockCholesky<B> {
             x,
         });
     }
-}
-
-/// About how many multiplications' time it takes to order so many variables: each row of bits is changed
-/// up to once for each variable.
-fn operations_to_order(variables: usize) -> f64 {
-    (variables * variables * variables.div_ceil(64)) as f64
 }
 
 /// An order of the top's variables: minimum degree among what couples them, the newest last,
