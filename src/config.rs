@@ -37,6 +37,10 @@ pub struct ServiceArgs {
     /// Delete uploaded bodies so many days after they were merged; kept for ever if left out.
     #[arg(long, env = "MAPSHIFT_KEEP_BODIES_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub keep_bodies_days: Option<u32>,
+    /// Delete where vehicles were between keyframes, and the uploaded bodies that say it too, so many days after
+    /// they were merged; kept for ever if left out. What is still in a map stays.
+    #[arg(long, env = "MAPSHIFT_TRAJECTORY_RETENTION_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub trajectory_retention_days: Option<u32>,
     /// How much of the connections, uploads, reads and streams one client address may hold, per cent.
     /// The address is that of the socket, whatever X-Forwarded-For says: behind a proxy, or where all
     /// gateways come through one NAT, say 100 and have the proxy limit its clients.
@@ -159,7 +163,13 @@ impl ServiceArgs {
         let days = |days: u32| Duration::from_secs(u64::from(days) * 24 * 60 * 60);
         PipelineOptions {
             map_memory_bytes: self.map_memory_mb.saturating_mul(1 << 20),
-            keep_bodies: self.keep_bodies_days.map(days),
+            // A body says where its vehicle was, too.
+            keep_bodies: [self.keep_bodies_days, self.trajectory_retention_days]
+                .into_iter()
+                .flatten()
+                .min()
+                .map(days),
+            keep_trajectories: self.trajectory_retention_days.map(days),
             ..PipelineOptions::default()
         }
     }
@@ -205,6 +215,7 @@ mod tests {
             accept_lost_log: false,
             map_memory_mb: 64,
             keep_bodies_days: Some(2),
+            trajectory_retention_days: None,
             address_share: 25,
             log_format: LogFormat::Text,
             log: "info".into(),
@@ -253,6 +264,22 @@ mod tests {
             args.insecure_open_to_network = true;
             assert!(args.app_config().check_reach(false).is_ok());
         }
+    }
+
+    #[test]
+    fn bodies_are_kept_no_longer_than_trajectories() {
+        let mut args = args("127.0.0.1:0", false);
+        let kept_days = |args: &ServiceArgs| {
+            let kept = args.app_config().pipeline;
+            [kept.keep_bodies, kept.keep_trajectories].map(|kept| Some(kept?.as_secs() / 86_400))
+        };
+        assert_eq!(kept_days(&args), [Some(2), None]);
+        args.trajectory_retention_days = Some(1);
+        assert_eq!(kept_days(&args), [Some(1), Some(1)]);
+        args.trajectory_retention_days = Some(30);
+        assert_eq!(kept_days(&args), [Some(2), Some(30)]);
+        args.keep_bodies_days = None;
+        assert_eq!(kept_days(&args), [Some(30), Some(30)]);
     }
 
     #[test]

@@ -156,6 +156,7 @@ pub const METRICS: &[Metric] = &[
     ),
     counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted when their time was over"),
     counter("mapshift_bodies_deleted_bytes_total", "Length of those bodies, compressed").in_bytes(),
+    counter("mapshift_trajectory_scans_deleted_total", "Scans between keyframes deleted when their time was over"),
     counter("mapshift_corrupt_scans_total", "Scans that were left out of a map because they are corrupt on the disk"),
     counter("mapshift_webhook_attempts_total", "Attempts to call webhooks by what followed: delivered, retried, failed, gone"),
     metric(
@@ -195,6 +196,7 @@ fn begin_at_zero() {
     let without_labels = [
         "mapshift_bodies_deleted_bytes_total",
         "mapshift_bodies_deleted_total",
+        "mapshift_trajectory_scans_deleted_total",
         "mapshift_corrupt_scans_total",
         "mapshift_map_mendings_total",
         "mapshift_connections_displaced_total",

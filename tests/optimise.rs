@@ -10,7 +10,8 @@ use mapshift::graph::{Edge, EdgeKind, EdgeStatus, Node, PoseGraph};
 use mapshift::ids::{EdgeId, NodeId};
 use mapshift::ingest::g2o::{read_g2o, write_g2o};
 use mapshift::solver::{
-    SolveOptions, Solver, solve_from_chordal, solve_robust, start_along_odometry,
+    SolveOptions, Solver, operations_to_solve, solve_from_chordal, solve_robust,
+    start_along_odometry,
 };
 
 /// (file, F* as several public solvers agree).
@@ -57,6 +58,25 @@ fn real_graphs_reach_their_optima() {
         let off = summary.final_cost / optimum - 1.0;
         assert!(off.abs() < 1e-6, "{name} {off:e} {summary:?}");
         assert!((graph.cost() / optimum - 1.0).abs() < 1e-6, "{name}");
+    }
+}
+
+/// Multiplications that a batch of edges may make a factorisation of the map take
+/// (docs/reference/client-limits.md).
+const FACTORISATION_MAX: f64 = 5e8;
+
+#[test]
+fn real_graphs_are_far_from_what_is_refused_as_too_dense() {
+    for (name, _) in OPTIMA {
+        let Some(graph) = load(name) else { return };
+        let pairs = graph.ends().iter().map(|&(a, b)| (a as u32, b as u32));
+        let pairs: Vec<(u32, u32)> = pairs.collect();
+        let operations = operations_to_solve(graph.nodes().len(), &pairs).unwrap();
+        eprintln!("{name}: {operations:.1e} multiplications");
+        assert!(
+            5.0 * operations < FACTORISATION_MAX,
+            "{name}: {operations:.1e}"
+        );
     }
 }
 

@@ -54,6 +54,10 @@ fn unusual(config: &AppConfig) -> Vec<String> {
         let days = time.as_secs() / (24 * 60 * 60);
         note(true, format!("keep-bodies-days={days}"));
     }
+    if let Some(time) = kept.keep_trajectories {
+        let days = time.as_secs() / (24 * 60 * 60);
+        note(true, format!("trajectory-retention-days={days}"));
+    }
     if let Some(url) = &config.access.public_url {
         note(true, format!("public-url={}", url.origin()));
     }

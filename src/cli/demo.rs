@@ -94,6 +94,7 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
         data: data.to_owned(),
         map_memory_mb: MAP_MEMORY_MB,
         keep_bodies_days: None,
+        trajectory_retention_days: None,
         address_share: 100,
         log_format: LogFormat::Text,
         log: String::new(),

@@ -14,14 +14,17 @@ const INFORMATION_XY_MAX: f64 = 1e6;
 /// … and a tenth of a milliradian, rad⁻².
 const INFORMATION_THETA_MAX: f64 = 1e8;
 
-/// Multiplications of one factorisation, at most: a hundred times what the usual benchmark graph of ten
+/// Multiplications of one factorisation of the map, at most: ten times what the usual benchmark graph of ten
 /// thousand nodes takes. Closures between nodes at random fill the equations more than any route does.
-const OPERATIONS_MAX: f64 = 5e9;
-/// Multiplications that solving a batch's closures may take …
-const OPERATIONS_OF_BATCH_MAX: f64 = 5e10;
+const FACTORISATION_MAX: f64 = 5e8;
+/// Multiplications of all solves of a batch, as they are predicted …
+const SOLVES_MAX: f64 = 5e10;
 /// … with what every solve takes for each node of the map: one of the size of the usual benchmark
 /// graphs is solved closure by closure.
 const OPERATIONS_OF_NODE: f64 = 5e3;
+/// Multiplications of all solves of a batch, as they are counted while it is solved: closures that
+/// contradict each other take many more steps than was predicted.
+const BATCH_MAX: f64 = 1e11;
 
 /// What became of given nodes and edges, in the order in which they were given.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -39,12 +42,22 @@ pub enum NotAttached {
     /// An edge to a node that is not in the map, or from a node to itself.
     #[error(transparent)]
     Graph(#[from] GraphError),
-    /// The graph could not be solved in a reasonable time.
+    /// One factorisation of the graph would take so many multiplications, and was not tried.
     #[error(
-        "its loop closures tie nodes to so many others, all over the map, that solving the graph \
-         would take too long: send fewer of them, between nodes that are near each other"
+        "its loop closures join nodes so densely that solving the map once would take {operations:.1e} \
+         multiplications, and {FACTORISATION_MAX:.1e} are allowed: send fewer closures, or thin them so that \
+         each node has a few, to nodes near it"
     )]
-    TooDense,
+    TooDense {
+        /// Predicted by the structure of the graph.
+        operations: f64,
+    },
+    /// The batch's solves were broken off after as many multiplications as a batch may take.
+    #[error(
+        "its loop closures contradict each other, or join nodes so densely, that solving the map with them takes \
+         more than the {BATCH_MAX:.1e} multiplications that a batch may take: send fewer closures at once, or thin them"
+    )]
+    TooCostly,
     /// Nobody waits for it any more.
     #[error("it was interrupted")]
     Interrupted,
@@ -64,6 +77,15 @@ impl RouteMap {
     /// [`NotAttached`]. Nodes that nothing ties to the map ([`RouteMap::untied`]) are put where
     /// they take themselves to be.
     pub fn attach(&mut self, given: &GivenGraph) -> Result<Attached, NotAttached> {
+        self.attach_within(given, BATCH_MAX)
+    }
+
+    /// The same with so many multiplications for all solves.
+    fn attach_within(
+        &mut self,
+        given: &GivenGraph,
+        operations_max: f64,
+    ) -> Result<Attached, NotAttached> {
         let placing = self.place(given);
         let first = self.keyframes.len();
         let mut nodes = Vec::with_capacity(given.nodes.len());
@@ -75,9 +97,10 @@ impl RouteMap {
             nodes.push(id);
         }
         let operations = self.operations_with(given, &nodes);
-        if operations > OPERATIONS_MAX {
-            return Err(NotAttached::TooDense);
+        if operations > FACTORISATION_MAX {
+            return Err(NotAttached::TooDense { operations });
         }
+        self.solver.allow(operations_max);
         let mut edges: Vec<Option<(EdgeId, Option<f64>)>> = vec![None; given.edges.len()];
         let is_first = |k: &usize| placing.places[*k] || given.edges[*k].kind == EdgeKind::Odometry;
         let (at_first, closures): (Vec<usize>, Vec<usize>) =
@@ -91,7 +114,7 @@ impl RouteMap {
             let is_closure = given.edges[k].kind == EdgeKind::LoopClosure;
             edges[k] = Some((edge, is_closure.then_some(0.0)));
         }
-        self.solve_given(&closing);
+        self.solve_given(&closing)?;
         let together = self.solved_together(closures.len(), operations);
         for closures in closures.chunks(together) {
             self.close_given(given, closures, &nodes, &mut edges)?;
@@ -114,10 +137,7 @@ impl RouteMap {
             .iter()
             .map(|&k| self.insert_given(&given.edges[k], nodes));
         let inserted: Vec<EdgeId> = inserted.collect::<Result<_, _>>()?;
-        let delta_f = self.solve_given(&inserted);
-        if self.interrupt.is_raised() {
-            return Err(NotAttached::Interrupted);
-        }
+        let delta_f = self.solve_given(&inserted)?;
         for ((&k, &edge), share) in closures.iter().zip(&inserted).zip(self.shares(&inserted)) {
             edges[k] = Some((edge, Some(share * delta_f)));
         }
@@ -142,7 +162,7 @@ impl RouteMap {
     /// as long as that keeps within what a batch may cost.
     fn solved_together(&self, closures: usize, operations: f64) -> usize {
         let of_solve = operations + OPERATIONS_OF_NODE * self.keyframes.len() as f64;
-        let solves_max = (OPERATIONS_OF_BATCH_MAX / of_solve).max(1.0) as usize;
+        let solves_max = (SOLVES_MAX / of_solve).max(1.0) as usize;
         closures.div_ceil(solves_max).max(1)
     }
 
@@ -176,10 +196,16 @@ impl RouteMap {
     }
 
     /// Solves the sub-graphs that new edges belong to; returns what they add to F.
-    fn solve_given(&mut self, edges: &[EdgeId]) -> f64 {
+    fn solve_given(&mut self, edges: &[EdgeId]) -> Result<f64, NotAttached> {
         let options = SolveOptions::default();
         let solved = self.solver.solve_touched(&mut self.graph, edges, &options);
-        solved.delta_f
+        if self.interrupt.is_raised() {
+            Err(NotAttached::Interrupted)
+        } else if self.solver.is_exhausted() {
+            Err(NotAttached::TooCostly)
+        } else {
+            Ok(solved.delta_f)
+        }
     }
 
     /// Decides which of the nodes from a place on are references.

@@ -98,7 +98,7 @@ impl RouteMap {
         let mut layers = std::mem::take(&mut self.layers);
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
         // What a lost trip saw, nobody knows where.
-        let keyframes = keyframes.filter(|(keyframe, _)| !keyframe.is_lost());
+        let keyframes = keyframes.filter(|(keyframe, _)| self.observes(keyframe));
         let observations = keyframes.flat_map(|(keyframe, node)| {
             keyframe.taken_scans(node.pose).map(|taken| Screened {
                 key: (keyframe.node, taken.place),
@@ -233,7 +233,7 @@ impl RouteMap {
         };
         let (mut old, mut new) = (Vec::new(), Vec::new());
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
-        for (keyframe, node) in keyframes.filter(|(keyframe, _)| !keyframe.is_lost()) {
+        for (keyframe, node) in keyframes.filter(|(keyframe, _)| self.observes(keyframe)) {
             let is_own = mismatch.trips.contains(&keyframe.trip);
             let taken_scans = keyframe.taken_scans(node.pose);
             for taken in taken_scans.filter(|taken| layer_of(taken.scan) == layer) {

@@ -93,7 +93,7 @@ impl RouteMap {
     ) -> Vec<Presence> {
         let mut presences = Vec::new();
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
-        for (keyframe, node) in keyframes.filter(|(keyframe, _)| !keyframe.is_lost()) {
+        for (keyframe, node) in keyframes.filter(|(keyframe, _)| self.observes(keyframe)) {
             let Ok(trip) = trips.binary_search(&keyframe.trip) else {
                 continue;
             };

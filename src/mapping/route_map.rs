@@ -1,6 +1,6 @@
 //! A route's graph with the scans of its nodes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::closure::ClosureRule;
 use super::keyframe::Keyframe;
@@ -54,6 +54,8 @@ pub struct RouteMap {
     pub(super) trips: BTreeMap<TripId, Vec<usize>>,
     /// Where something may have changed, layer by layer.
     pub(super) layers: Layers,
+    /// Trips that observe nothing.
+    distrusted: BTreeSet<TripId>,
     pub(super) interrupt: Interrupt,
     next_node: i64,
     next_edge: i64,
@@ -70,6 +72,7 @@ impl RouteMap {
             closure_rule: ClosureRule::default(),
             trips: BTreeMap::new(),
             layers: Layers::default(),
+            distrusted: BTreeSet::new(),
             interrupt: Interrupt::default(),
             next_node: 1,
             next_edge: 1,
@@ -120,6 +123,17 @@ impl RouteMap {
             closure_rule,
             ..self
         }
+    }
+
+    /// From now on these trips observe nothing, nor have they: when they observed it is not known. Their
+    /// scans stay in the map.
+    pub fn distrust(&mut self, trips: impl IntoIterator<Item = TripId>) {
+        self.distrusted.extend(trips);
+    }
+
+    /// Whether what was seen from a keyframe says anything about changes.
+    pub(super) fn observes(&self, keyframe: &Keyframe) -> bool {
+        !keyframe.is_lost() && !self.distrusted.contains(&keyframe.trip)
     }
 
     /// The pose graph.

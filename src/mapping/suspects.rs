@@ -81,7 +81,7 @@ impl RouteMap {
         };
         let mut there: Vec<Vector2<f64>> = Vec::new();
         let keyframes = self.keyframes.iter().zip(self.graph.nodes());
-        for (keyframe, node) in keyframes.filter(|(keyframe, _)| !keyframe.is_lost()) {
+        for (keyframe, node) in keyframes.filter(|(keyframe, _)| self.observes(keyframe)) {
             for taken in keyframe.taken_scans(node.pose) {
                 let eye = taken.map_from_base.translation();
                 let is_near = distance_to_polygon(&eye, &finding.region) <= REACH_M;

@@ -66,6 +66,24 @@ fn lag_of_live(batches: &[UploadLag]) -> Option<i64> {
     lags().max().filter(|_| is_live)
 }
 
+/// How far the clock of a trip is behind whose batches arrive as it is driven, hours after they are stamped,
+/// nanoseconds.
+pub(super) fn steadily_behind_ns(batches: &[UploadLag]) -> Option<i64> {
+    lag_of_live(batches).filter(|lag_ns| (BEHIND_MIN_NS..BEHIND_MAX_NS).contains(lag_ns))
+}
+
+/// Whether most of the vehicles that upload as they drive do so on time; their newest trips' batches.
+pub(super) fn are_on_time(vehicles: &[Vec<UploadLag>]) -> bool {
+    let live = || vehicles.iter().filter_map(|batches| lag_of_live(batches));
+    let on_time = live().filter(|lag_ns| *lag_ns < LIVE_MAX_NS);
+    2 * on_time.count() > live().count()
+}
+
+/// Whether a batch that ends with a stamp arrived on time.
+pub(super) fn is_on_time(last: StampNs, received_at: Timestamp) -> bool {
+    nanoseconds(received_at).saturating_sub(last.0) < BEHIND_MIN_NS
+}
+
 fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
 }
@@ -196,6 +214,22 @@ mod tests {
         let late_s = 20 * HOUR_S + 40;
         assert_eq!(found_s(&before, now_s - late_s, now_s), late_s);
         assert_eq!(found_s(&before, now_s - 10, now_s), 0, "it was put right");
+    }
+
+    #[test]
+    fn a_first_trip_is_behind_beside_vehicles_that_are_on_time() {
+        let behind = trip(20 * HOUR_S, |k| 2 + k % 3);
+        let found_ns = steadily_behind_ns(&behind).unwrap();
+        assert_eq!(found_ns / SECOND_NS, 20 * HOUR_S + 4);
+        assert_eq!(steadily_behind_ns(&trip(0, |_| 1)), None, "on time");
+        let kept = trip(0, |k| 20 * HOUR_S - 20 * k);
+        assert_eq!(steadily_behind_ns(&kept), None, "kept, and sent at once");
+        assert_eq!(steadily_behind_ns(&behind[..2]), None, "too few batches");
+        let live = trip(0, |_| 1);
+        assert!(are_on_time(&[live.clone(), kept.clone(), Vec::new()]));
+        assert!(are_on_time(&[live.clone(), live.clone(), behind.clone()]));
+        assert!(!are_on_time(&[live, behind]), "no more than half of them");
+        assert!(!are_on_time(&[kept]) && !are_on_time(&[]), "nobody is live");
     }
 
     #[test]

@@ -133,7 +133,9 @@ pub(super) fn process_edges(
             Some(shift) => Err(shift.to_string()),
             None => Ok(attached),
         },
-        Err(dense @ NotAttached::TooDense) => Err(dense.to_string()),
+        Err(costly @ (NotAttached::TooDense { .. } | NotAttached::TooCostly)) => {
+            Err(costly.to_string())
+        }
         Err(error) => return Err(error.into()),
     };
     let attached = match attached {

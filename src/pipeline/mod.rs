@@ -12,6 +12,7 @@ mod alert_id;
 mod alerts;
 mod calibrate;
 mod clock;
+mod clock_faults;
 mod decide;
 mod decision_details;
 mod decision_revision;

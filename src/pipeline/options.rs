@@ -17,6 +17,9 @@ pub struct PipelineOptions {
     pub first_stretches: usize,
     /// How long the bodies of merged batches are kept after they were processed; `None` for ever.
     pub keep_bodies: Option<Duration>,
+    /// How long the scans between archived keyframes are kept after their batch was processed; `None` for
+    /// ever.
+    pub keep_trajectories: Option<Duration>,
 }
 
 impl Default for PipelineOptions {
@@ -26,6 +29,7 @@ impl Default for PipelineOptions {
             active_stretches: ACTIVE_STRETCHES,
             first_stretches: FIRST_STRETCHES,
             keep_bodies: None,
+            keep_trajectories: None,
         }
     }
 }

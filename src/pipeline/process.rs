@@ -6,8 +6,8 @@ use jiff::Timestamp;
 use super::alerts::fold_into;
 use super::calibrate::{Asked, kept_scans};
 use super::clock::{
-    began_simulated, clock_ahead_ns, clock_behind_ns, is_set_backwards, simulated_ahead_ns,
-    taken_from_ns,
+    began_simulated, clock_ahead_ns, clock_behind_ns, is_on_time, is_set_backwards,
+    simulated_ahead_ns, taken_from_ns,
 };
 use super::findings::{Observed, findings as all_findings, observed};
 use super::refusal::{Processed, Refusal};
@@ -26,7 +26,7 @@ use crate::mapping::{
     Closure, Drive, DriveScan, Extension, Keyframe, Mending, NotExtended, RouteMap, Weighting,
 };
 use crate::model::{BatchFlag, BatchStatus, Stage};
-use crate::store::{BatchOutcome, ClaimedJob, JobResult, TripStart, UploadLag};
+use crate::store::{BatchOutcome, ClaimedJob, ClockFault, JobResult, TripStart, UploadLag};
 
 /// No vehicle drives this far between two scans, metres.
 const JUMP_MAX_M: f64 = 100.0;
@@ -41,8 +41,13 @@ const CLOCK_SET_BACKWARDS: &str = "the clock was set in the middle of the trip, 
 
 /// What is known of a job's trip.
 pub(super) enum Known {
-    /// What was decided when it began.
-    Decided(TripStart),
+    /// It goes on.
+    Decided {
+        /// What was decided when it began.
+        start: TripStart,
+        /// How far its clock is found to be behind since, nanoseconds.
+        behind_ns: Option<i64>,
+    },
     /// The trip begins now.
     Before {
         /// What was corrected in the vehicle's newest trip that has said something.
@@ -79,18 +84,10 @@ pub(super) fn process(
     let received_at = job.entries[0].batch.received_at;
     let mut drive = join(&drives);
     let start = trip_start(&workspace, &vehicle, &drive, received_at, known);
-    let has_simulated = drive.scans.iter().any(|scan| scan.stamp.is_simulated());
-    if has_simulated && !began_simulated(start.clock_ahead_ns) {
+    if let Some(reason) = out_of_order(&drive, start.clock_ahead_ns, &workspace.map) {
         let newest = &origins[origins.len() - 1..];
         return Ok(Processed::Refused(Refusal {
-            outcomes: kept_out(newest, BatchStatus::Quarantined, CLOCK_FELL_BACK),
-            origins,
-        }));
-    }
-    if is_set_backwards(&drive, start.clock_ahead_ns, &workspace.map) {
-        let newest = &origins[origins.len() - 1..];
-        return Ok(Processed::Refused(Refusal {
-            outcomes: kept_out(newest, BatchStatus::Quarantined, CLOCK_SET_BACKWARDS),
+            outcomes: kept_out(newest, BatchStatus::Quarantined, reason),
             origins,
         }));
     }
@@ -122,8 +119,15 @@ pub(super) fn process(
         }
         Err(error) => return Err(error.into()),
     };
-    let is_behind = start.clock_ahead_ns < 0 && !began_simulated(start.clock_ahead_ns);
-    if begins && is_behind {
+    let clock_faults = match begins || !added.is_nothing() {
+        true => note_clock(&mut workspace, &drive, &vehicle, received_at, known, &start),
+        false => Vec::new(),
+    };
+    let is_behind = match begins {
+        true => start.clock_ahead_ns < 0 && !began_simulated(start.clock_ahead_ns),
+        false => !clock_faults.is_empty(),
+    };
+    if is_behind {
         let flag = BatchFlag::ClockSkew.name().to_owned();
         outcomes[0].flags.push(flag);
     }
@@ -140,10 +144,20 @@ pub(super) fn process(
     }
     let (workspace, mut result) = conclude(workspace, job, &origins, added, outcomes)?;
     result.calibrations = words;
+    result.clock_faults = clock_faults;
     if begins {
         result.trip_start = Some((drive.trip, start));
     }
     Ok(Processed::Taken(Box::new((workspace, result))))
+}
+
+/// Why scans cannot be put in the order of time with those of their trip, if they cannot.
+fn out_of_order(drive: &Drive, clock_ahead_ns: i64, map: &RouteMap) -> Option<&'static str> {
+    let has_simulated = drive.scans.iter().any(|scan| scan.stamp.is_simulated());
+    if has_simulated && !began_simulated(clock_ahead_ns) {
+        return Some(CLOCK_FELL_BACK);
+    }
+    is_set_backwards(drive, clock_ahead_ns, map).then_some(CLOCK_SET_BACKWARDS)
 }
 
 /// What a drive of a trip may not move far: a reference that is complete is not bent by one more lap. A
@@ -172,7 +186,7 @@ fn trip_start(
     let (map, trip) = (&workspace.map, &drive.trip);
     let simulated_ns = simulated_ahead_ns(&drive.scans, received_at, map, trip);
     match (known, ends) {
-        (Known::Decided(start), _) => start.clone(),
+        (Known::Decided { start, .. }, _) => start.clone(),
         (
             Known::Before {
                 corrections,
@@ -196,6 +210,49 @@ fn trip_start(
             clock_ahead_ns: simulated_ns.unwrap_or(0),
             ..TripStart::default()
         },
+    }
+}
+
+/// Notes that the clock of a trip is behind, or with a trip that arrives on time that it is right again; returns
+/// what is new.
+fn note_clock(
+    workspace: &mut Workspace,
+    drive: &Drive,
+    vehicle: &VehicleId,
+    received_at: Timestamp,
+    known: &Known,
+    start: &TripStart,
+) -> Vec<ClockFault> {
+    let Some((first, last)) = drive.scans.first().zip(drive.scans.last()) else {
+        return Vec::new();
+    };
+    match known {
+        Known::Decided {
+            behind_ns: Some(behind_ns),
+            ..
+        } => {
+            let keyframes = workspace.map.keyframes().iter();
+            let own = keyframes.filter(|keyframe| keyframe.trip == drive.trip);
+            let scans: usize = kept_scans(&workspace.map, &drive.trip).values().sum();
+            let fault = ClockFault {
+                trip: drive.trip.clone(),
+                vehicle: vehicle.clone(),
+                behind_ns: *behind_ns,
+                since: own.map(|own| own.stamp).min().unwrap_or(first.stamp),
+                last_seen: last.stamp,
+                scans: u32::try_from(scans).unwrap_or(u32::MAX),
+                until: None,
+            };
+            workspace.map.distrust([drive.trip.clone()]);
+            workspace.clock_faults.put(fault.clone());
+            vec![fault]
+        }
+        Known::Before { .. }
+            if start.clock_ahead_ns == 0 && is_on_time(last.stamp, received_at) =>
+        {
+            workspace.clock_faults.end(vehicle, first.stamp)
+        }
+        _ => Vec::new(),
     }
 }
 

@@ -91,6 +91,7 @@ fn take_out(
         .settled_closures
         .retain(|closure| stays(&closure.id));
     workspace.calibrations.forget(&removable.trips);
+    workspace.clock_faults.forget(&removable.trips);
     let taken_out = workspace.map.take_out(nodes, edges);
     taken_out.context("what is left of the map does not fit together")?;
     let keyframes = workspace.map.keyframes().iter();

@@ -148,6 +148,7 @@ pub(super) fn of_added(
         changed_edges: changed_edges(&workspace.saved_edges, &edges_now),
         alerts: Vec::new(),
         calibrations: Vec::new(),
+        clock_faults: Vec::new(),
         trip_start: None,
         stage: workspace.stage,
         input: job.input(),

@@ -1,4 +1,4 @@
-//! The task that deletes bodies of uploads when their time is over.
+//! The tasks that delete bodies of uploads, and what lies between keyframes, when their time is over.
 
 use std::time::Duration;
 
@@ -9,6 +9,8 @@ use crate::store::Store;
 
 /// How often old bodies are looked for.
 const LOOK: Duration = Duration::from_secs(60);
+/// How often all old batches are gone through for what lies between their keyframes.
+const PASS: Duration = Duration::from_secs(60 * 60);
 /// Between two steps: uploads and results go first.
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -23,6 +25,38 @@ pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: Cancel
         let stopped = tokio::time::timeout(pause, stopping.cancelled()).await;
         if stopped.is_ok() {
             return;
+        }
+    }
+}
+
+/// Deletes the scans between archived keyframes of batches merged longer ago than `kept`, a few batches at
+/// a time, until it is told to stop. Each pass goes through all of them: a node may be archived late.
+pub(super) async fn delete_trajectories(store: Store, kept: Duration, stopping: CancellationToken) {
+    let mut after = 0;
+    loop {
+        let deleted = match Timestamp::now().checked_sub(kept) {
+            Ok(before) => delete_some_trajectories(&store, before, after).await,
+            Err(_) => None,
+        };
+        let pause = if deleted.is_some() { PAUSE } else { PASS };
+        after = deleted.unwrap_or(0);
+        let stopped = tokio::time::timeout(pause, stopping.cancelled()).await;
+        if stopped.is_ok() {
+            return;
+        }
+    }
+}
+
+/// Returns where to go on; `None` at the end of a pass.
+async fn delete_some_trajectories(store: &Store, before: Timestamp, after: i64) -> Option<i64> {
+    match store.delete_trajectories(before, after).await {
+        Ok(deleted) => {
+            metrics::counter!("mapshift_trajectory_scans_deleted_total").increment(deleted.scans);
+            deleted.next
+        }
+        Err(error) => {
+            tracing::warn!(%error, "old trajectories could not be deleted");
+            None
         }
     }
 }

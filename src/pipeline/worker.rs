@@ -9,16 +9,17 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
+use super::clock::{are_on_time, steadily_behind_ns};
 use super::edges::{EdgeJob, process_edges};
 use super::engine::{Engine, now};
 use super::process::{Known, process};
 use super::refusal::{Processed, of_quarantine, refuse};
-use super::retention::delete_bodies;
+use super::retention::{delete_bodies, delete_trajectories};
 use super::settle::{recall_named, recall_trip, settle, solve_recalled};
 use super::watch::Watch;
 use super::workspace::Workspace;
-use crate::ids::RouteId;
-use crate::model::BatchKind;
+use crate::ids::{RouteId, TripId, VehicleId};
+use crate::model::{BatchKind, Detector};
 use crate::solver::Interrupt;
 use crate::store::{Applied, ClaimedJob, JobResult, JournalEntry, Store, StoreError, TripStart};
 
@@ -31,9 +32,8 @@ const LOOK: Duration = Duration::from_secs(1);
 /// How often held batches are looked through.
 const RELEASE: Duration = Duration::from_secs(5);
 
-/// Starts as many workers as there are cores, the task that releases held batches, and the one
-/// that deletes old bodies. They end
-/// soon after `stopping` is cancelled; a batch under way is finished
+/// Starts as many workers as there are cores, the task that releases held batches, and those
+/// that delete old bodies and trajectories. They end soon after `stopping` is cancelled; a batch under way is finished
 /// first, unless the drain time ends before it; then it is claimed again at the next start.
 pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHandle<()>> {
     let worker = Worker {
@@ -47,6 +47,10 @@ pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHa
     if let Some(kept) = engine.options.keep_bodies {
         let store = engine.store.clone();
         tasks.push(tokio::spawn(delete_bodies(store, kept, stopping.clone())));
+    }
+    if let Some(kept) = engine.options.keep_trajectories {
+        let deleting = delete_trajectories(engine.store.clone(), kept, stopping.clone());
+        tasks.push(tokio::spawn(deleting));
     }
     tasks
 }
@@ -223,11 +227,19 @@ pub(super) async fn known_start(
     job: &ClaimedJob,
 ) -> Result<Known, StoreError> {
     let Some(JournalEntry { batch, .. }) = job.entries.last() else {
-        return Ok(Known::Decided(TripStart::default()));
+        return Ok(Known::Decided {
+            start: TripStart::default(),
+            behind_ns: None,
+        });
     };
     let (route, trip, vehicle) = (&job.route_id, &batch.trip_id, &batch.vehicle_id);
-    if let Some(decided) = store.trip_start(route, trip).await? {
-        return Ok(Known::Decided(decided));
+    if let Some(start) = store.trip_start(route, trip).await? {
+        let is_believed = start.clock_ahead_ns == 0 && !workspace.clock_faults.has(trip);
+        let behind_ns = match is_believed && workspace.detector == Detector::Fused {
+            true => found_behind_ns(store, route, vehicle, trip).await?,
+            false => None,
+        };
+        return Ok(Known::Decided { start, behind_ns });
     }
     let newest = workspace.calibrations.newest_trip(vehicle);
     let before = match newest {
@@ -238,6 +250,22 @@ pub(super) async fn known_start(
         corrections: before.unwrap_or_default().corrections,
         uploads: store.upload_lags(route, vehicle, trip).await?,
     })
+}
+
+/// How far the clock of a trip that is driven is behind, by its batches so far and the vehicles that are on
+/// time, nanoseconds.
+async fn found_behind_ns(
+    store: &Store,
+    route: &RouteId,
+    vehicle: &VehicleId,
+    trip: &TripId,
+) -> Result<Option<i64>, StoreError> {
+    let own = store.trip_lags(route, trip).await?;
+    let Some(behind_ns) = steadily_behind_ns(&own) else {
+        return Ok(None);
+    };
+    let others = store.lags_of_others(route, vehicle, trip).await?;
+    Ok(Some(behind_ns).filter(|_| are_on_time(&others)))
 }
 
 /// A job was interrupted.

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow};
 
+use super::clock_faults::ClockFaults;
 use super::vehicles::Calibrations;
 use crate::change::is_in_baseline;
 use crate::change::series::ClosureSample;
@@ -50,6 +51,8 @@ pub(super) struct Workspace {
     pub accepted: Vec<AcceptedChange>,
     /// What trips say of their vehicles.
     pub calibrations: Calibrations,
+    /// The trips whose clock is behind.
+    pub clock_faults: ClockFaults,
 }
 
 impl Workspace {
@@ -77,7 +80,7 @@ impl Workspace {
             .map(keyframe_of)
             .collect::<Result<_, _>>()?;
         let poses = graph.nodes.iter().map(|n| n.node.pose);
-        let map = RouteMap::restore(
+        let mut map = RouteMap::restore(
             weighting,
             poses.zip(nodes),
             graph.edges.iter().map(edge_of),
@@ -85,6 +88,10 @@ impl Workspace {
             graph.next_edge_id,
         )
         .context("the stored graph does not fit together")?;
+        if !graph.clock_faults.is_empty() {
+            map.distrust(graph.clock_faults.iter().map(|fault| fault.trip.clone()));
+            map.settle_screen();
+        }
         let closures = graph.edges.iter().filter_map(|edge| {
             Some(ClosureSample {
                 edge_id: edge.id,
@@ -110,6 +117,7 @@ impl Workspace {
             alerts: graph.alerts,
             accepted: graph.accepted,
             calibrations: Calibrations::of(graph.calibrations),
+            clock_faults: ClockFaults::of(graph.clock_faults),
         })
     }
 

@@ -19,7 +19,7 @@ const ALERTS_MAX: usize = 100;
 
 /// The tables that a route's map is kept in, each with the columns that are left out: they do not
 /// belong to the map, or are numbered as rows are written.
-const TABLES: [(&str, &[&str]); 13] = [
+const TABLES: [(&str, &[&str]); 14] = [
     ("nodes", &[]),
     ("edges", &[]),
     ("node_scans", &[]),
@@ -27,6 +27,7 @@ const TABLES: [(&str, &[&str]); 13] = [
     ("closures", &[]),
     ("archive_sums", &[]),
     ("lidar_calibrations", &[]),
+    ("clock_faults", &[]),
     ("vehicle_quarantines", &[]),
     // Earlier programs did not measure it.
     ("map_versions", &["max_displacement_m"]),

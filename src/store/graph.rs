@@ -6,6 +6,7 @@ use super::Store;
 use super::acceptances::AcceptedChanges;
 use super::active_graph::ActiveEdges;
 use super::alerts::RouteAlerts;
+use super::clock_faults::ClockFaults;
 use super::columns::text;
 use super::error::StoreError;
 use super::nodes::ActiveNodes;
@@ -59,6 +60,7 @@ impl Query for ActiveGraph<'_> {
             alerts: RouteAlerts(route).answer(reader).await?,
             accepted: AcceptedChanges(route).answer(reader).await?,
             calibrations: RouteCalibrations(route).answer(reader).await?,
+            clock_faults: ClockFaults(route).answer(reader).await?,
         }))
     }
 }

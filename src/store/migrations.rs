@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 33] = [
+const FILES: [(i64, &str, &str); 34] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -56,6 +56,7 @@ const FILES: [(i64, &str, &str); 33] = [
     file!(31, "uploads", "0031_uploads.sql"),
     file!(32, "recordings", "0032_recordings.sql"),
     file!(33, "notifications", "0033_notifications.sql"),
+    file!(34, "clock faults", "0034_clock_faults.sql"),
 ];
 
 /// The number of the newest migration.

@@ -39,7 +39,7 @@ const SET_ASIDE: [&str; 7] = [
 ];
 
 /// … and what it makes is cleared away.
-const CLEAR: [&str; 10] = [
+const CLEAR: [&str; 11] = [
     "DELETE FROM jobs WHERE route_key = $1",
     "DELETE FROM alerts WHERE route_key = $1",
     "DELETE FROM edges WHERE route_key = $1",
@@ -47,6 +47,7 @@ const CLEAR: [&str; 10] = [
     "DELETE FROM map_versions WHERE route_key = $1",
     "DELETE FROM archive_sums WHERE route_key = $1",
     "DELETE FROM lidar_calibrations WHERE route_key = $1",
+    "DELETE FROM clock_faults WHERE route_key = $1",
     "DELETE FROM vehicle_quarantines WHERE route_key = $1",
     "DELETE FROM vehicle_states WHERE route_key = $1",
     "UPDATE trips SET corrections = NULL, clock_ahead_ns = 0 WHERE route_key = $1",

@@ -296,6 +296,8 @@ impl ApplyRemoval {
         for forget in [
             "DELETE FROM lidar_calibrations WHERE route_key = $1 \
                  AND trip_id IN (SELECT value FROM json_each($2))",
+            "DELETE FROM clock_faults WHERE route_key = $1 \
+                 AND trip_id IN (SELECT value FROM json_each($2))",
             "UPDATE trips SET next_sequence = 0, corrections = NULL, clock_ahead_ns = 0 WHERE route_key = $1 \
                  AND trip_id IN (SELECT value FROM json_each($2)) \
                  AND NOT EXISTS (SELECT 1 FROM batches WHERE batches.route_key = trips.route_key \

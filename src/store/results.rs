@@ -4,6 +4,7 @@ use sqlx::SqliteConnection;
 
 use super::alert_rows::write_alerts;
 use super::batch_ends::batch_ended;
+use super::clock_faults::put_clock_fault;
 use super::columns::{flags_text, micros, parse_flags};
 use super::error::StoreError;
 use super::graph_rows::{insert_edges, insert_nodes, update_edges, update_nodes};
@@ -60,6 +61,9 @@ impl Request for ApplyResult {
         write_alerts(transaction, place.route_key, &result.alerts).await?;
         for calibration in &result.calibrations {
             put_calibration(transaction, place.route_key, calibration).await?;
+        }
+        for fault in &result.clock_faults {
+            put_clock_fault(transaction, place.route_key, fault).await?;
         }
         if let Some((trip, start)) = &result.trip_start {
             put_trip_start(transaction, place.route_key, trip, start).await?;

@@ -43,10 +43,10 @@ impl Store {
 }
 
 /// The newest batches of a vehicle's newest trip but `trip`.
-struct UploadLags<'a> {
-    route: &'a RouteId,
-    vehicle: &'a VehicleId,
-    trip: &'a TripId,
+pub(super) struct UploadLags<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) vehicle: &'a VehicleId,
+    pub(super) trip: &'a TripId,
 }
 
 impl Query for UploadLags<'_> {

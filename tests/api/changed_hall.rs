@@ -77,6 +77,7 @@ pub async fn directory() -> TempDir {
         changed_edges: Vec::new(),
         alerts: vec![appeared(&hall), disappeared(&hall)],
         calibrations: Vec::new(),
+        clock_faults: Vec::new(),
         trip_start: None,
         stage: Stage::Mapping,
         input: job.input(),

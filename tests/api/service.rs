@@ -196,6 +196,7 @@ async fn store_map(
         changed_edges: Vec::new(),
         alerts: Vec::new(),
         calibrations: Vec::new(),
+        clock_faults: Vec::new(),
         trip_start: None,
         stage: Stage::Mapping,
         input: job.input(),

@@ -1,7 +1,14 @@
-//! Uploads that are formally right and ruinous: what honest vehicles have mapped stays as it is.
+//! Uploads that are formally right and ruinous: what honest vehicles have mapped stays as it is. Each test
+//! prints how far it was moved (`--nocapture`).
+//!
+//! Tested elsewhere: a trip's name that a stranger took, and removals of what was taken in all the same (`removals.rs`), clocks
+//! (`changes/raised.rs`, `src/pipeline/tests/clocks.rs`), a trip that cannot be localised and has many
+//! batches (`tests/store/lost.rs`), a faulty vehicle (`tests/reliability/faulty_vehicle.rs`).
 
 use mapshift::geometry::Pose2;
-use serde_json::json;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::{Value, json};
 
 use crate::client::Client;
 use crate::drives::{Drive, HALL, second_vehicle, workshop};
@@ -52,16 +59,50 @@ fn assert_same_walls(before: &Picture, after: &Picture) {
     assert_eq!(differing, 0, "of {} wall cells", before.occupied());
 }
 
-async fn assert_no_alert(client: &Client) {
-    let alerts = client.list("/v1/alerts", 50).await;
-    assert!(alerts.is_empty(), "{alerts:?}");
+/// What honest vehicles had before an attack.
+struct Honest {
+    state: State,
+    picture: Picture,
+}
+
+impl Honest {
+    async fn of(client: &Client) -> Self {
+        Self {
+            state: State::of(client, "line").await,
+            picture: Picture::of(client).await,
+        }
+    }
+
+    /// That an attack has moved no pose by more than 2 cm, no wall, and raised no alert.
+    async fn assert_unharmed(&self, client: &Client, attack: &str) {
+        self.assert_unmoved(client, attack).await;
+        assert_same_walls(&self.picture, &Picture::of(client).await);
+    }
+
+    async fn assert_unmoved(&self, client: &Client, attack: &str) {
+        let poses = State::of(client, "line").await.poses();
+        let ways_m = self.state.poses().into_iter().map(|(key, was)| {
+            let now = &poses[&key];
+            (now.translation() - was.translation()).norm()
+        });
+        let moved_m = ways_m.fold(0.0, f64::max);
+        let alerts = client.list("/v1/alerts", 50).await;
+        eprintln!(
+            "{attack}: the farthest honest pose moved by {:.2} mm, {} alerts",
+            1e3 * moved_m,
+            alerts.len()
+        );
+        assert!(moved_m < 0.02, "{attack}: {moved_m} m");
+        assert!(alerts.is_empty(), "{attack}: {alerts:?}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_edge_of_a_stranger_moves_nobody() {
     let service = with_map(60).await;
     let client = &service.client;
-    let before = State::of(client, "line").await;
+    let honest = Honest::of(client).await;
+    let before = &honest.state;
     let id = |k: usize| format!("map:{}", before.nodes[k]["id"]);
     let lie = |kind: &str, x: f64, information: f64| {
         let at_most = information.min(1e12);
@@ -92,7 +133,10 @@ async fn an_edge_of_a_stranger_moves_nobody() {
         let reason = batch["reason"].as_str().unwrap();
         assert!(reason.contains("move what others have mapped"), "{reason}");
     }
-    assert!(State::of(client, "line").await == before);
+    assert!(State::of(client, "line").await == *before);
+    honest
+        .assert_unharmed(client, "an edge that is 50 m off")
+        .await;
     service.stop().await;
 }
 
@@ -133,7 +177,7 @@ async fn an_edge_that_agrees_is_taken_however_sure_it_is() {
 async fn a_start_at_the_end_of_the_world_is_held_apart() {
     let service = with_map(60).await;
     let client = &service.client;
-    let before = Picture::of(client).await;
+    let honest = Honest::of(client).await;
     let drive = Drive::through(&HALL, &second_vehicle(), ("agv-02", "far"), 24, 2);
     let drive = Drive {
         initial_pose: Some(Pose2::new(9e5, -9e5, 0.0)),
@@ -144,7 +188,9 @@ async fn a_start_at_the_end_of_the_world_is_held_apart() {
     assert_eq!(batch["status"], "unanchored", "{batch}");
     let reason = batch["reason"].as_str().unwrap();
     assert!(reason.contains("m from the map"), "{reason}");
-    assert_same_walls(&before, &Picture::of(client).await);
+    honest
+        .assert_unharmed(client, "a start 1,273 km away")
+        .await;
     service.stop().await;
 }
 
@@ -152,7 +198,8 @@ async fn a_start_at_the_end_of_the_world_is_held_apart() {
 async fn giant_steps_widen_no_picture() {
     let service = with_map(60).await;
     let client = &service.client;
-    let before = Picture::of(client).await;
+    let honest = Honest::of(client).await;
+    let before = &honest.picture;
     let drive = Drive::through(&HALL, &second_vehicle(), ("agv-02", "giant"), 48, 2);
     // At 10 m/s, which is no speed to be refused for.
     for batch in drive.batches(12) {
@@ -169,8 +216,9 @@ async fn giant_steps_widen_no_picture() {
     // What it saw between its steps is part of the hall.
     let after = Picture::of(client).await;
     let resolution = |picture: &Picture| picture.yaml.lines().nth(2).map(str::to_owned);
-    assert_eq!(resolution(&before), resolution(&after));
+    assert_eq!(resolution(before), resolution(&after));
     assert!(after.width < before.width + 400, "{}", after.width);
+    honest.assert_unmoved(client, "steps of 99 m").await;
     service.stop().await;
 }
 
@@ -178,8 +226,7 @@ async fn giant_steps_widen_no_picture() {
 async fn another_building_in_the_middle_of_the_map_wears_no_wall_away() {
     let service = with_map(180).await;
     let client = &service.client;
-    let before = Picture::of(client).await;
-    let (walls, state) = (before.occupied(), State::of(client, "line").await);
+    let honest = Honest::of(client).await;
     let drive = Drive::through(&workshop(), &second_vehicle(), ("agv-02", "wrong"), 96, 7);
     let inside = HALL.route.pose_at(3.0);
     let drive = Drive {
@@ -192,14 +239,113 @@ async fn another_building_in_the_middle_of_the_map_wears_no_wall_away() {
         told.push(ended(client, &batch.id).await);
     }
     assert_eq!(told[3]["flags"], json!(["not_localised"]), "{told:?}");
-    let after = Picture::of(client).await;
-    assert_same_walls(&before, &after);
-    assert!(walls > 1_000, "{walls}");
-    let poses = State::of(client, "line").await.poses();
-    for (key, pose) in state.poses() {
-        let moved_m = (poses[&key].translation() - pose.translation()).norm();
-        assert!(moved_m < 1e-9, "{key:?} moved by {moved_m}");
+    assert!(honest.picture.occupied() > 1_000);
+    honest
+        .assert_unharmed(client, "another building in the middle of the map")
+        .await;
+    service.stop().await;
+}
+
+/// A batch of edges of a drive along a line with so many closures between its nodes, chosen by a function of
+/// their number.
+fn edges_of(nodes: usize, closures: usize, ends: impl Fn(usize) -> (usize, usize)) -> Value {
+    let pose = |x: f64| json!({"x": x, "y": 0.0, "theta": 0.0});
+    let edge = |kind: &str, from: usize, to: usize| {
+        json!({
+            "from": format!("{from}"), "to": format!("{to}"), "kind": kind,
+            "measurement": pose(to as f64 - from as f64),
+            "information": [400.0, 0.0, 0.0, 400.0, 0.0, 2500.0],
+        })
+    };
+    let odometry = (1..nodes).map(|k| edge("odometry", k - 1, k));
+    let closed = (0..closures).map(&ends).filter(|(from, to)| from != to);
+    let closures = closed.map(|(from, to)| edge("loop_closure", from, to));
+    json!({
+        "vehicle_id": "dense",
+        "nodes": (0..nodes).map(|k| json!({"id": format!("{k}"), "pose": pose(k as f64)})).collect::<Vec<_>>(),
+        "edges": odometry.chain(closures).collect::<Vec<_>>(),
+    })
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn closures_all_over_the_map_are_refused_unsolved() {
+    let service = with_map(60).await;
+    let client = &service.client;
+    let honest = Honest::of(client).await;
+    let (nodes, closures) = (800, 4_000);
+    let mut dense = edges_of(nodes, closures, |k| {
+        let mixed = k.wrapping_mul(2_654_435_761) >> 7;
+        (mixed % nodes, (mixed / nodes) % nodes)
+    });
+    let tie = json!({
+        "from": format!("map:{}", honest.state.nodes[5]["id"]), "to": "0", "kind": "odometry",
+        "measurement": {"x": 1.0, "y": 0.0, "theta": 0.0},
+        "information": [400.0, 0.0, 0.0, 400.0, 0.0, 2500.0],
+    });
+    dense["edges"].as_array_mut().unwrap().push(tie);
+    let (status, answer) = client.put_edges("line", "dense", &dense).await;
+    assert_eq!(status, 202, "{answer}");
+    let batch = client.ended("line", "dense").await;
+    assert_eq!(batch["status"], "quarantined", "{batch}");
+    let reason = batch["reason"].as_str().unwrap();
+    assert!(
+        reason.contains("so densely") && reason.contains("thin them"),
+        "{reason}"
+    );
+    honest
+        .assert_unharmed(client, "800 nodes with 4,000 closures at random")
+        .await;
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn beams_that_lie_upon_each_other_are_refused() {
+    let service = with_map(60).await;
+    let client = &service.client;
+    let honest = Honest::of(client).await;
+    let drive = Drive::through(&HALL, &second_vehicle(), ("agv-02", "narrow"), 12, 2);
+    let mut body: Value = serde_json::from_slice(&drive.batches(12)[0].body).unwrap();
+    body["lidar"]["angle_increment"] = json!(1e-12);
+    let (status, problem) = client
+        .put_body("/v1/routes/line/batches/narrow-000".to_owned(), &body)
+        .await;
+    assert_eq!(status, 422, "{problem}");
+    assert_eq!(problem["type"], "/problems/scan-geometry", "{problem}");
+    honest
+        .assert_unharmed(client, "beams 1e-12 rad apart")
+        .await;
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn noise_is_no_world() {
+    let service = with_map(60).await;
+    let client = &service.client;
+    let honest = Honest::of(client).await;
+    let drive = Drive::through(&HALL, &second_vehicle(), ("agv-02", "noise"), 24, 2);
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let noise: Vec<Vec<f64>> = (0..24)
+        .map(|_| (0..720).map(|_| random.random_range(0.5..15.0)).collect())
+        .collect();
+    let batches = drive.batches(12);
+    for (sequence, batch) in batches.iter().enumerate() {
+        let noisy = with_scans(batch, |k, scan| {
+            let ranges = scan["ranges"].as_array_mut().unwrap();
+            for (range, noise) in ranges.iter_mut().zip(&noise[12 * sequence + k]) {
+                *range = json!(noise);
+            }
+        });
+        client.put("line", &noisy).await;
+        ended(client, &batch.id).await;
     }
-    assert_no_alert(client).await;
+    honest
+        .assert_unmoved(client, "24 scans of random ranges")
+        .await;
+    let after = Picture::of(client).await;
+    eprintln!(
+        "walls: {} cells, {} before",
+        after.occupied(),
+        honest.picture.occupied()
+    );
     service.stop().await;
 }

@@ -82,6 +82,18 @@ impl Client {
         (answer.status().as_u16(), answer.json().await.unwrap())
     }
 
+    /// Puts a body; the status and the answer.
+    pub async fn put_body(&self, path: String, body: &Value) -> (u16, Value) {
+        let answer = self
+            .http
+            .put(format!("{}{path}", self.url))
+            .json(body)
+            .send()
+            .await
+            .unwrap();
+        (answer.status().as_u16(), answer.json().await.unwrap())
+    }
+
     /// Asks for a removal and waits for its end; hands back the operation.
     pub async fn remove(&self, route: &str, what: Value) -> Value {
         let url = format!("{}/v1/routes/{route}/removals", self.url);

@@ -94,6 +94,7 @@ impl Fixture {
             changed_edges: vec![],
             alerts: vec![],
             calibrations: Vec::new(),
+            clock_faults: Vec::new(),
             trip_start: None,
             stage: Stage::Mapping,
             input: job.input(),

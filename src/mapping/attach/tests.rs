@@ -244,9 +244,28 @@ fn tangle(nodes: usize, closures: usize) -> GivenGraph {
 fn what_could_not_be_solved_in_time_is_refused_before_it_is_tried() {
     let mut map = RouteMap::new(Weighting::Robust);
     let refused = map.attach(&tangle(3_000, 17_000));
-    assert!(matches!(refused, Err(NotAttached::TooDense)), "{refused:?}");
+    assert!(
+        matches!(refused, Err(NotAttached::TooDense { .. })),
+        "{refused:?}"
+    );
     let mut map = RouteMap::new(Weighting::Robust);
     assert!(map.attach(&tangle(120, 300)).is_ok());
+}
+
+#[test]
+fn a_batch_takes_no_more_multiplications_than_it_may() {
+    let given = ring(40, &[0.03, -0.02, 0.01]);
+    let mut map = RouteMap::new(Weighting::Robust);
+    let refused = map.attach_within(&given, 1e5);
+    assert!(
+        matches!(refused, Err(NotAttached::TooCostly)),
+        "{refused:?}"
+    );
+    let taken = map.solver.operations();
+    // The step that exceeds it is the last one.
+    assert!((1e5..1e6).contains(&taken), "{taken}");
+    let mut map = RouteMap::new(Weighting::Robust);
+    map.attach_within(&given, 1e9).unwrap();
 }
 
 #[test]

@@ -42,7 +42,8 @@ fn with_scope<T>(
     let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
     let pending = workspace.alerts.iter().filter(stays);
     let pending: Vec<Finding> = pending.map(|alert| alert.evidence.clone()).collect();
-    let suspects = suspects(&workspace.calibrations);
+    let mut suspects = suspects(&workspace.calibrations);
+    workspace.clock_faults.add_to(&mut suspects);
     let scope = Scope {
         sites,
         pending: &pending,

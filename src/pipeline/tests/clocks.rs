@@ -7,8 +7,9 @@ use super::super::process::process;
 use super::super::refusal::Processed;
 use super::super::worker::known_start;
 use super::bench::{Bench, at, route, upload};
+use crate::change::ChangeKind;
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
-use crate::model::BatchStatus;
+use crate::model::{BatchStatus, VehicleState};
 use crate::store::{BatchContent, NewBatch};
 
 const SCANS: usize = 12;
@@ -16,12 +17,16 @@ const SCANS: usize = 12;
 /// A drive that begins in an hour by a clock that is so many hours behind, in batches that arrive a
 /// second after their last scan.
 fn live(trip: &str, hour: i64, behind_h: i64) -> Vec<NewBatch> {
+    live_of("agv", trip, hour, behind_h)
+}
+
+fn live_of(vehicle: &str, trip: &str, hour: i64, behind_h: i64) -> Vec<NewBatch> {
     let whole = upload(trip, hour - behind_h, 1);
     let body: Value = serde_json::from_slice(&whole.body).unwrap();
     let scans = body["scans"].as_array().unwrap();
     let part = |(sequence, scans): (i64, &[Value])| {
         let mut body = body.clone();
-        body["vehicle_id"] = json!("agv");
+        body["vehicle_id"] = json!(vehicle);
         body["sequence"] = json!(sequence);
         body["scans"] = json!(scans);
         if sequence > 0 {
@@ -35,7 +40,7 @@ fn live(trip: &str, hour: i64, behind_h: i64) -> Vec<NewBatch> {
         let late = SignedDuration::from_hours(behind_h) + SignedDuration::from_secs(1);
         NewBatch {
             id: BatchId::new(format!("{trip}-{sequence}")).unwrap(),
-            vehicle_id: VehicleId::new("agv").unwrap(),
+            vehicle_id: VehicleId::new(vehicle).unwrap(),
             trip_id: TripId::new(trip).unwrap(),
             content: BatchContent::Scans {
                 sequence,
@@ -75,6 +80,58 @@ async fn the_trips_of_a_clock_that_went_back_count_from_when_they_arrived() {
             "{trip}: {stamps:?}"
         );
     }
+}
+
+/// The world is without the box for the first lap only; the vehicle whose clock is 20 hours behind sees it
+/// there, by its clock 19 hours before anybody saw that it was not.
+#[tokio::test]
+async fn a_clock_that_was_always_behind_neither_makes_nor_hides_a_change() {
+    let mut bench = Bench::new().await;
+    for batch in live_of("sound", "without", 0, 0) {
+        bench.merge(batch, 20).await;
+    }
+    let mut flagged = Vec::new();
+    for batch in live_of("behind", "first", 21, 20) {
+        let merged = bench.merge(batch, 20).await;
+        flagged.push(merged.flags.contains(&"clock_skew".to_owned()));
+    }
+    assert_eq!(flagged.iter().filter(|is_flagged| **is_flagged).count(), 1);
+    assert!(flagged[3], "{flagged:?}");
+    let standing = || async {
+        let alerts = bench.alerts().await;
+        let standing = alerts.iter().filter(|alert| alert.status.is_pending());
+        let brief =
+            |alert: &crate::store::AlertRecord| (alert.evidence.kind, alert.evidence.trips.clone());
+        standing.map(brief).collect::<Vec<_>>()
+    };
+    let suspected = vec![(
+        ChangeKind::VehicleSuspect,
+        vec![TripId::new("first").unwrap()],
+    )];
+    assert_eq!(standing().await, suspected);
+    let alerts = bench.alerts().await;
+    let suspect = alerts
+        .iter()
+        .find_map(|alert| alert.evidence.suspect.as_ref());
+    let text = &suspect.unwrap().faults[0].text;
+    assert!(text.contains("behind by about 20 h"), "{text}");
+    let vehicle = VehicleId::new("behind").unwrap();
+    let store = &bench.engine.store;
+    let record = store.vehicle(&route(), &vehicle).await.unwrap().unwrap();
+    assert_eq!(record.state(), VehicleState::Suspect);
+
+    // The same after a restart; and its next trip, which arrives on time, ends it.
+    let state = bench.state().await;
+    bench = bench.restarted().await;
+    assert_eq!(bench.state().await, state);
+    for batch in live_of("behind", "put-right", 45, 0) {
+        bench.merge(batch, 20).await;
+    }
+    let alerts = bench.alerts().await;
+    let of_vehicle = alerts
+        .iter()
+        .find(|alert| alert.evidence.kind == ChangeKind::VehicleSuspect);
+    assert!(!of_vehicle.unwrap().status.is_pending(), "{of_vehicle:?}");
 }
 
 /// A drive by the clock of a simulation that began so many seconds before it, and that is so many times

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::bench::{Bench, route, upload, upload_part, upload_spaced};
+use jiff::{SignedDuration, Timestamp};
+
+use super::bench::{Bench, at, route, upload, upload_part, upload_spaced};
 use crate::change::{AlertAction, AlertStatus};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{NodeId, TripId};
@@ -267,5 +269,44 @@ async fn what_was_accepted_can_be_undone_after_it_has_settled() {
         .unwrap();
     bench.decide(again, AlertAction::Accept).await;
     lap(&bench, 11).await;
+    bench.state().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_lies_between_archived_keyframes_is_deleted_and_nothing_else() {
+    let bench = driven(1..=8).await;
+    let before = bench.state().await;
+    let store = &bench.engine.store;
+    let trip = TripId::new("lap-2").unwrap();
+    let whole = store.trajectory(&route(), &trip).await.unwrap();
+    let early = store.delete_trajectories(at(0), 0).await.unwrap();
+    assert_eq!((early.scans, early.next), (0, None));
+
+    let later = Timestamp::now() + SignedDuration::from_hours(1);
+    let deleted = store.delete_trajectories(later, 0).await.unwrap();
+    assert!(deleted.scans > 20, "{deleted:?}");
+    let rest = store.delete_trajectories(later, deleted.next.unwrap());
+    assert_eq!(rest.await.unwrap(), Default::default());
+    let again = store.delete_trajectories(later, 0).await.unwrap();
+    assert_eq!((again.scans, again.next), (0, deleted.next));
+
+    assert!(bench.state().await == before, "the map is as it was");
+    let active: Vec<NodeId> = before
+        .nodes
+        .iter()
+        .filter(|node| node.active)
+        .map(|node| node.id)
+        .collect();
+    let left = store.trajectory(&route(), &trip).await.unwrap();
+    assert!(
+        left.len() < whole.len(),
+        "{} of {}",
+        left.len(),
+        whole.len()
+    );
+    let stays =
+        |pose: &&crate::store::TrajectoryPose| pose.is_keyframe || active.contains(&pose.node_id);
+    assert!(left.iter().eq(whole.iter().filter(stays)));
+    lap(&bench, 9).await;
     bench.state().await;
 }

@@ -48,6 +48,22 @@ impl Solver {
         }
     }
 
+    /// From now on all solves together take about so many multiplications at most, counted by the structure
+    /// of what is solved and not by a clock; they end where they are once it has.
+    pub fn allow(&mut self, operations_max: f64) {
+        self.minimiser.allow(operations_max);
+    }
+
+    /// How many multiplications all solves together have taken.
+    pub fn operations(&self) -> f64 {
+        self.minimiser.operations()
+    }
+
+    /// Whether solves have ended early, or would, because they have taken all that was allowed.
+    pub fn is_exhausted(&self) -> bool {
+        self.minimiser.is_exhausted()
+    }
+
     /// Solves the biconnected blocks that contain the touched edges, from the poses as they are.
     ///
     /// Within a block its node nearest to the component's first node is held, and the child blocks

@@ -23,6 +23,9 @@ const PREDICTED_SMALL: f64 = 1e-2;
 const PREDICTED_SHRINKS: f64 = 0.5;
 /// … and the ratio of the decrease to the predicted one is between this and its inverse.
 const GAIN_MIN: f64 = 0.25;
+/// About how many multiplications' time a factor takes in a step: its error, its derivatives, its part
+/// of the gradient and of the cost.
+const OPERATIONS_OF_FACTOR: f64 = 100.0;
 /// Damping below this is dropped, so that the end game is plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
@@ -37,6 +40,10 @@ pub(crate) struct Minimiser {
     here: Place,
     trial: Place,
     interrupt: Interrupt,
+    /// How many multiplications all of its steps have taken.
+    operations: f64,
+    /// More than this it may not take; `None` if it may take any number.
+    operations_max: Option<f64>,
 }
 
 /// Some poses, and what F is like there.
@@ -69,6 +76,22 @@ impl Minimiser {
             interrupt: interrupt.clone(),
             ..Self::default()
         }
+    }
+
+    /// From now on it ends where it is once its steps have taken so many multiplications.
+    pub(crate) fn allow(&mut self, operations_max: f64) {
+        self.operations_max = Some(self.operations + operations_max);
+    }
+
+    /// How many multiplications all of its steps have taken.
+    pub(crate) fn operations(&self) -> f64 {
+        self.operations
+    }
+
+    /// Whether it has taken all the multiplications that it was allowed.
+    pub(crate) fn is_exhausted(&self) -> bool {
+        self.operations_max
+            .is_some_and(|most| self.operations >= most)
     }
 
     /// Moves the poses that are not held to a minimum of the cost.
@@ -191,11 +214,13 @@ impl Minimiser {
     ) -> Termination {
         self.pairs.clear();
         while summary.iterations < options.iterations_max {
-            if self.interrupt.is_raised() {
+            if self.interrupt.is_raised() || self.is_exhausted() {
                 return Termination::Interrupted;
             }
             let predicted =
                 self.predicted_decrease(equations, &mut descent, options, summary.final_cost);
+            self.operations += equations.take_operations();
+            self.operations += OPERATIONS_OF_FACTOR * problem.factors.len() as f64;
             let is_best = self.here.cost <= summary.final_cost;
             if let Some(decrease) = predicted
                 && descent.damping <= DAMPING_MIN

@@ -111,6 +111,11 @@ impl NormalEquations {
             && self.slots.iter().zip(&problem.factors).all(fits)
     }
 
+    /// How many multiplications steps have taken since this was asked last.
+    pub(crate) fn take_operations(&mut self) -> f64 {
+        self.cholesky.take_operations()
+    }
+
     /// The number of unknown scalars.
     pub(crate) fn dimension(&self) -> usize {
         self.gradient.len()

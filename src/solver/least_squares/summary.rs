@@ -32,7 +32,8 @@ pub enum Termination {
     NothingToSolve,
     /// The budget of iterations was used up; the best poses so far are kept.
     IterationLimit,
-    /// Nobody waits for it any more; the best poses so far are kept.
+    /// Nobody waits for it any more, or it has taken all the multiplications that it may; the best poses so
+    /// far are kept.
     Interrupted,
     /// No step, however short, lowered the cost; the best poses so far are kept.
     NoProgress,

@@ -10,7 +10,7 @@ use pulp::Arch;
 use super::aligned::Aligned;
 use super::arena::Arena;
 use super::block_matrix::BlockMatrix;
-use super::elimination::{Part, eliminate};
+use super::elimination::{Part, eliminate, operations_to_eliminate};
 use super::front::{Front, NONE};
 use super::multifrontal::{Factorise, Scratch, SolveLower, SolveUpper};
 use super::ordering::DenseGraph;
@@ -38,6 +38,7 @@ pub struct BlockCholesky<const B: usize> {
     /// Memory: by variable, its place among the rows of the front that is worked on.
     place: Vec<u32>,
     scratch: Scratch,
+    operations: f64,
 }
 
 impl<const B: usize> BlockCholesky<B> {
@@ -67,7 +68,14 @@ impl<const B: usize> BlockCholesky<B> {
             keeps_updates,
             place: Vec::new(),
             scratch: Scratch::default(),
+            operations: 0.0,
         }
+    }
+
+    /// How many multiplications factoring and solving have taken since this was asked last: by
+    /// the structure, so that they are the same on every machine.
+    pub(crate) fn take_operations(&mut self) -> f64 {
+        std::mem::take(&mut self.operations)
     }
 
     /// Takes in variables and pairs that have been added to the matrix; `touched` are the
@@ -191,6 +199,11 @@ impl<const B: usize> BlockCholesky<B> {
         x: &mut [f64],
     ) -> bool {
         let least = matrix.least_diagonal();
+        let of_front = |&f: &u32| {
+            let front = &self.fronts[f as usize];
+            operations_to_eliminate::<B>(front.rows.len(), front.width)
+        };
+        self.operations += fronts.iter().map(of_front).sum::<f64>();
         Arch::new().dispatch(Factorise {
             fronts: &self.fronts,
             columns: self.columns.as_mut_slice(),
@@ -217,6 +230,8 @@ impl<const B: usize> BlockCholesky<B> {
 
     /// The same for a b that is zero but where a path eliminates.
     pub(crate) fn solve_lower_along(&mut self, path: &[u32], x: &mut [f64]) {
+        let columns = path.iter().map(|&f| self.fronts[f as usize].columns::<B>());
+        self.operations += columns.map(|columns| columns.len() as f64).sum::<f64>();
         Arch::new().dispatch(SolveLower::<B> {
             fronts: &self.fronts,
             columns: self.columns.as_slice(),
@@ -253,6 +268,7 @@ impl<const B: usize> BlockCholesky<B> {
 
     /// Solves Lᵀ x = y in place: the second half of [`Self::solve`].
     pub fn solve_upper(&mut self, x: &mut [f64]) {
+        self.operations += self.columns.as_slice().len() as f64;
         Arch::new().dispatch(SolveUpper::<B> {
             fronts: &self.fronts,
             columns: self.columns.as_slice(),

@@ -59,13 +59,15 @@ pub(super) fn eliminate<const B: usize>(
 pub fn operations_to_factor<const B: usize>(matrix: &BlockMatrix<B>) -> f64 {
     let order: Vec<u32> = (0..matrix.variables() as u32).collect();
     let parts = eliminate(matrix, &order, &[], &mut Vec::new());
+    let of_part = |part: &Part| operations_to_eliminate::<B>(part.rows.len(), part.width);
+    parts.iter().map(of_part).sum()
+}
+
+/// How many multiplications it takes to eliminate the first `width` of a dense front's `rows` variables.
+pub(super) fn operations_to_eliminate<const B: usize>(rows: usize, width: usize) -> f64 {
     // Σ k² from 1 to n, half of it by symmetry.
     let of_triangle = |n: f64| n * (n + 1.0) * (2.0 * n + 1.0) / 12.0;
-    let of_part = |part: &Part| {
-        let below = part.rows.len() - part.width;
-        of_triangle((part.rows.len() * B) as f64) - of_triangle((below * B) as f64)
-    };
-    parts.iter().map(of_part).sum()
+    of_triangle((rows * B) as f64) - of_triangle(((rows - width) * B) as f64)
 }
 
 /// Lists of numbers, each number in at most one list.

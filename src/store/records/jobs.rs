@@ -10,6 +10,7 @@ use crate::calibration::TripCorrections;
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId};
 use crate::model::{BatchStatus, Stage};
 use crate::store::alert_records::{AcceptedChange, AlertRecord};
+use crate::store::clock_faults::ClockFault;
 use crate::store::inputs::JobInput;
 use crate::store::trip_calibrations::TripCalibrationRecord;
 
@@ -96,6 +97,8 @@ pub struct JobResult {
     pub stage: Stage,
     /// What the trip says of its vehicle, by each lidar for which it was estimated.
     pub calibrations: Vec<TripCalibrationRecord>,
+    /// What was found of clocks, or has ended.
+    pub clock_faults: Vec<ClockFault>,
     /// What was decided of a trip that begins with this job.
     pub trip_start: Option<(TripId, TripStart)>,
     /// What was processed.
@@ -151,4 +154,6 @@ pub struct RouteGraph {
     /// What the newest trips of each vehicle say of each lidar: by vehicle and lidar, the oldest
     /// first.
     pub calibrations: Vec<TripCalibrationRecord>,
+    /// The trips whose clock is behind, by name.
+    pub clock_faults: Vec<ClockFault>,
 }
