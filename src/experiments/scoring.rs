@@ -58,7 +58,7 @@ pub struct Score {
     pub cpu_s: f64,
     /// Batches that never found a place in the map …
     pub batches_not_merged: usize,
-    /// … of so many.
+    /// … of this many.
     pub batches: usize,
 }
 

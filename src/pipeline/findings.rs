@@ -1,4 +1,4 @@
-//! What a route's map says about changes, by the route's rule.
+//! What contradicts a route's map, by the rule of the route's detector.
 
 use std::collections::BTreeSet;
 
@@ -13,25 +13,25 @@ use crate::ids::{EdgeId, NodeId, TripId};
 use crate::mapping::{Mending, RouteMap, Scope, Sites};
 use crate::store::AlertRecord;
 
-/// What lies about a closure that the paper's rule names, metres: the scans there see farther, and
-/// the rule does not say where.
+/// Half the size of the region about a closure that the paper's rule names, metres: the rule does not say
+/// where within the scans' range the change is.
 const PAPER_REGION_M: f64 = 1.0;
 
-/// What the scans of a map say, and what was put right in it.
+/// What the scans of a map show, and how the map was corrected for it.
 #[derive(Default)]
-pub(super) struct Observed {
+pub(super) struct Detected {
     pub findings: Vec<Finding>,
     pub mendings: Vec<Mending>,
 }
 
-/// Asks the scans, in fused mode, and mends the map where they prove where a segment belongs.
-/// Places are judged anew that something was seen of since the last time.
+/// Detects changes in the scans (detector `fused`), and moves misplaced segments of the map where scans prove
+/// where they belong. Only sites with new observations are judged again.
 ///
 /// # Errors
 /// If the graph refuses an id; the workspace is lost then.
-pub(super) fn observed(workspace: &mut Workspace) -> anyhow::Result<Observed> {
+pub(super) fn detect_in_scans(workspace: &mut Workspace) -> anyhow::Result<Detected> {
     if workspace.detector == Detector::Seed {
-        return Ok(Observed::default());
+        return Ok(Detected::default());
     }
     let evidence = workspace.alerts.iter().map(|alert| &alert.evidence);
     let known = evidence.filter(|known| known.kind == ChangeKind::MapMismatch);
@@ -39,11 +39,11 @@ pub(super) fn observed(workspace: &mut Workspace) -> anyhow::Result<Observed> {
     let (findings, mendings) = with_scope(workspace, Sites::Touched, |map, scope| {
         map.findings_and_mendings(scope, &known)
     })?;
-    Ok(Observed { findings, mendings })
+    Ok(Detected { findings, mendings })
 }
 
-/// What the scans say, in fused mode, where every place is judged anew; nothing is mended.
-pub(super) fn observed_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
+/// Detects changes in the scans (detector `fused`), judging every site again; the map is not corrected.
+pub(super) fn detect_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
     if workspace.detector == Detector::Seed {
         return Vec::new();
     }
@@ -53,7 +53,7 @@ pub(super) fn observed_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
 fn with_scope<T>(
     workspace: &mut Workspace,
     sites: Sites,
-    ask: impl FnOnce(&mut RouteMap, &Scope<'_>) -> T,
+    detect: impl FnOnce(&mut RouteMap, &Scope<'_>) -> T,
 ) -> T {
     let stays = |alert: &&AlertRecord| stays_untouched(alert.status, &alert.evidence);
     let pending = workspace.alerts.iter().filter(stays);
@@ -67,14 +67,14 @@ fn with_scope<T>(
         vehicles: &workspace.vehicles,
         suspects: &suspects,
     };
-    ask(&mut workspace.map, &scope)
+    detect(&mut workspace.map, &scope)
 }
 
-/// All findings that stand, those of the scans among them.
-pub(super) fn findings(workspace: &Workspace, observed: Vec<Finding>) -> Vec<Finding> {
+/// All findings of the route: those of its scans, and those of the residuals of its closures.
+pub(super) fn findings(workspace: &Workspace, in_scans: Vec<Finding>) -> Vec<Finding> {
     match workspace.detector {
         Detector::Fused => {
-            let mut findings = observed;
+            let mut findings = in_scans;
             findings.extend(by_residuals(workspace));
             findings
         }
@@ -104,7 +104,7 @@ fn by_the_paper(workspace: &Workspace) -> Vec<Finding> {
     subgraphs.into_values().flat_map(of_subgraph).collect()
 }
 
-/// A lap is over when as many keyframes have come as there are references.
+/// Where a closure is and in which lap: one lap is as many keyframes as there are references.
 fn place_of(
     workspace: &Workspace,
     sample: &ClosureSample,

@@ -1,4 +1,4 @@
-//! The task that deletes bodies of uploads when their time is over.
+//! The task that deletes bodies of uploads after their retention.
 
 use std::time::Duration;
 
@@ -7,18 +7,18 @@ use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
 
-/// How often old bodies are looked for.
-const LOOK: Duration = Duration::from_secs(60);
-/// Between two steps: uploads and results go first.
+/// How often old bodies are searched for.
+const POLL: Duration = Duration::from_secs(60);
+/// Pause between two steps: uploads and results go first.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Deletes the bodies of batches merged longer ago than `kept`, a few at a time, until it is told
-/// to stop.
+/// Deletes the bodies of batches merged longer ago than `kept`, a few at a time, until `stopping` is
+/// cancelled.
 pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: CancellationToken) {
     loop {
         let pause = match Timestamp::now().checked_sub(kept) {
             Ok(before) => delete_some(&store, before).await,
-            Err(_) => LOOK,
+            Err(_) => POLL,
         };
         let stopped = tokio::time::timeout(pause, stopping.cancelled()).await;
         if stopped.is_ok() {
@@ -27,7 +27,7 @@ pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: Cancel
     }
 }
 
-/// Returns when to look again.
+/// Returns the pause before the next step.
 async fn delete_some(store: &Store, before: Timestamp) -> Duration {
     match store.delete_bodies(before).await {
         Ok(deleted) if deleted.bodies > 0 => {
@@ -35,10 +35,10 @@ async fn delete_some(store: &Store, before: Timestamp) -> Duration {
             metrics::counter!("mapshift_bodies_deleted_bytes_total").increment(deleted.bytes);
             PAUSE
         }
-        Ok(_) => LOOK,
+        Ok(_) => POLL,
         Err(error) => {
             tracing::warn!(%error, "old bodies could not be deleted");
-            LOOK
+            POLL
         }
     }
 }

@@ -1,6 +1,6 @@
 //! One vehicle of a fleet sees the world otherwise than it says: nobody else is the worse for it.
 //!
-//! Nothing changes in the workshop, so that every change that is told is false. The fleet drives in
+//! Nothing changes in the workshop, so that every change that is reported is false. The fleet drives in
 //! turn, three laps a trip; a trip of fewer than 150 scans says nothing of its vehicle.
 
 use std::collections::BTreeSet;
@@ -28,7 +28,7 @@ const LAPS: usize = 3;
 const SCANS: usize = 60;
 const SCAN_SPACING_M: f64 = 0.5;
 const PATH_NOISE_M: f64 = 0.3;
-/// Trips of each vehicle before one of them is knocked: so many make it known.
+/// Trips of each vehicle before one of them is knocked: this many make it known.
 const TRIPS_BEFORE: usize = 4;
 const NAMED_WITHIN_BATCHES: usize = 20;
 const MOVED_WITHIN_M: f64 = 0.02;

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::super::process::process;
 use super::super::refusal::Processed;
-use super::super::worker::known_start;
+use super::super::trip_start::known_start;
 use super::bench::{Bench, at, route, upload};
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
 use crate::model::BatchStatus;
@@ -13,7 +13,7 @@ use crate::store::{BatchContent, NewBatch};
 
 const SCANS: usize = 12;
 
-/// A drive that begins in an hour by a clock that is so many hours behind, in batches that arrive a
+/// A drive that begins in an hour by a clock that is this many hours behind, in batches that arrive a
 /// second after their last scan.
 fn live(trip: &str, hour: i64, behind_h: i64) -> Vec<NewBatch> {
     let whole = upload(trip, hour - behind_h, 1);
@@ -77,7 +77,7 @@ async fn the_trips_of_a_clock_that_went_back_count_from_when_they_arrived() {
     }
 }
 
-/// A drive by the clock of a simulation that began so many seconds before it, and that is so many times
+/// A drive by the clock of a simulation that began this many seconds before it, and that is this many times
 /// as fast as the clock on the wall; in batches that arrive when they end.
 fn simulated(trip: &str, hour: i64, begins_s: i64, times_as_fast: i64) -> Vec<NewBatch> {
     let mut batches = live(trip, hour, 0);
