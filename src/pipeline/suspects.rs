@@ -221,8 +221,8 @@ mod tests {
         put(&mut all, "maker", &calibrations(0, 0));
         put(&mut all, "sound", &calibrations(100, 90));
         let found = suspects(&all);
-        let [suspect] = suspects.as_slice() else {
-            panic!("{suspects:?}");
+        let [suspect] = found.as_slice() else {
+            panic!("{found:?}");
         };
         assert_eq!((suspect.vehicle.as_str(), suspect.trips.len()), ("v", 2));
         assert!(suspect.faults[0].text.contains("of 100 keyframes"));
@@ -248,8 +248,8 @@ mod tests {
         for count in 1..=6 {
             calibrations.push(yaw(-0.01));
             let found = suspects(&route(&calibrations));
-            let [suspect] = suspects.as_slice() else {
-                panic!("{count}: {suspects:?}");
+            let [suspect] = found.as_slice() else {
+                panic!("{count}: {found:?}");
             };
             assert_eq!((suspect.trips.len(), suspect.faults.len()), (count, 1));
             assert_eq!(suspect.tier == Tier::Confirmed, count > 1);
@@ -275,9 +275,9 @@ mod tests {
         };
         assert_eq!(suspects(&route(&vec![word.clone(); 3])), []);
         let found = suspects(&route(&vec![word; 4]));
-        let fault = &suspects[0].faults[0];
+        let fault = &found[0].faults[0];
         assert!(fault.text.contains("off by -4.00"), "{fault:?}");
-        assert!(suspects[0].displacement().at_range_m(5.0) > 0.4);
+        assert!(found[0].displacement().at_range_m(5.0) > 0.4);
     }
 
     #[test]
@@ -297,15 +297,15 @@ mod tests {
         put(&mut all, "sound", &calibrations(0.001));
         put(&mut all, "other-way", &calibrations(-0.03));
         let found = suspects(&all);
-        assert_eq!(suspects.len(), 2, "{suspects:?}");
-        let text = &suspects[1].faults[0].text;
+        assert_eq!(found.len(), 2, "{found:?}");
+        let text = &found[1].faults[0].text;
         assert!(
             text.contains("the scale of the ranges is off by 3.00"),
             "{text}"
         );
         put(&mut all, "w", &calibrations(0.025));
         let found = suspects(&all);
-        let left: Vec<&str> = suspects.iter().map(|one| one.vehicle.as_str()).collect();
+        let left: Vec<&str> = found.iter().map(|one| one.vehicle.as_str()).collect();
         assert_eq!(left, ["other-way"]);
     }
 
@@ -320,19 +320,16 @@ mod tests {
         assert_eq!(suspects(&route(&calibrations)), []);
         calibrations.push(calibrations[4].clone());
         let found = suspects(&route(&calibrations));
-        assert_eq!(suspects[0].faults[0].text, "wheels slip");
-        assert_eq!(
-            (suspects[0].trips.len(), suspects[0].since),
-            (4, StampNs(20))
-        );
-        assert_eq!((suspects[0].until, suspects[0].scans), (None, 600));
+        assert_eq!(found[0].faults[0].text, "wheels slip");
+        assert_eq!((found[0].trips.len(), found[0].since), (4, StampNs(20)));
+        assert_eq!((found[0].until, found[0].scans), (None, 600));
         let loose: Vec<_> = [0.06, -0.05, 0.05, -0.06].map(yaw).into();
         let found = suspects(&route(&loose));
         assert!(
-            suspects[0].faults[0]
+            found[0].faults[0]
                 .text
                 .contains("differs from trip to trip"),
-            "{suspects:?}"
+            "{found:?}"
         );
     }
 }
