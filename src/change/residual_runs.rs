@@ -1,6 +1,7 @@
 //! From flagged closures to places that contradict the map.
 //!
-//! One closure proves little: at any rate of false alarms some are flagged in an unchanged world. A place is reported by several closures of one pass, or of passes one after the other, and
+//! One closure proves little: at any rate of false alarms some are flagged in an unchanged world. A place is
+//! reported by several closures of one pass, or of consecutive passes, and
 //! it ends with the first pass whose closures are all unsuspicious.
 
 use std::collections::BTreeSet;

@@ -23,12 +23,12 @@ const SEED: u64 = 4;
 const PACE: Duration = Duration::from_millis(600);
 /// … unless the whole run would take longer than a person waits.
 const DRIVE_MAX: Duration = Duration::from_secs(45);
-/// From this many laps on something stands in the second lap that is gone in the third …
+/// Fewest laps with an object that is there in the second lap only …
 const LAPS_WITH_OBSTACLE: u8 = 4;
 const OBSTACLE_LAP: usize = 1;
 /// … of so large a share of the mean area of what else stands there;
 const OBSTACLE_AREA_SHARE: f64 = 0.3;
-/// from this many on a vehicle's lidar is knocked aside, before the fourth.
+/// fewest laps with a vehicle whose lidar is knocked aside before the fourth.
 const LAPS_WITH_FAULT: u8 = 5;
 /// How far laps stray from the route, metres.
 const PATH_NOISE_M: f64 = 0.3;

@@ -52,7 +52,7 @@ const SCAN_SPACING_M: f64 = 0.2;
 pub struct BandsStudy {
     /// The first seed …
     pub first_seed: u64,
-    /// … of this many.
+    /// … of all of these.
     pub seeds: u64,
     /// The low band alone; both; and what of both the high one shows.
     pub rows: Vec<BandsRow>,

@@ -125,7 +125,7 @@ pub struct Outcome {
     pub others_worst_m: f64,
     /// Changes that were seen and are reported, …
     pub changes_found: usize,
-    /// … of this many.
+    /// … of all of these.
     pub changes: usize,
     /// Open alerts of changes where nothing changed.
     pub false_alerts: usize,

@@ -41,7 +41,7 @@ const PASSING_SEED: u64 = 1 << 40;
 pub struct WorldsStudy {
     /// The first seed …
     pub first_seed: u64,
-    /// … of this many.
+    /// … of all of these.
     pub seeds: u64,
     /// In the order of the conditions.
     pub rows: Vec<WorldRow>,

@@ -5,7 +5,7 @@ use super::linear::{BlockMatrix, approximate_minimum_degree, operations_to_facto
 /// Unknowns of a pose.
 const POSE_SIZE: usize = 3;
 
-/// How many multiplications one factorisation takes of the equations of a graph with this many nodes
+/// Number of multiplications of one factorisation of the equations of a graph with this number of nodes
 /// and these edges, as pairs of node indices; `None` if memory runs out.
 pub fn operations_to_solve(nodes: usize, edges: &[(u32, u32)]) -> Option<f64> {
     let order = approximate_minimum_degree(nodes, edges)?;

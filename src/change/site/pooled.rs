@@ -217,7 +217,7 @@ impl Pooled {
             && (is_large || is_small_but_sure)
     }
 
-    /// Whether this many passes show it that no error of the map explains it.
+    /// Whether so many passes show it that no error of the map explains it.
     pub fn is_sure(&self) -> bool {
         self.support >= SUPPORT_SURE
     }

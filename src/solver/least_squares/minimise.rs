@@ -97,7 +97,7 @@ impl Minimiser {
         minimiser.descend_from_here(Descent::plain(), problem, options)
     }
 
-    /// The same for a problem that grows: it had this many of its poses and factors when it was
+    /// The same for a problem that grows: it had `known` poses and factors when it was
     /// minimised last. That the optimum found before is close to the next is what makes this
     /// fast, not right.
     pub(crate) fn minimise_more(

@@ -155,7 +155,7 @@ impl NormalEquations {
         }
     }
 
-    /// Adds this many times a factor's parts to its ends' diagonal blocks.
+    /// Adds a multiple of a factor's parts to its ends' diagonal blocks.
     #[inline(always)]
     fn add_to_diagonal(&mut self, slot: Slot, blocks: &BlocksOfOne, times: f64) {
         let ends = [(slot.from, &blocks.from_from), (slot.to, &blocks.to_to)];

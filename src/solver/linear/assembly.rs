@@ -99,7 +99,7 @@ impl FromChild<'_> {
         }
     }
 
-    /// Adds the child's jth B columns to these, which lack this many of the parent's rows.
+    /// Adds the child's jth B columns to these, which lack the first rows of the parent.
     #[inline(always)]
     fn add_column_block<const B: usize>(
         &self,
