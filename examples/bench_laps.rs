@@ -11,7 +11,7 @@
 //! Scans are taken every SPACING_M metres, 0.5 if no number is given; with 2 m a lap costs an eighth, and
 //! ten thousand of them take half an hour.
 //!
-//! So many of the newest STRETCHES stay in the map as the service lets stay if no number is given.
+//! This many of the newest STRETCHES stay in the map as the service lets stay if no number is given.
 //!
 //! A lap's time is the processor time of the whole process from the upload to the commit of its
 //! result, all threads together; making the lap up is not counted.
@@ -43,7 +43,7 @@ const SCAN_SPACING_M: f64 = 0.5;
 const SEED: u64 = 4_711;
 /// Between the starts of two laps.
 const LAP_EVERY: SignedDuration = SignedDuration::from_mins(5);
-/// No more laps than about so many are drawn.
+/// No more laps than about this many are drawn.
 const DRAWN_LAPS_MAX: usize = 1_000;
 /// Objects put down before the last lap.
 const CHANGES: usize = 3;
@@ -78,7 +78,7 @@ async fn main() -> anyhow::Result<()> {
     let scan_spacing_m = args.next().map(|text| text.parse()).transpose()?;
     let scan_spacing_m = scan_spacing_m.unwrap_or(SCAN_SPACING_M);
     if let Some(stretches) = args.next() {
-        options.active_stretches = stretches.parse()?;
+        options.active_segments = stretches.parse()?;
     }
     let data = tempfile::tempdir()?;
     let stopping = CancellationToken::new();
@@ -255,7 +255,7 @@ impl Bench {
         );
         ensure!(
             !alerts.iter().any(|a| is_false(&a)),
-            "something else was told"
+            "something else was reported"
         );
         Ok(())
     }

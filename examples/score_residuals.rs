@@ -29,11 +29,11 @@ struct Tally {
     settled: usize,
     settled_at: usize,
     unchanged: usize,
-    unchanged_told: usize,
+    unchanged_flagged: usize,
     entering: usize,
-    entering_told: usize,
+    entering_flagged: usize,
     displaced: usize,
-    displaced_told: usize,
+    displaced_flagged: usize,
     found: usize,
     elsewhere: usize,
     several: usize,
@@ -47,7 +47,7 @@ fn main() {
     let (first, seeds) = (arguments[0] as u64, arguments[1] as u64);
     let rate = arguments.get(2).copied().unwrap_or(1e-3);
     println!(
-        "displaced by | settled, at | told unchanged | told displaced | told on entering | alerts: one, none, several | elsewhere"
+        "displaced by | settled, at | flagged unchanged | flagged displaced | flagged on entering | alerts: one, none, several | elsewhere"
     );
     for by_m in [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5] {
         let mut tally = Tally::default();
@@ -60,11 +60,11 @@ fn main() {
             t.settled,
             t.cases,
             t.settled_at as f64 / t.settled.max(1) as f64,
-            t.unchanged_told,
+            t.unchanged_flagged,
             t.unchanged,
-            t.displaced_told,
+            t.displaced_flagged,
             t.displaced,
-            t.entering_told,
+            t.entering_flagged,
             t.entering,
             t.found,
             t.settled - t.found - t.several,
@@ -119,14 +119,14 @@ fn run(seed: u64, by_m: f64, rate: f64, tally: &mut Tally) {
             by_m > 0.0 && lap >= CHANGED && (PLACES.end..PLACES.end + 3).contains(&place);
         if is_off {
             tally.displaced += 1;
-            tally.displaced_told += usize::from(closure.told);
+            tally.displaced_flagged += usize::from(closure.flagged);
             if place == PLACES.start {
                 tally.entering += 1;
-                tally.entering_told += usize::from(closure.told);
+                tally.entering_flagged += usize::from(closure.flagged);
             }
         } else if !is_behind {
             tally.unchanged += 1;
-            tally.unchanged_told += usize::from(closure.told);
+            tally.unchanged_flagged += usize::from(closure.flagged);
         }
     }
     let findings = residual_runs(&judged);
@@ -180,6 +180,6 @@ fn judged(map: &RouteMap, sample: &ClosureSample, p_value: f64, rate: f64) -> Ju
         stamp: keyframe.stamp,
         trip: (keyframe.trip.clone(), keyframe.trip_order),
         p_value,
-        told: p_value < rate,
+        flagged: p_value < rate,
     }
 }

@@ -54,7 +54,7 @@ const OFF: [Quantity; 7] = [
     Quantity::TurnPerMetre,
     Quantity::BeamSpacing,
 ];
-/// Of the laps of a map the world changes before this one, counted from 0; and of so many.
+/// Of the laps of a map the world changes before this one, counted from 0; and of this many.
 const CHANGES_AT: usize = 7;
 const LAPS: usize = 9;
 /// From the start of a lap to that of the next, seconds.
@@ -134,10 +134,10 @@ fn sent(
     let start_s = LAP_PAUSE_S * lap as f64;
     let mut last: Option<(Pose2, Pose2)> = None;
     let mut scan = |scan: &SimScan| {
-        let odom_from_base = last.map_or(scan.odom_from_base, |(simulated, told)| {
+        let odom_from_base = last.map_or(scan.odom_from_base, |(simulated, reported)| {
             let mut twist = simulated.between(&scan.odom_from_base).log();
             twist.z /= 1.0 + truth.get(Quantity::TurnScale);
-            told.compose(&Pose2::exp(&twist))
+            reported.compose(&Pose2::exp(&twist))
         });
         last = Some((scan.odom_from_base, odom_from_base));
         Ok(TripScan {
@@ -159,7 +159,7 @@ fn word(lap: usize, scans: &[TripScan]) -> anyhow::Result<CalibratedTrip> {
 }
 
 /// What became of one vehicle, after each of its laps.
-struct Told {
+struct Reported {
     truth: Corrections,
     sure: Vec<Estimates>,
     /// Laps with a vehicle that would be suspected.
@@ -174,17 +174,18 @@ fn words(first: u64, vehicles: u64, laps: usize) -> anyhow::Result<()> {
             ("a lap errs together", PassErrors::AS_RECORDED),
         ] {
             for (kind, off) in [("sound", &[][..]), ("off", &OFF)] {
-                let told = (first..first + vehicles).into_par_iter();
-                let told = told.map(|seed| tell(name, pass_errors, &errors(seed, off), seed, laps));
-                let told: Vec<Told> = told.collect::<anyhow::Result<_>>()?;
-                let alerts: usize = told.iter().map(|told| told.alerts).sum();
+                let reported = (first..first + vehicles).into_par_iter();
+                let reported =
+                    reported.map(|seed| tell(name, pass_errors, &errors(seed, off), seed, laps));
+                let reported: Vec<Reported> = reported.collect::<anyhow::Result<_>>()?;
+                let alerts: usize = reported.iter().map(|reported| reported.alerts).sum();
                 writeln!(
                     console,
                     "{name}, {condition}: {vehicles} vehicles that are {kind}, {laps} laps: \
                      {alerts} alerts"
                 )?;
                 for quantity in Quantity::ALL {
-                    row(&mut console, quantity, &told)?;
+                    row(&mut console, quantity, &reported)?;
                 }
             }
         }
@@ -192,20 +193,24 @@ fn words(first: u64, vehicles: u64, laps: usize) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn row(console: &mut impl Write, quantity: Quantity, told: &[Told]) -> anyhow::Result<()> {
-    let truth = |told: &Told| told.truth.get(quantity);
-    let worth = told.iter();
-    let worth = worth.filter(|told| truth(told).abs() >= quantity.applied_min());
+fn row(console: &mut impl Write, quantity: Quantity, reported: &[Reported]) -> anyhow::Result<()> {
+    let truth = |reported: &Reported| reported.truth.get(quantity);
+    let worth = reported.iter();
+    let worth = worth.filter(|reported| truth(reported).abs() >= quantity.applied_min());
     let (mut after, mut left, mut wrong): (Vec<usize>, Vec<f64>, usize) = Default::default();
-    for told in told {
-        let sure = told.sure.iter().enumerate();
+    for reported in reported {
+        let sure = reported.sure.iter().enumerate();
         let mut sure = sure.filter_map(|(lap, sure)| Some((lap + 1, sure.get(&quantity)?.value)));
         let Some((lap, value)) = sure.next() else {
             continue;
         };
         let values: Vec<f64> = std::iter::once(value).chain(sure.map(|(_, v)| v)).collect();
-        let off = |value: &f64| (value - truth(told)).abs();
-        wrong += usize::from(values.iter().any(|value| off(value) >= truth(told).abs()));
+        let off = |value: &f64| (value - truth(reported)).abs();
+        wrong += usize::from(
+            values
+                .iter()
+                .any(|value| off(value) >= truth(reported).abs()),
+        );
         after.push(lap);
         left.push(values.last().map_or(0.0, off));
     }
@@ -233,7 +238,7 @@ fn tell(
     truth: &Corrections,
     seed: u64,
     laps: usize,
-) -> anyhow::Result<Told> {
+) -> anyhow::Result<Reported> {
     let scene = world(name, seed)?;
     let (vehicle, stated) = vehicle(truth, pass_errors);
     let stated = Arc::new(stated.validated()?);
@@ -255,7 +260,7 @@ fn tell(
             !(known.changes().is_empty() && known.unsteady().is_empty() && faults.is_empty()),
         );
     }
-    Ok(Told {
+    Ok(Reported {
         truth: *truth,
         sure,
         alerts,

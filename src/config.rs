@@ -1,6 +1,6 @@
 //! The service's settings: flags, the variables `MAPSHIFT_*`, or a file.
 //!
-//! Knows what can be set, and nothing of what becomes of it. Begin with [`ServiceArgs::app_config`].
+//! Must not know how settings are used. Begin with [`ServiceArgs::app_config`].
 
 mod settings;
 mod settings_file;
@@ -19,29 +19,29 @@ use crate::pipeline::PipelineOptions;
 use crate::webhooks::{DeliveryOptions, ReceiverPolicy};
 
 /// Settings of `serve`. Each that has a variable can be given by its flag, by the variable or in a
-/// file; the flag beats the variable, and both the file.
+/// file; the flag overrides the variable, and both the file.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ServiceArgs {
     /// Address to listen on; port 0 takes any free port.
     #[arg(long, env = "MAPSHIFT_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
-    /// Directory that holds the database; made if it is missing.
+    /// Directory of the database; created if missing.
     #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
     pub data: PathBuf,
-    /// Go on without the last commits of a process that was killed if its write-ahead log is lost.
+    /// Start even if a killed process's write-ahead log is lost, without its last commits.
     #[arg(long)]
     pub accept_lost_log: bool,
-    /// Memory for maps between their batches, MiB; those longest unused make room.
+    /// Memory for maps that are not being worked on, MiB; the least recently used make room.
     #[arg(long, env = "MAPSHIFT_MAP_MEMORY_MB", default_value_t = 1024)]
     pub map_memory_mb: usize,
-    /// Delete uploaded bodies so many days after they were merged; kept for ever if left out.
+    /// Delete uploaded bodies this many days after they were merged; by default never.
     #[arg(long, env = "MAPSHIFT_KEEP_BODIES_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub keep_bodies_days: Option<u32>,
-    /// Delete where vehicles were between keyframes, and the uploaded bodies that say it too, so many days after
-    /// they were merged; kept for ever if left out. What is still in a map stays.
+    /// Delete where vehicles were between keyframes, and the uploaded bodies that show it, this many days after
+    /// they were merged; by default never. What is still in a map stays.
     #[arg(long, env = "MAPSHIFT_TRAJECTORY_RETENTION_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub trajectory_retention_days: Option<u32>,
-    /// How much of the connections, uploads, reads and streams one client address may hold, per cent.
+    /// Share of connections, uploads, reads and streams that one client address may hold, per cent.
     /// The address is that of the socket, whatever X-Forwarded-For says: behind a proxy, or where all
     /// gateways come through one NAT, say 100 and have the proxy limit its clients.
     #[arg(long, env = "MAPSHIFT_ADDRESS_SHARE", default_value_t = 50, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=100))]
@@ -52,15 +52,15 @@ pub struct ServiceArgs {
     /// What is logged, e.g. `info` or `mapshift=debug`.
     #[arg(long, env = "MAPSHIFT_LOG", default_value = "info")]
     pub log: String,
-    /// Listen on an address that others can reach, although there is no key and nobody is asked for one.
+    /// Listen on an address that others can reach, although there is no key and no authentication.
     #[arg(long, env = "MAPSHIFT_INSECURE_OPEN_TO_NETWORK")]
     pub insecure_open_to_network: bool,
-    /// Where people reach the service, like `https://maps.example.com`, if that is not the address that it
-    /// listens on. Requests for other names are refused.
+    /// Public URL of the service, like `https://maps.example.com`, if it differs from the listening address.
+    /// Requests for other names are refused.
     #[arg(long, env = "MAPSHIFT_PUBLIC_URL", value_name = "URL")]
     pub public_url: Option<PublicUrl>,
-    /// Addresses of proxies whose X-Forwarded-User or X-Auth-Request-User, with the groups beside it, say
-    /// who sends a request, like 127.0.0.1 or 10.1.0.0/16; may be given several times.
+    /// Addresses of proxies whose X-Forwarded-User or X-Auth-Request-User and groups are trusted to identify
+    /// the sender of a request, like 127.0.0.1 or 10.1.0.0/16; may be given several times.
     #[arg(
         long = "trusted-proxy",
         env = "MAPSHIFT_TRUSTED_PROXY",
@@ -68,8 +68,8 @@ pub struct ServiceArgs {
         value_delimiter = ','
     )]
     pub trusted_proxies: Vec<Network>,
-    /// What the members of a group may do whom a trusted proxy has signed in, like
-    /// map-keepers=maintainer; may be given several times.
+    /// Role of the members of a group that a trusted proxy has authenticated, like map-keepers=maintainer; may be
+    /// given several times.
     #[arg(
         long = "proxy-role",
         env = "MAPSHIFT_PROXY_ROLE",
@@ -77,9 +77,8 @@ pub struct ServiceArgs {
         value_delimiter = ','
     )]
     pub proxy_roles: Vec<GroupRole>,
-    /// Send webhooks to private networks too, and by http: for closed plants whose receivers live in
-    /// the plant's own network. Whoever may register webhooks can then make the service call
-    /// whatever it reaches there.
+    /// Send webhooks to private networks too, and by http: for closed plants with receivers in their own
+    /// network. Anyone who may register webhooks can then make the service call any address it reaches there.
     #[arg(long, env = "MAPSHIFT_WEBHOOKS_TO_PRIVATE_NETWORKS")]
     pub webhooks_to_private_networks: bool,
 }
@@ -102,21 +101,20 @@ pub struct AppConfig {
     pub data_dir: PathBuf,
     /// Whether a database is opened whose write-ahead log is lost.
     pub accept_lost_log: bool,
-    /// How much is taken on.
+    /// Limits on connections, uploads and reads.
     pub limits: Limits,
-    /// How much is kept.
+    /// How much is kept in memory and on disk.
     pub pipeline: PipelineOptions,
     /// How webhooks are called.
     pub delivery: DeliveryOptions,
-    /// Under which names the service is reached, and who is believed.
+    /// The service's public names and trusted proxies.
     pub access: AccessOptions,
     /// Whether it listens on any address even without a key.
     pub insecure_open_to_network: bool,
 }
 
 impl AppConfig {
-    /// Whether the address may be listened on: one that others can reach only if they are asked who they
-    /// are.
+    /// Whether the service may listen on the address: if others can reach it, only with authentication.
     ///
     /// # Errors
     /// [`ConfigError::OpenToNetwork`].
@@ -199,7 +197,7 @@ impl ServiceArgs {
     }
 }
 
-/// A directory of its own for a service that is thrown away afterwards; not made yet.
+/// The path of a temporary data directory, which is not created yet.
 pub fn temporary_data_dir() -> PathBuf {
     std::env::temp_dir().join(format!("mapshift-{}", uuid::Uuid::now_v7()))
 }
@@ -283,12 +281,12 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_told_in_mebibytes_and_time_in_days() {
+    fn memory_is_given_in_mebibytes_and_time_in_days() {
         let kept = args("127.0.0.1:0", false).app_config().pipeline;
         assert_eq!(kept.map_memory_bytes, 64 * 1024 * 1024);
         assert_eq!(kept.keep_bodies, Some(Duration::from_secs(172_800)));
         let defaults = PipelineOptions::default();
-        assert_eq!(kept.active_stretches, defaults.active_stretches);
+        assert_eq!(kept.active_segments, defaults.active_segments);
         assert_eq!(defaults.keep_bodies, None);
     }
 }

@@ -1,6 +1,6 @@
-//! How this program calls others by HTTP: who it says it is, and which cryptography it trusts.
+//! The HTTP client of this program: its user agent, no redirects, TLS.
 //!
-//! Knows nothing of what is sent where. Begin with [`builder`].
+//! Must not know what is sent where. Begin with [`builder`].
 
 use reqwest::{ClientBuilder, redirect};
 use rustls::crypto::ring;
@@ -10,7 +10,7 @@ const USER_AGENT: &str = concat!("mapshift/", env!("CARGO_PKG_VERSION"));
 /// A client that names this program, follows no redirects, and trusts the certificates of the
 /// system. Building it fails on a system without any.
 pub fn builder() -> ClientBuilder {
-    // reqwest takes what the process has; an error says that somebody has chosen already.
+    // reqwest uses the provider of the process; an error means that one is installed already.
     let _ = ring::default_provider().install_default();
     reqwest::Client::builder()
         .user_agent(USER_AGENT)

@@ -1,6 +1,6 @@
 //! Names that clients choose, numbers that the service chooses, and time stamps.
 //!
-//! Knows nothing of what they name. Begin with [`validate_name`].
+//! Must not know what they name. Begin with [`validate_name`].
 
 use std::fmt;
 
@@ -89,7 +89,7 @@ name_type!(
     LidarId
 );
 name_type!(
-    /// One drive of one vehicle, in one odometry frame.
+    /// One trip of one vehicle, in one odometry frame.
     TripId
 );
 name_type!(
@@ -172,12 +172,12 @@ uuid_type!(
     KeyId
 );
 
-/// 2000-01-01T00:00:00Z: no lidar with this service was driven before, nanoseconds.
+/// 2000-01-01T00:00:00Z in nanoseconds: earlier stamps are not real times.
 const SIMULATED_BEFORE_NS: i64 = 946_684_800_000_000_000;
 
 impl StampNs {
-    /// Whether it lies before 2000: by the clock of a simulation, which begins at 0, or by one that was
-    /// never set. Such a stamp says how long after another a scan was taken, and not when.
+    /// Whether it is before 2000: from a simulation's clock, which begins at 0, or from one that was never set.
+    /// Such stamps give only the time between scans.
     pub fn is_simulated(self) -> bool {
         self.0 < SIMULATED_BEFORE_NS
     }

@@ -119,16 +119,16 @@ pub const METRICS: &[Metric] = &[
         Some(Unit::Seconds),
         "Time to answer a request",
     ),
-    counter("mapshift_uploads_total", "Uploads by how they ended"),
+    counter("mapshift_uploads_total", "Uploads by outcome"),
     gauge("mapshift_pending_batches", "Batches that wait to be processed"),
     gauge("mapshift_batches", "Batches that are not in a map, by status"),
     counter(
         "mapshift_batches_ended_total",
-        "Batches by the status that they ended with; one that is tried again ends again",
+        "Batches by final status; a batch that is tried again is counted again",
     ),
     gauge(
         "mapshift_queue_oldest_seconds",
-        "Time since the oldest batch arrived that waits for its first try; 0 if none does",
+        "Age of the oldest batch that waits for its first attempt; 0 if none does",
     )
     .in_unit(Unit::Seconds),
     gauge("mapshift_open_alerts", "Alerts that wait for a decision and are not muted"),
@@ -136,12 +136,12 @@ pub const METRICS: &[Metric] = &[
     gauge("mapshift_routes", "Routes by stage"),
     counter(
         "mapshift_map_mendings_total",
-        "Segments of maps that lay in the wrong place and were put right by closures",
+        "Misplaced segments of maps that were moved by closures",
     ),
     gauge("mapshift_maps_in_memory", "Maps kept in memory between batches"),
-    gauge("mapshift_maps_in_memory_bytes", "What they take, about").in_bytes(),
+    gauge("mapshift_maps_in_memory_bytes", "Approximate size of these maps").in_bytes(),
     gauge("mapshift_database_bytes", "Length of the database, its write-ahead log included").in_bytes(),
-    gauge("mapshift_database_unused_bytes", "Bytes in the database that are used before its file grows")
+    gauge("mapshift_database_unused_bytes", "Unused bytes in the database, which are filled before the file grows")
         .in_bytes(),
     gauge("mapshift_wal_bytes", "Length of the write-ahead log").in_bytes(),
     gauge("mapshift_disk_free_bytes", "Bytes that are free on the disk of the data directory").in_bytes(),
@@ -154,7 +154,7 @@ pub const METRICS: &[Metric] = &[
         "mapshift_disk_full_in_days",
         "Days until the disk is full at that growth; +Inf without growth, NaN on the first day",
     ),
-    counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted when their time was over"),
+    counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted after their retention"),
     counter("mapshift_bodies_deleted_bytes_total", "Length of those bodies, compressed").in_bytes(),
     counter("mapshift_trajectory_scans_deleted_total", "Scans between keyframes deleted when their time was over"),
     counter("mapshift_corrupt_scans_total", "Scans that were left out of a map because they are corrupt on the disk"),
@@ -168,7 +168,7 @@ pub const METRICS: &[Metric] = &[
     gauge("mapshift_connections", "Open connections"),
     counter(
         "mapshift_limit_refusals_total",
-        "Connections and requests refused, by limit, and by scope: the address has its share, or the service has no more",
+        "Connections and requests refused, by limit and scope: the address has used its share, or the service is full",
     ),
     counter(
         "mapshift_connections_displaced_total",
@@ -177,7 +177,7 @@ pub const METRICS: &[Metric] = &[
     counter("mapshift_slow_bodies_total", "Requests whose body came too slowly"),
     counter(
         "mapshift_stalled_clients_total",
-        "Connections cut off because their client did not take its answer",
+        "Connections closed because their client did not read the response",
     ),
 ];
 

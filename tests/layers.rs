@@ -42,7 +42,7 @@ const LAYERS: [&str; 25] = [
     "cli",
 ];
 
-/// The pure modules: the first so many of [`LAYERS`].
+/// Number of pure modules, the first of [`LAYERS`].
 const CORE: usize = 12;
 
 /// What a core module must not name: runtimes, the world outside, clocks, chance without a seed.

@@ -34,7 +34,7 @@ pub async fn serve() -> anyhow::Result<()> {
     Ok(std::fs::remove_dir_all(data_dir)?)
 }
 
-/// The service as a process, whose processor time can be told from the vehicles'.
+/// The service as a process, whose processor time can be distinguished from the vehicles'.
 pub struct Service {
     child: Child,
     /// Where it listens.

@@ -20,7 +20,7 @@ use super::fleet;
 
 const LAPS: usize = 4;
 const SCANS_PER_BATCH: usize = 20;
-/// The least time of so many rounds is told.
+/// The least time of this many rounds is reported.
 const ROUNDS: usize = 3;
 const JOURNAL_LEVEL: i32 = 3;
 

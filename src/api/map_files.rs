@@ -14,7 +14,7 @@ use super::problem::Problem;
 use crate::change::PendingChange;
 use crate::ids::RouteId;
 use crate::model::MapLayer;
-use crate::render::{Decided, Look, MapImageError, MapPicture};
+use crate::render::{Decided, MapImageError, MapPicture, PosedScan};
 use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
@@ -195,12 +195,12 @@ fn draw(
     for node in nodes.iter().filter(|node| node.node.is_localised()) {
         scans.extend(node.decoded_scans()?);
     }
-    let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {
+    let scans = scans.iter().map(|(stamp, map_from_base, scan)| PosedScan {
         stamp: *stamp,
         map_from_base: *map_from_base,
         scan,
     });
-    Ok(MapPicture::draw(looks, Decided { accepted, pending })?)
+    Ok(MapPicture::draw(scans, Decided { accepted, pending })?)
 }
 
 /// An answer made of a picture, and how long it holds.

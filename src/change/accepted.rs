@@ -1,13 +1,13 @@
-//! A change that the map has taken in.
+//! A change that was accepted into the map.
 
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::ids::{AlertId, EdgeId, NodeId, StampNs};
 
-/// The region of an accepted change reaches so far beyond what was seen to change, metres.
+/// Margin of the region of an accepted change, metres.
 pub const ACCEPTED_MARGIN_M: f64 = 0.1;
 
-/// A change of the world that a route's map shows since an alert was accepted: inside its region
-/// looks from before the change say nothing any more.
+/// A change of the world that was accepted into a route's map: in its region, observations from before the
+/// change no longer count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AcceptedChange {
     /// The alert that was accepted.
@@ -15,7 +15,7 @@ pub struct AcceptedChange {
     /// A simple polygon, map frame, metres, counter-clockwise, not closed; the change reaches
     /// [`ACCEPTED_MARGIN_M`] beyond it.
     pub region: Vec<Vector2<f64>>,
-    /// The first look that shows the new state.
+    /// The first observation of the new state.
     pub since: StampNs,
     /// The version of the map that began with it.
     pub map_version: i64,
@@ -31,14 +31,13 @@ impl AcceptedChange {
         distance_to_polygon(point, &self.region) <= ACCEPTED_MARGIN_M
     }
 
-    /// Whether what a look of this time says about this point is out of date.
+    /// Whether an observation of this point at this time is out of date.
     pub fn outdates(&self, stamp: StampNs, point: &Vector2<f64>) -> bool {
         stamp < self.since && self.covers(point)
     }
 
-    /// Whether a closure has left the baseline of its residual series: it was made before the
-    /// acceptance and ends at a node that shows the place. The baseline restarts there with the
-    /// closures made since.
+    /// Whether a closure has left the baseline of its residual series: it was made before the acceptance and
+    /// ends at a node that shows the place. There the baseline restarts with later closures.
     pub fn leaves_baseline(&self, edge: EdgeId, from: NodeId, to: NodeId) -> bool {
         let shows = |node: &NodeId| self.nodes.binary_search(node).is_ok();
         edge < self.first_edge_id && (shows(&from) || shows(&to))
@@ -71,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn earlier_looks_are_out_of_date_inside_and_a_little_beyond() {
+    fn earlier_observations_are_out_of_date_inside_and_a_little_beyond() {
         let change = accepted();
         for (x, y, covered) in [
             (0.5, 0.5, true),

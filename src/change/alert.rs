@@ -1,4 +1,4 @@
-//! The life of an alert: what people may do with it, and what later looks make of it.
+//! The life cycle of an alert: which action is allowed in which status, and where it leads.
 
 use crate::model::{AlertAction, AlertStatus};
 
@@ -8,11 +8,10 @@ impl AlertStatus {
         matches!(self, Self::Open | Self::Acknowledged)
     }
 
-    /// Whether somebody may do this now. What follows is [`AlertAction::leads_to`], but that an
-    /// undo leads back to the status before the acceptance.
+    /// Whether an action is allowed in this status. It leads to [`AlertAction::leads_to`]; an undo leads back
+    /// to the status before the acceptance.
     ///
-    /// A resolved alert can be reopened by hand; it is resolved again by the next batch that
-    /// does not see it.
+    /// A resolved alert can be reopened by hand; the next batch without its finding resolves it again.
     pub fn allows(self, action: AlertAction) -> bool {
         match action {
             AlertAction::Acknowledge => self == Self::Open,

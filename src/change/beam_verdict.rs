@@ -1,26 +1,25 @@
-//! What a scan says of another's beams, one by one: the comparison behind an alert's evidence.
+//! Judges the beams of one scan by another one: the comparison in an alert's evidence.
 
 use crate::geometry::Vector2;
 use crate::model::BeamVerdict;
 use crate::observation::{Cell, Observation, Outcome};
 
-/// A beam and what another scan says of it.
+/// A beam with the verdict of another scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JudgedBeam {
     /// Where it ended, metres, in the frame of the scans' poses; `None` without a return.
     pub end: Option<Vector2<f64>>,
-    /// What the other scan says.
+    /// The other scan's verdict.
     pub verdict: BeamVerdict,
 }
 
-/// Three neighbouring beams have met one surface if the outer ones ended no farther apart, metres,
-/// …
+/// Three neighbouring beams hit one surface if the outer ends are no farther apart, metres, …
 const SURFACE_GAP_MAX_M: f64 = 0.5;
-/// … and the middle one no farther from the line between them, metres.
+/// … and the middle end no farther from the line between them, metres.
 const SURFACE_DEPTH_MAX_M: f64 = 0.05;
 
-/// What the scan `by` says of each beam of the scan `judged`, in beam order: as it answers about a
-/// cell where the beam ended.
+/// The verdict of the scan `by` on each beam of the scan `judged`, in beam order: its ray test of a cell at the
+/// beam's end.
 pub fn judge_beams(judged: &Observation, by: &Observation) -> Vec<JudgedBeam> {
     let ends: Vec<_> = (0..judged.scan().beam_count())
         .map(|beam| judged.end_of(beam))
@@ -46,8 +45,8 @@ pub fn judge_beams(judged: &Observation, by: &Observation) -> Vec<JudgedBeam> {
     (0..ends.len()).map(judge).collect()
 }
 
-/// Of the surface that a beam met, from the ends of the beams beside it; `None` if they do not lie
-/// on one.
+/// The normal of the surface that a beam hit, from the ends of its neighbours; `None` if they are not on one
+/// surface.
 fn normal_at(ends: &[Option<Vector2<f64>>], beam: usize) -> Option<Vector2<f64>> {
     let (before, end) = (ends[beam.checked_sub(1)?]?, ends[beam]?);
     let after = (*ends.get(beam + 1)?)?;
@@ -84,9 +83,9 @@ mod tests {
     /// A round object: centre and radius, metres, map frame.
     type Pillar = (Vector2<f64>, f64);
 
-    /// A look round inside the square |x|, |y| ≤ 5 with pillars; beams towards +y of the map
+    /// A full scan inside the square |x|, |y| ≤ 5 with pillars; beams towards +y of the map
     /// (within 10°) have no return.
-    fn look(map_from_base: &Pose2, pillars: &[Pillar]) -> LaserScan {
+    fn scan(map_from_base: &Pose2, pillars: &[Pillar]) -> LaserScan {
         let lidar = lidar();
         let eye = map_from_base.compose(&lidar.mount);
         let ranges = (0..BEAMS).map(|beam| {
@@ -102,8 +101,8 @@ mod tests {
                 let middle_m = towards.dot(&along);
                 let beside2 = towards.norm_squared() - middle_m * middle_m;
                 let half_m = (radius_m * radius_m - beside2).max(0.0).sqrt();
-                let struck = beside2 < radius_m * radius_m && middle_m > 0.0;
-                struck.then_some(middle_m - half_m)
+                let is_hit = beside2 < radius_m * radius_m && middle_m > 0.0;
+                is_hit.then_some(middle_m - half_m)
             };
             let nearest = pillars.iter().filter_map(to_pillar);
             Some(nearest.fold(wall_m, f64::min))
@@ -112,7 +111,7 @@ mod tests {
     }
 
     fn seen(map_from_base: &Pose2, pillars: &[Pillar]) -> Observation {
-        Observation::new(&look(map_from_base, pillars), map_from_base)
+        Observation::new(&scan(map_from_base, pillars), map_from_base)
     }
 
     fn share(beams: &[JudgedBeam], verdict: BeamVerdict) -> f64 {

@@ -1,33 +1,33 @@
 //! A test of closures' residuals at a stated false-alarm rate.
 //!
-//! Residuals of real closures are not χ² distributed: views differ, information is too modest or
-//! too bold, and each vehicle has its own noise. So the spread is learnt from the residuals
-//! themselves, per vehicle, by medians, which a change that spoils less than half of them does
-//! not move far. The logarithm is taken for Gaussian; its tail is heavier than that of a scaled
-//! χ², so that the stated rate is kept where residuals are that benign.
+//! Residuals of real closures are not χ² distributed: views differ, information matrices are too small or
+//! too large, and each vehicle has its own noise. The spread is therefore estimated from the residuals
+//! themselves, by vehicle, with medians, which a change of less than half of them hardly moves. Their
+//! logarithm is assumed to be Gaussian; its tail is heavier than that of a scaled χ², so that the stated rate
+//! also holds for residuals that are χ² distributed.
 
 use std::collections::BTreeMap;
 
 use super::median::median;
 use super::threshold::chi_squared_survival;
 
-/// Fewer residuals of a vehicle tell nothing of its own: those of all vehicles are taken.
+/// With fewer residuals of a vehicle the spread of all vehicles is used.
 const OWN_MIN: usize = 30;
-/// Fewer residuals in all tell nothing.
+/// With fewer residuals in all there are no p-values.
 const RESIDUALS_MIN: usize = 10;
 /// A Gaussian's standard deviation over its median absolute deviation.
 const SIGMA_OVER_MAD: f64 = 1.482_602_218_505_602;
-/// The spread of the logarithm of χ²₃ by the same rule: no set of residuals is taken for quieter.
+/// The spread of the logarithm of χ²₃ by the same estimator: a lower bound.
 const SPREAD_MIN: f64 = 0.84;
-/// Below it there is only rounding.
+/// Smaller residuals are rounding.
 const RESIDUAL_MIN: f64 = 1e-12;
 
-/// A closure's residual eᵀΩe, and whose closure it is.
+/// A closure's residual eᵀΩe with its vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VehicleResidual<V> {
-    /// Who drove the newer of the closure's two scans.
+    /// The vehicle of the newer of the closure's two scans.
     pub vehicle: V,
-    /// Not negative, without unit.
+    /// Non-negative, dimensionless.
     pub residual: f64,
 }
 
@@ -39,13 +39,13 @@ pub fn calibrated_p_values<V: Ord + Copy>(residuals: &[VehicleResidual<V>]) -> V
     p_values.collect()
 }
 
-/// The residuals that stand for an unchanged world.
+/// The residuals of an unchanged world.
 pub(super) struct Known<V> {
     all: Pool,
     own: BTreeMap<V, Pool>,
 }
 
-/// Residuals' logarithms with their spread as it was last learnt.
+/// Logarithms of residuals with their spread as last estimated.
 #[derive(Default)]
 struct Pool {
     logs: Vec<f64>,
@@ -96,7 +96,7 @@ impl<V: Ord + Copy> Known<V> {
         Some(spread.p_value(log_residual(residual)))
     }
 
-    /// Takes one more for such a residual; spreads follow once they have grown by a quarter.
+    /// Adds a residual; spreads are estimated again once their number has grown by a quarter.
     pub(super) fn join(&mut self, residual: &VehicleResidual<V>) {
         let log = log_residual(residual);
         self.all.join(log, RESIDUALS_MIN);
@@ -189,9 +189,9 @@ mod tests {
             (0, changed * (0.5 + chi_squared(&mut rng, 3)))
         });
         let p_values = calibrated_p_values(&residuals);
-        let told = |k: &usize| p_values[*k].unwrap() < 1e-3;
-        assert!((0..1_000).step_by(5).filter(told).count() > 190);
-        assert!((0..1_000).filter(|k| k % 5 > 0).filter(told).count() < 3);
+        let flagged = |k: &usize| p_values[*k].unwrap() < 1e-3;
+        assert!((0..1_000).step_by(5).filter(flagged).count() > 190);
+        assert!((0..1_000).filter(|k| k % 5 > 0).filter(flagged).count() < 3);
     }
 
     #[test]

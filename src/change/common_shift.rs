@@ -1,8 +1,8 @@
 //! Findings that one shift of the map explains: a map error, not changes of the world.
 //!
-//! Where the poses of a trip are off by some decimetres along a segment, each thing there seems to
-//! have left one place and to stand at another, all by the same vector. Seen one at a time such
-//! pairs look like things that were moved; seen together they are one `map_mismatch`.
+//! If the poses of a trip are off by some decimetres along a segment, every object there seems to have moved
+//! by the same vector. One such pair looks like an object that was moved; together they are one
+//! `map_mismatch`.
 
 use std::collections::BTreeSet;
 
@@ -13,33 +13,32 @@ use super::{ChangeKind, Finding, ShiftFit, Tier};
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::ids::StampNs;
 
-/// Findings of one pass, and next to each other on its way, began no farther apart, nanoseconds.
+/// Findings of one pass begin no farther apart, nanoseconds.
 const APART_MAX_NS: i64 = 120_000_000_000;
-/// The outlines of the two sides, moved onto each other, differ by no more than this, metres. The
-/// leaf of a door differs by more, since it turns.
+/// Largest difference of the two outlines, moved onto each other, metres. A door leaf differs by more, since
+/// it turns.
 const OUTLINE_DIFFERENCE_MAX_M: f64 = 0.25;
-/// A pair is displaced by the common shift if its own is within this of it, metres: locations of
-/// things that are seen in part are no better.
+/// Largest difference of a pair's shift from the common one, metres: partly observed objects are located no
+/// better.
 const SAME_SHIFT_M: f64 = 0.12;
 /// Pairs of one segment are no farther than this from the next one, metres.
 const LINK_M: f64 = 8.0;
-/// Fewest pairs: two things that moved by the same vector are no rarity.
+/// Fewest pairs: two objects that moved by the same vector are not rare.
 const PAIRS_MIN: usize = 3;
-/// The pairs lie over at least this much of the map, metres: the legs of a table or of a shelf that
-/// was moved lie closer together.
+/// Least extent of the pairs, metres: the legs of one table or shelf that was moved are closer together.
 const EXTENT_MIN_M: f64 = 2.5;
 /// Findings of the pass this near to an explained one should be explained too, metres: …
 const NEAR_M: f64 = 4.0;
-/// … for each that is not there are at least so many that are.
+/// … for each that is not, at least this many are.
 const EXPLAINED_PER_LEFT_MIN: usize = 2;
 
-/// What left one place and stands at another, as one trip has it.
+/// An object that seems to have moved, as one trip observed it.
 struct Pair {
     appeared: usize,
     disappeared: usize,
     /// Half-way between the two, map frame, metres.
     place: Vector2<f64>,
-    /// By which what appeared would have to be moved to lie where the other was, metres.
+    /// The vector from what appeared to what disappeared, metres.
     shift: Vector2<f64>,
 }
 
@@ -57,13 +56,12 @@ struct Segment {
     shift: Vector2<f64>,
 }
 
-/// Puts one `map_mismatch` in the place of findings that one shift explains. Every other finding
-/// stays as it is and where it is; mismatches follow.
+/// Replaces findings that one shift explains by one `map_mismatch`. Every other finding stays as and where it
+/// is; mismatches follow.
 ///
-/// Only findings of state that a single pass shows, as `is_of_one_pass` tells, and that have no
-/// counterpart, are considered: a second pass or trip that shows the same is evidence of a change.
-/// What appeared is paired with what
-/// disappeared within 1.5 m, if both began in one pass and their outlines are alike. At least three
+/// Only findings of state are considered that a single pass shows (`is_of_one_pass`) and that have no
+/// counterpart: a second pass or trip that shows the same is evidence of a change. What appeared is paired
+/// with what disappeared within 1.5 m, if both began in one pass and their outlines are alike. At least three
 /// pairs of different findings, over at least 2.5 m of the map, with one displacement to within
 /// 0.12 m and of at least 0.1 m, are a map error, unless more than a third of the pass's findings
 /// around them are left unexplained. Fewer may be a door, a chair, or things that were pushed.
@@ -72,9 +70,9 @@ struct Segment {
 /// observed there would have to be moved to lie on the map (map frame, metres): the displacement
 /// from what disappeared to what appeared, reversed. That is rough, since of things that are wider
 /// than the shift only the ends appear and disappear: `measured` is given the mismatch with it, and
-/// says by which shift the observations fit, or `None` if none does; then nothing is explained. What
-/// else of the pass that shift explains within 4 m joins the mismatch. It ends when all that it
-/// explains has ended.
+/// returns the shift at which the observations fit, or `None` if none does; then nothing is explained. Other
+/// findings of the pass within 4 m that this shift explains join the mismatch. It ends when all of them have
+/// ended.
 pub fn explain_by_shift(
     findings: Vec<Finding>,
     is_of_one_pass: impl Fn(&Finding) -> bool,
@@ -113,7 +111,7 @@ fn is_considered(finding: &Finding) -> bool {
     finding.kind.is_of_state() && finding.trips.len() == 1 && finding.counterpart.is_none()
 }
 
-/// An order that the findings alone decide.
+/// An order that depends on the findings alone.
 fn in_order(a: &Finding, b: &Finding) -> std::cmp::Ordering {
     (&a.trips, a.since, a.kind, a.last_seen)
         .cmp(&(&b.trips, b.since, b.kind, b.last_seen))
@@ -125,7 +123,7 @@ fn is_one_pass(a: &Finding, b: &Finding) -> bool {
     a.trips == b.trips && a.since.0.abs_diff(b.since.0) <= APART_MAX_NS.unsigned_abs()
 }
 
-/// Whatever may have left one place for another in one pass.
+/// All pairs of a disappeared and an appeared finding that may be one moved object.
 fn pairs_of(findings: &[&Finding]) -> Vec<Pair> {
     let of_kind = |kind| (0..findings.len()).filter(move |&k| findings[k].kind == kind);
     let mut pairs = Vec::new();
@@ -171,13 +169,13 @@ fn best_segment(
             && extent_m(pairs, segment) >= EXTENT_MIN_M
             && explains_surroundings(findings, explained, pairs, segment)
     });
-    // Of equal ones the first.
+    // The first of equal ones.
     explaining.min_by(|a, b| {
         (b.pairs.len().cmp(&a.pairs.len())).then(a.shift.norm().total_cmp(&b.shift.norm()))
     })
 }
 
-/// The pairs that share a pair's shift and hang together with it.
+/// The pairs with the shift of a seed that are linked with it.
 fn segment_of(findings: &[&Finding], pairs: &[Pair], seed: usize) -> Option<Segment> {
     let rough = linked(findings, pairs, seed, &pairs[seed].shift);
     if rough.len() < PAIRS_MIN {
@@ -190,8 +188,8 @@ fn segment_of(findings: &[&Finding], pairs: &[Pair], seed: usize) -> Option<Segm
     })
 }
 
-/// Pairs with about this shift, each finding in the one that has it best, that are linked with the
-/// seed; none if the seed is not among them.
+/// The pairs with about this shift that are linked with the seed, each finding in its best pair only; none if
+/// the seed is not among them.
 fn linked(findings: &[&Finding], pairs: &[Pair], seed: usize, shift: &Vector2<f64>) -> Vec<usize> {
     let off_m = |k: usize| (pairs[k].shift - shift).norm();
     let mut alike: Vec<usize> = (0..pairs.len())
@@ -226,7 +224,7 @@ fn findings_of(pairs: &[Pair], chosen: &[usize]) -> impl Iterator<Item = usize> 
     chosen.iter().flat_map(|&k| pairs[k].findings())
 }
 
-/// By each coordinate, of at least one pair.
+/// The median of each coordinate, of at least one pair.
 fn median_shift(pairs: &[Pair], chosen: &[usize]) -> Vector2<f64> {
     let of = |axis: usize| {
         let mut values: Vec<f64> = chosen.iter().map(|&k| pairs[k].shift[axis]).collect();

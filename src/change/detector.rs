@@ -1,4 +1,4 @@
-//! The rule that decides.
+//! Parameters of the residual series by detector.
 
 use super::series::{ConvergenceRule, SeriesParams};
 use crate::model::Detector;

@@ -1,8 +1,7 @@
 //! Segments of a trip whose scans all fit better elsewhere, by one shift.
 //!
-//! Where there is much to see, a pass that lies in the wrong place shows no changes: its
-//! observations are moved to where they fit before they are asked. That they had to be moved, all
-//! alike, says that the map is wrong there.
+//! Where there is much to see, a misplaced pass shows no changes: its observations are moved to where they fit
+//! before sites are judged. That all of them had to be moved by the same vector shows that the map is wrong.
 
 use super::median::median;
 use super::shift_fit::{SHIFT_MAX_M, SHIFT_MIN_M};
@@ -12,9 +11,9 @@ use crate::ids::{NodeId, StampNs, TripId};
 
 /// Fewest keyframes of a segment.
 const KEYFRAMES_MIN: usize = 5;
-/// One follows the other within this, nanoseconds.
+/// Largest time between neighbours of a segment, nanoseconds.
 const APART_MAX_NS: i64 = 30_000_000_000;
-/// They are moved alike, metres.
+/// Largest difference of neighbours' shifts, metres.
 const SAME_SHIFT_M: f64 = 0.15;
 
 /// A keyframe one of whose observations fits better elsewhere.
@@ -24,16 +23,16 @@ pub struct MovedPose<'a> {
     pub node: NodeId,
     /// Its trip.
     pub trip: &'a TripId,
-    /// When.
+    /// Its stamp.
     pub stamp: StampNs,
     /// `map_from_base` as the map has it.
     pub pose: Pose2,
-    /// By which it would have to be moved, map frame, metres.
+    /// The shift at which it fits better, map frame, metres.
     pub by: Vector2<f64>,
 }
 
-/// Segments of trips that fit elsewhere, as mismatches with the shift that would mend them. They are
-/// hints: which of two passes is wrong they do not say.
+/// Segments of trips that fit better elsewhere, as mismatches with the shift that would correct them. They do
+/// not say which of two passes is wrong.
 pub fn displaced_segments(mut poses: Vec<MovedPose<'_>>) -> Vec<Finding> {
     poses.retain(|pose| (SHIFT_MIN_M..=SHIFT_MAX_M).contains(&pose.by.norm()));
     poses.sort_by(|a, b| (a.trip, a.stamp, a.node).cmp(&(b.trip, b.stamp, b.node)));

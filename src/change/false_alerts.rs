@@ -1,6 +1,6 @@
-//! How many false alerts are allowed, and what that asks of a change.
+//! The allowed rate of false alerts, and the support that it requires of a change.
 
-/// False alerts per lap that are allowed unless somebody says otherwise.
+/// The default rate of allowed false alerts per lap.
 pub const FALSE_ALERTS_PER_LAP: f64 = 0.01;
 
 /// How much more a change must be supported than at [`FALSE_ALERTS_PER_LAP`], in nats: a tenth of

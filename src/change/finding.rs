@@ -1,4 +1,4 @@
-//! What all looks at a place say together.
+//! A place where the world contradicts the map.
 
 use super::layers::Layer;
 use super::region::region_round;
@@ -8,16 +8,16 @@ use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 use crate::scan::HeightBand;
 
-/// The other side of one event: what left one place and stands at another, as a door does.
+/// The other side of one event: an object, such as a door, left one place and is at another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Counterpart {
-    /// What the other side shows.
+    /// The kind of the other side.
     pub kind: ChangeKind,
     /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
     pub region: Vec<Vector2<f64>>,
 }
 
-/// A place where the world contradicts the map, as all looks known so far tell it.
+/// A place where the world contradicts the map, by all observations so far.
 ///
 /// Findings are a function of the set of scans and their poses, not of the order in which they
 /// arrived: `since` and `until` come from the scans' stamps.
@@ -31,17 +31,16 @@ pub struct Finding {
     pub sigma_m: f64,
     /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
     pub region: Vec<Vector2<f64>>,
-    /// How far it is to be believed.
+    /// How certain it is.
     pub tier: Tier,
     /// The other side of the same event, if there is one.
     pub counterpart: Option<Counterpart>,
-    /// The vector by which what its pass observed there would have to be moved to lie on the map,
-    /// map frame, metres: of a [`ChangeKind::MapMismatch`] that one shift explains.
+    /// Of a [`ChangeKind::MapMismatch`] that one shift explains: the vector by which its pass's observations
+    /// would have to be moved to fit the map, map frame, metres.
     pub shift: Option<Vector2<f64>>,
-    /// The height bands that show it, ascending; none if it is seen by lidars that look along one
-    /// plane.
+    /// The height bands that show it, ascending; none if planar lidars do.
     pub bands: Vec<HeightBand>,
-    /// What is off and what that silences: of a [`ChangeKind::VehicleSuspect`].
+    /// Of a [`ChangeKind::VehicleSuspect`]: its faults, and the changes that they silence.
     pub suspect: Option<SuspectEvidence>,
     /// The closures whose scans disagree there, ascending.
     pub edges: Vec<EdgeId>,
@@ -55,11 +54,11 @@ pub struct Finding {
     pub laps: usize,
     /// Probability that the finding is true, in [0, 1].
     pub confidence: f64,
-    /// The first look that shows the new state.
+    /// The first observation of the new state.
     pub since: StampNs,
-    /// The last look that shows it.
+    /// The last observation of it.
     pub last_seen: StampNs,
-    /// The first look that shows the old state again; `None` while the new state stands.
+    /// The first observation of the old state again; `None` while the new state lasts.
     pub until: Option<StampNs>,
 }
 
@@ -78,12 +77,12 @@ impl Finding {
         self.bands.iter().any(is_shared) || (self.bands.is_empty() && other.bands.is_empty())
     }
 
-    /// The change, for the list of those that a vehicle's fault explains.
+    /// The entry for it in the list of changes that a vehicle's fault explains.
     pub fn as_silenced(&self) -> SilencedChange {
         SilencedChange::new(self.kind, &self.location, self.since)
     }
 
-    /// Everything that changed with it: its region, or a convex one round both sides.
+    /// Its region; with a counterpart the convex hull of both sides.
     pub fn whole_region(&self) -> Vec<Vector2<f64>> {
         match &self.counterpart {
             None => self.region.clone(),

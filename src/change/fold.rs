@@ -1,8 +1,7 @@
-//! What a new set of findings makes of the alerts that are there.
+//! Folds a new set of findings into the existing alerts.
 //!
-//! Findings are a function of the set of scans, so the alerts that wait for a decision are one
-//! too, whatever the order in which the scans came: exactly the findings that stand and that
-//! nobody has decided about. History alone tells the order.
+//! Findings are a function of the set of scans, and so are the pending alerts: exactly the present findings
+//! without a decision, in whatever order the scans arrived. Only histories depend on that order.
 
 use std::borrow::Cow;
 
@@ -10,58 +9,58 @@ use super::{AlertStatus, ChangeKind, Finding};
 use crate::geometry::{Vector2, polygon_gap};
 use crate::ids::{StampNs, TripId};
 
-/// Regions this close tell of one place, metres.
+/// Regions this close are one place, metres.
 pub const SAME_PLACE_M: f64 = 0.5;
-/// A location or a corner that moves by less than this is no news, metres.
+/// A location or a corner that moves by less than this does not change an alert, metres.
 const MOVED_MIN_M: f64 = 0.005;
-/// Nor is a confidence that changes by less than this.
+/// Nor does a confidence that changes by less than this.
 const CONFIDENCE_STEP_MIN: f64 = 1e-3;
 
-/// An alert as far as findings bear on it.
+/// The part of an alert that findings change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlertState {
-    /// Where it is in its life.
+    /// Its status.
     pub status: AlertStatus,
-    /// The finding that it rests on; of an accepted or dismissed alert, as it was then.
+    /// Its finding; of an accepted or dismissed alert, as it was at the decision.
     pub evidence: Finding,
-    /// The first look that ever showed it.
+    /// The first observation that ever showed it.
     pub first_seen: StampNs,
 }
 
-/// A status that the findings lead to.
+/// A change of status.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
-    /// From now on.
+    /// The new status.
     pub status: AlertStatus,
     /// Why, for people.
     pub note: Option<Cow<'static, str>>,
 }
 
-/// What becomes of one alert.
+/// The update of one alert.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlertUpdate {
-    /// The alert's place among the existing ones; `None` for one that is raised.
+    /// The alert's index among the existing ones; `None` for a new one.
     pub existing: Option<usize>,
-    /// The alert as it is to be.
+    /// The alert after the update.
     pub state: AlertState,
-    /// The statuses that it takes on the way, in order; the last one is the state's.
+    /// The statuses that it passes through, in order; the last one is the state's.
     pub steps: Vec<Step>,
 }
 
 const NO_LONGER_SEEN: &str = "later looks show the former state again";
 const KNOWN_ANEW: &str = "later trips say how the vehicle is now";
 const REFUTED: &str = "all looks together no longer show it";
-const TOLD_ELSEWHERE: &str = "another alert tells of the place now";
+const REPORTED_ELSEWHERE: &str = "another alert tells of the place now";
 const SEEN_AGAIN: &str = "looks show it again";
 
-/// Folds all findings known now into the alerts of a route; returns the alerts that are new or
-/// change. Folding the same findings again changes nothing.
+/// Folds all present findings into the alerts of a route; returns the new and the changed alerts. It is
+/// idempotent.
 ///
-/// A finding joins the alert of its kind at its place (regions within [`SAME_PLACE_M`], and a common
-/// height band if they have any; for a suspected vehicle: a common trip), and of several episodes at one place the last one counts. An
-/// alert whose finding has ended, or is gone, is resolved; one that was resolved is opened again by
-/// a finding that stands. Dismissed and accepted alerts swallow what belongs to the episode that was
-/// decided about; what begins after it was last seen is a new alert.
+/// A finding joins the alert of its kind at its place: regions within [`SAME_PLACE_M`], and a common height
+/// band if they have any; for a suspected vehicle a common trip. Of several episodes at one place the last
+/// one counts. An alert whose finding has ended, or is gone, is resolved; a resolved one is reopened by a
+/// finding that has not ended. Dismissed and accepted alerts absorb findings of the episode that was decided
+/// about; an episode that begins after it was last seen is a new alert.
 pub fn fold(existing: &[AlertState], findings: &[Finding]) -> Vec<AlertUpdate> {
     let sites = sites_of(findings);
     let owners = owners_of(&sites, existing);
@@ -71,12 +70,12 @@ pub fn fold(existing: &[AlertState], findings: &[Finding]) -> Vec<AlertUpdate> {
             .filter(|(_, owner)| **owner == Some(k))
             .map(|(site, _)| site)
             .collect();
-        let told_elsewhere = || sites.iter().any(|site| same_subject(alert, site.last()));
+        let reported_elsewhere = || sites.iter().any(|site| same_subject(alert, site.last()));
         let advanced = match owned.first() {
             Some(site) if alert.status != AlertStatus::Dismissed => advance(alert, site),
             Some(_) => remember(alert, &owned),
             None if !alert.status.is_pending() => None,
-            None if told_elsewhere() => Some(resolve(alert, TOLD_ELSEWHERE)),
+            None if reported_elsewhere() => Some(resolve(alert, REPORTED_ELSEWHERE)),
             None => Some(resolve(alert, REFUTED)),
         };
         updates.extend(advanced.map(|(state, steps)| AlertUpdate {
@@ -138,8 +137,8 @@ fn sites_of(findings: &[Finding]) -> Vec<Site<'_>> {
     sites
 }
 
-/// The alert that each site belongs to: the nearest first, one site to an alert, but that decided
-/// alerts take in as many as there are.
+/// The alert that each site belongs to, the nearest first. A pending alert owns one site, a decided one any
+/// number.
 fn owners_of(sites: &[Site<'_>], existing: &[AlertState]) -> Vec<Option<usize>> {
     let mut pairs = Vec::new();
     for (s, site) in sites.iter().enumerate() {
@@ -187,7 +186,7 @@ fn same_subject(alert: &AlertState, finding: &Finding) -> bool {
     is_other_side || gap(&alert.evidence, finding).is_some()
 }
 
-/// How far apart two findings are, metres; `None` if they cannot tell of the same.
+/// The distance of two findings, metres; `None` if they cannot be about the same change.
 pub(super) fn gap(a: &Finding, b: &Finding) -> Option<f64> {
     if a.kind != b.kind || !a.shares_a_band(b) {
         return None;
@@ -224,7 +223,7 @@ fn ended(finding: &Finding) -> &'static str {
 
 type Advanced = (AlertState, Vec<Step>);
 
-/// A new alert; one whose finding has ended already is resolved at once.
+/// A new alert; it is resolved at once if its finding has ended already.
 fn raise(site: &Site<'_>) -> AlertUpdate {
     let open = AlertState {
         status: AlertStatus::Open,
@@ -247,7 +246,7 @@ fn raise(site: &Site<'_>) -> AlertUpdate {
     }
 }
 
-/// What the site of an alert makes of it; `None` if that is no news.
+/// The update of an alert by its site; `None` if nothing changes.
 fn advance(alert: &AlertState, site: &Site<'_>) -> Option<Advanced> {
     if alert.status == AlertStatus::Accepted {
         return None;
@@ -285,8 +284,7 @@ fn resolve(alert: &AlertState, note: &'static str) -> Advanced {
     (state, vec![step])
 }
 
-/// A dismissed alert notes when its episode was last seen, which may outlast the scans that the
-/// decision rested on.
+/// A dismissed alert records when its episode was last seen, which may be after the decision.
 fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
     let last_seen = swallowed.iter().map(|site| site.last().last_seen).max()?;
     if last_seen <= alert.evidence.last_seen {
@@ -297,15 +295,15 @@ fn remember(alert: &AlertState, swallowed: &[&Site<'_>]) -> Option<Advanced> {
     Some((state, Vec::new()))
 }
 
-/// Whether an alert's finding is kept where nothing was touched. One that a shift explains is kept
-/// also when its alert was decided about or has ended: else what it explains would be raised as
-/// changes, once some of it is judged anew.
+/// Whether an alert's finding is kept where nothing new was observed. A finding with a shift is kept even
+/// after a decision or its end: otherwise what it explains would be raised as changes, once a part of it is
+/// judged again.
 pub fn stays_untouched(status: AlertStatus, evidence: &Finding) -> bool {
     let is_refuted = status == AlertStatus::Resolved && evidence.until.is_none();
     status.is_pending() || (evidence.shift.is_some() && !is_refuted)
 }
 
-/// Whether a finding says more than that poses were improved by a hair.
+/// Whether a finding differs by more than slightly improved poses.
 fn is_news(before: &Finding, now: &Finding) -> bool {
     let counted = |f: &Finding| (f.tier, f.views, f.laps, f.since, f.last_seen, f.until);
     let moved = |a: &Vector2<f64>, b: &Vector2<f64>| (a - b).norm() >= MOVED_MIN_M;

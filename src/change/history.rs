@@ -1,20 +1,20 @@
 //! The history of a place over its passes: free or occupied, and when that changed.
 //!
-//! A hidden Markov chain of two states over passes. Within a pass observations are not independent
-//! (someone stands still, a pose is off), so what one pass can say is limited.
+//! A hidden Markov chain of two states over passes. Within a pass observations are not independent (someone
+//! stands still, a pose is off), so the weight of a pass is limited.
 
 use std::ops::Range;
 
-/// What a change of state costs, in nats: changes are rare.
+/// Cost of a change of state, in nats: changes are rare.
 pub const CHANGE_COST: f64 = 4.6;
 /// log p(hit | occupied) − log p(hit | free) of one cell, and the reverse for a miss, in nats.
 pub const NATS_PER_OBSERVATION: f64 = 1.5;
-/// What a no-return is worth, in misses, where the lidar earns it.
+/// Weight of a no-return, in misses, if it counts for the lidar.
 pub const NO_RETURN_WORTH: f64 = 0.3;
-/// What a pass can say about one cell at most, in nats.
+/// Largest weight of a pass in one cell, in nats.
 pub const NATS_PER_PASS: f64 = 10.0;
 
-/// Whether something stands there.
+/// Whether a place is free or occupied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum State {
     /// Nothing.
@@ -36,15 +36,15 @@ impl State {
 /// The most likely states over the passes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History {
-    /// Of each pass.
+    /// The state at each pass.
     pub states: Vec<State>,
-    /// How much better it explains the passes than one state throughout, in nats, the cost of the
-    /// changes included; 0 without a change.
+    /// How much better it explains the passes than one state throughout, in nats, with the cost of its
+    /// changes; 0 without a change.
     pub support: f64,
 }
 
 impl History {
-    /// From what each pass says, in the order of time: log p(observations | occupied) −
+    /// From the evidence of each pass, in the order of time: log p(observations | occupied) −
     /// log p(observations | free), limited by the caller.
     pub fn of(passes: impl IntoIterator<Item = f64>) -> Self {
         let (mut free, mut occupied) = (0.0_f64, 0.0_f64);
@@ -96,7 +96,7 @@ impl History {
     }
 }
 
-/// What a pass says at most, in nats, however often it says it.
+/// The evidence of a pass, limited to `limit` in nats.
 pub fn limited(sum: f64, limit: f64) -> f64 {
     limit * (sum / limit).tanh()
 }

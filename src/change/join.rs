@@ -1,16 +1,16 @@
-//! One event, one finding: what left one place and stands at another was moved.
+//! Joins the two sides of one event: what disappeared from one place and appeared at another was moved.
 
 use super::region::centroid;
 use super::{ChangeKind, Counterpart, Finding};
 use crate::geometry::polygon_gap;
 
-/// What was moved stands no farther than this from where it was, metres: a leaf of a door, a chair.
+/// Farthest that something counts as moved, metres: a door leaf, a chair.
 const MOVED_MAX_M: f64 = 1.0;
-/// The two sides are first seen in one pass, nanoseconds apart at most.
+/// The two sides are first observed in one pass, at most this far apart, nanoseconds.
 const APART_MAX_NS: i64 = 120_000_000_000;
 
-/// Joins findings that are two sides of one event: the one of what appeared stays and names the
-/// other as its counterpart. The nearest are joined first.
+/// Joins findings that are two sides of one event, the nearest first: the one that appeared stays, with the
+/// other as its counterpart.
 pub fn join_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
     let mut pairs = Vec::new();
     for (a, appeared) in findings.iter().enumerate() {
@@ -52,8 +52,8 @@ pub fn join_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
     joined.collect()
 }
 
-/// Takes findings that were joined apart again, each followed by its other side, so that they can be
-/// judged and joined together with others. The other side has the evidence of both.
+/// Separates joined findings, each followed by its other side, so that they can be joined again with others.
+/// The other side has the evidence of both.
 pub fn separate_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
     let apart = findings.into_iter().flat_map(|mut finding| {
         let other = finding.counterpart.take().map(|other| Finding {
@@ -67,7 +67,7 @@ pub fn separate_counterparts(findings: Vec<Finding>) -> Vec<Finding> {
     apart.collect()
 }
 
-/// Whether both began in one pass and both stand, or neither.
+/// Whether both began in one pass, and both have ended or neither has.
 pub(super) fn is_one_event(a: &Finding, b: &Finding) -> bool {
     let shares_a_trip = a.trips.iter().any(|trip| b.trips.contains(trip));
     shares_a_trip

@@ -1,22 +1,21 @@
-//! Passes by the place of a change with what each of them saw.
+//! Passes by the place of a change, and what each of them saw.
 
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{NodeId, StampNs, TripId, VehicleId};
 use crate::model::{ChangeKind, PassOutcome, PassSide};
 
-/// Passes that are listed, at most: all are counted.
+/// Most passes that are listed; all are counted.
 const LISTED_MAX: usize = 200;
 
 /// A pass by the place of a change, as [`passes`](super::passes) cuts them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JudgedPass {
-    /// The trip that it is a part of.
+    /// Its trip.
     pub trip: TripId,
-    /// Whose trip.
+    /// The trip's vehicle.
     pub vehicle: VehicleId,
-    /// The first observation of the pass that says something about the place; of one that could not see
-    /// it the first within reach.
+    /// The first observation with a hit or a miss at the place; if there is none, the first within reach.
     pub begins: StampNs,
     /// The last one.
     pub ends: StampNs,
@@ -24,18 +23,18 @@ pub struct JudgedPass {
     pub side: PassSide,
     /// What it saw.
     pub outcome: PassOutcome,
-    /// The keyframe whose scan, or one that follows it, shows that best.
+    /// The keyframe whose own or following scan shows that best.
     pub node: NodeId,
 }
 
 /// How many passes saw what.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct PassCounts {
-    /// That nothing stands there.
+    /// Saw the place free.
     pub saw_free: u32,
-    /// That something does.
+    /// Saw the place occupied.
     pub saw_occupied: u32,
-    /// Neither.
+    /// Saw neither.
     pub could_not_see: u32,
 }
 
@@ -76,16 +75,16 @@ impl PassCounts {
 /// All passes by the place of a change.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JudgedPasses {
-    /// Of those before it.
+    /// Passes before the change.
     pub before: PassCounts,
-    /// Of those since.
+    /// Passes since.
     pub since: PassCounts,
     /// In the order of time: of more than 200 the first and the newest.
     pub listed: Vec<JudgedPass>,
 }
 
 impl JudgedPasses {
-    /// Of passes in any order, by the place of a change of this kind.
+    /// From passes in any order, by the place of a change of this kind.
     pub fn of(kind: ChangeKind, mut passes: Vec<JudgedPass>) -> Self {
         passes.sort_by(|a, b| (a.begins, &a.trip, a.node).cmp(&(b.begins, &b.trip, b.node)));
         let counts = |side| PassCounts::of(kind, passes.iter().filter(|pass| pass.side == side));
@@ -100,8 +99,7 @@ impl JudgedPasses {
         }
     }
 
-    /// Those of which no scan was taken out, by the place of a change of this kind; `None` if that is all
-    /// of them.
+    /// The passes without those whose scan was removed; `None` if none was. `kind` is that of the change.
     pub fn without(&self, kind: ChangeKind, is_out: impl Fn(NodeId) -> bool) -> Option<Self> {
         let passes = self.listed.iter().cloned();
         let (out, listed): (Vec<_>, Vec<_>) = passes.partition(|pass| is_out(pass.node));

@@ -7,7 +7,7 @@ use crate::geometry::Vector2;
 use crate::scan::{HeightBand, LaserScan};
 
 /// Observations that are compared with each other: those of one height band, or (`None`) those of
-/// all lidars that look along one plane.
+/// all planar lidars.
 pub type Layer = Option<HeightBand>;
 
 /// The screens of a map's layers.
@@ -17,9 +17,9 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// Brings the grids up to date with all observations of a map, each that of its layer.
+    /// Updates the screens to all observations of a map, each by its layer.
     pub fn update<'a>(&mut self, observations: impl Iterator<Item = Screened<'a>>) {
-        // A layer that has lost all of its observations too.
+        // A layer without observations left is updated too.
         let known = self.screens.keys().map(|layer| (*layer, Vec::new()));
         let mut of_layers: BTreeMap<Layer, Vec<Screened<'a>>> = known.collect();
         for screened in observations {
@@ -32,9 +32,9 @@ impl Layers {
         }
     }
 
-    /// What has been touched counts as judged.
-    pub fn settle(&mut self) {
-        self.screens.values_mut().for_each(Screen::settle);
+    /// Marks all touched cells as judged.
+    pub fn mark_judged(&mut self) {
+        self.screens.values_mut().for_each(Screen::mark_judged);
     }
 
     /// The layers with their screens, the one without a band first.
@@ -43,13 +43,13 @@ impl Layers {
     }
 
     /// Whether anything was touched in or near a region, in any layer, since the last
-    /// [`Layers::settle`].
+    /// [`Layers::mark_judged`].
     pub fn is_touched(&self, region: &[Vector2<f64>]) -> bool {
         let mut screens = self.screens.values();
         screens.any(|screen| screen.is_touched(region))
     }
 
-    /// About how much memory they take, bytes.
+    /// Approximate size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
         self.screens.values().map(Screen::size_bytes).sum()
     }

@@ -1,4 +1,4 @@
-//! What becomes of the alert of a segment that was put right.
+//! Resolves the alerts of misplaced segments that were moved.
 
 use std::borrow::Cow;
 
@@ -6,24 +6,24 @@ use super::fold::gap;
 use super::{AlertState, AlertStatus, AlertUpdate, Finding, Step};
 use crate::geometry::Vector2;
 
-/// Resolves the alerts of segments that closures have put right, each given as its mismatch with
-/// the vector by which it was moved (map frame, metres); returns the alerts that change.
+/// Resolves the alerts of misplaced segments that closures have moved, each given as its mismatch with the
+/// vector by which it was moved (map frame, metres). Returns the alerts that change.
 ///
-/// A mismatch that was never told becomes an alert that is resolved at once, so that the mending can
-/// be looked up. To be called before the findings that are left are folded.
+/// A mismatch that was never reported becomes an alert that is resolved at once, as a record. Call this
+/// before the remaining findings are folded.
 pub fn resolve_mended(
     existing: &[AlertState],
     mended: &[(&Finding, Vector2<f64>)],
 ) -> Vec<AlertUpdate> {
     let mut taken = vec![false; existing.len()];
     let updates = mended.iter().map(|(mismatch, moved)| {
-        let is_told = |k: &usize| {
+        let reports_it = |k: &usize| {
             let alert = &existing[*k];
             alert.status.is_pending()
                 && alert.evidence.trips == mismatch.trips
                 && gap(&alert.evidence, mismatch).is_some()
         };
-        let known = (0..existing.len()).find(|k| !taken[*k] && is_told(k));
+        let known = (0..existing.len()).find(|k| !taken[*k] && reports_it(k));
         if let Some(k) = known {
             taken[k] = true;
         }
@@ -81,10 +81,10 @@ mod tests {
 
     #[test]
     fn an_open_mismatch_says_what_mended_it_and_stays_resolved() {
-        let told = mismatch([0.0, 0.0]);
-        let raised = applied(&[], &fold(&[], std::slice::from_ref(&told)));
+        let reported = mismatch([0.0, 0.0]);
+        let raised = applied(&[], &fold(&[], std::slice::from_ref(&reported)));
         let moved = Vector2::new(-0.312, -0.001);
-        let updates = resolve_mended(&raised, &[(&told, moved)]);
+        let updates = resolve_mended(&raised, &[(&reported, moved)]);
         assert_eq!((updates.len(), updates[0].existing), (1, Some(0)));
         let notes: Vec<_> = updates[0].steps.iter().map(|s| s.note.clone()).collect();
         let expected = "closures mended the map: the segment was moved by (-0.31, 0.00) m";
@@ -95,11 +95,11 @@ mod tests {
     }
 
     #[test]
-    fn a_mending_of_what_was_never_told_can_be_looked_up() {
+    fn a_mending_of_what_was_never_reported_can_be_looked_up() {
         let elsewhere = mismatch([20.0, 0.0]);
         let existing = applied(&[], &fold(&[], &[elsewhere]));
-        let never_told = mismatch([0.0, 0.0]);
-        let updates = resolve_mended(&existing, &[(&never_told, Vector2::zeros())]);
+        let never_reported = mismatch([0.0, 0.0]);
+        let updates = resolve_mended(&existing, &[(&never_reported, Vector2::zeros())]);
         assert_eq!((updates.len(), updates[0].existing), (1, None));
         let statuses: Vec<_> = updates[0].steps.iter().map(|s| s.status).collect();
         assert_eq!(statuses, [AlertStatus::Open, AlertStatus::Resolved]);

@@ -1,4 +1,4 @@
-//! Closures that were expected and are missing: the map does not fit the place.
+//! Missing closures where they were expected: the map is wrong there.
 
 use super::region::{centroid, region_round};
 use super::{ChangeKind, Finding, Tier};
@@ -9,24 +9,24 @@ use crate::ids::{NodeId, StampNs, TripId};
 const NEAR_M: f64 = 1.5;
 /// and turned by no more than this, radians.
 const NEAR_RAD: f64 = 0.5;
-/// So many keyframes in a row without a closure are a mismatch.
+/// This many keyframes in a row without a closure are a mismatch.
 const MISSING_MIN: usize = 12;
-/// Of its own trip a keyframe is expected to be tied to those that came so many keyframes before it
-/// or earlier. The newest are no partners, and who turns round on the spot is not back yet.
+/// In its own trip a keyframe is expected to be tied to those at least this many keyframes earlier. The newest
+/// are no loop-closure candidates, and a vehicle that turns on the spot has not come back yet.
 const RECENT_KEYFRAMES: u32 = 40;
-/// Radius round each of their poses, metres.
+/// Radius of the region round each pose, metres.
 const REGION_RADIUS_M: f64 = 0.5;
 
-/// A keyframe of a trip, as far as its closures go.
+/// A keyframe of a trip, and whether a closure ties it to a reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TiedPose {
     /// The node.
     pub node: NodeId,
-    /// When.
+    /// Its stamp.
     pub stamp: StampNs,
     /// `map_from_base`.
     pub pose: Pose2,
-    /// Its place in its trip.
+    /// Its number in its trip.
     pub trip_order: u32,
     /// Whether a closure ties it to a reference.
     pub tied: bool,
@@ -39,16 +39,15 @@ pub struct KnownPose {
     pub node: NodeId,
     /// `map_from_base`.
     pub pose: Pose2,
-    /// Its place in the trip that is asked about, if it is of that.
+    /// Its number in the trip that is tested, if it belongs to it.
     pub trip_order: Option<u32>,
 }
 
-/// Segments of a trip that references cover, of other trips or of an earlier lap, and no closure
+/// Segments of a trip that are covered by references, of other trips or of an earlier lap, but that no closure
 /// ties to them.
 ///
-/// A keyframe is tied to what the map has when it comes, so that it is expected at references of
-/// smaller ids alone: whichever of two drives comes first, it is the second one that may be
-/// missing its closures.
+/// A keyframe is matched with references that the map has when it arrives, so only those with smaller ids are
+/// expected: of two trips the one that arrives second may lack closures.
 pub fn mismatches(trip: &TripId, poses: &[TiedPose], references: &[KnownPose]) -> Vec<Finding> {
     let is_missing = |pose: &TiedPose| {
         let is_known = |reference: &&KnownPose| {
@@ -70,12 +69,12 @@ fn is_near(a: &Pose2, b: &Pose2) -> bool {
 }
 
 impl Finding {
-    /// A mismatch that names the keyframes of its segment, and the region of which covers their
-    /// `places` too (map frame, metres).
+    /// A mismatch that names the keyframes of its segment and whose region covers their `places` too (map frame,
+    /// metres).
     pub fn on_segment(mut self, mut nodes: Vec<NodeId>, places: &[Vector2<f64>]) -> Self {
         nodes.sort_unstable();
-        let driven = region_round(places, REGION_RADIUS_M);
-        self.region = region_round(&[self.region.as_slice(), &driven].concat(), 0.0);
+        let path = region_round(places, REGION_RADIUS_M);
+        self.region = region_round(&[self.region.as_slice(), &path].concat(), 0.0);
         self.location = centroid(&self.region);
         self.nodes = nodes;
         self
@@ -145,14 +144,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_without_closures_beside_known_references_is_told() {
+    fn a_segment_without_closures_beside_known_references_is_reported() {
         let references = references(1, 60);
         let untied = |from: i64, end: i64| move |k: i64| !(from..end).contains(&k);
         let all_tied = drive(100, 60, |_| true);
         assert!(missing(&all_tied, &references).is_empty());
         assert!(missing(&drive(100, 60, untied(20, 31)), &references).is_empty());
-        let told = missing(&drive(100, 60, untied(20, 32)), &references);
-        assert_eq!(told, [Vec::from_iter(120..132)]);
+        let found = missing(&drive(100, 60, untied(20, 32)), &references);
+        assert_eq!(found, [Vec::from_iter(120..132)]);
     }
 
     #[test]
@@ -161,8 +160,8 @@ mod tests {
         assert!(missing(&first, &references(100, 60)).is_empty());
         // Of two drives that come in turns, each is expected at what came before.
         let second = drive(130, 60, |_| false);
-        let told = missing(&second, &references(100, 60));
-        assert_eq!(told, [Vec::from_iter(130..190)]);
+        let found = missing(&second, &references(100, 60));
+        assert_eq!(found, [Vec::from_iter(130..190)]);
         assert!(missing(&second, &references(160, 60)).is_empty());
     }
 

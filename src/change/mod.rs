@@ -1,7 +1,7 @@
-//! What observations and residuals say about changes of the world, and how findings become alerts.
+//! Detects changes of the world from observations and residuals, and folds findings into alerts.
 //!
-//! Sees numbers, scans with poses, and findings; knows nothing of graphs or of matching. Begin with
-//! [`state_changes`], which judges one site; [`fold`] makes alerts of what was found.
+//! Must not know graphs or matching: it sees numbers, scans with poses, and findings. Begin with
+//! [`state_changes`], which judges one site in seven steps; [`fold`] turns findings into alerts.
 
 mod accepted;
 mod alert;

@@ -1,8 +1,8 @@
-//! What is near to a set of points.
+//! Distances to a set of points.
 
 use crate::geometry::Vector2;
 
-/// Points, to ask whether a place is near to one of them.
+/// Points indexed for tests of whether a place is near to one of them.
 pub struct Nearness {
     /// Ascending by x.
     points: Vec<Vector2<f64>>,
@@ -16,7 +16,7 @@ impl Nearness {
         Self { points }
     }
 
-    /// Whether a place is that near to one of the points.
+    /// Whether a place is within a distance of one of the points.
     pub fn holds(&self, place: &Vector2<f64>, within_m: f64) -> bool {
         let first = self.points.partition_point(|p| p.x < place.x - within_m);
         let near = self.points[first..].iter();

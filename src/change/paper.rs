@@ -24,9 +24,9 @@ pub struct ClosurePlace {
 /// How peaks become changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperParams {
-    /// How the series is read; its smoothing also tells how far a peak reaches.
+    /// Parameters of the series; its smoothing also determines how far a peak reaches.
     pub series: SeriesParams,
-    /// Closures that must be raised at a peak: one alone is a passing minimum of the
+    /// Closures that must be raised at a peak: one alone is a temporary minimum of the
     /// optimisation (step 3).
     pub raised_min: usize,
     /// Peaks this near to each other show the same change, metres.
@@ -69,7 +69,7 @@ pub struct Peak {
     pub ratio: f64,
 }
 
-/// A change as the paper tells it.
+/// A change by the paper's rule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PaperChange {
     /// The highest peak of the lap that first shows it.
@@ -159,12 +159,12 @@ mod tests {
 
     /// Closures a metre apart on a straight, lap after lap, each adding about the same.
     fn world(bumps: &[(usize, usize, &[f64])]) -> (Vec<ClosureSample>, Vec<ClosurePlace>) {
-        let mut growth: Vec<f64> = (0..LAPS * LAP)
+        let mut increases: Vec<f64> = (0..LAPS * LAP)
             .map(|k| BASE * (1.0 + 0.3 * ((k * 7) % 5) as f64 / 5.0))
             .collect();
         for &(lap, at, values) in bumps {
             for (j, value) in values.iter().enumerate() {
-                growth[lap * LAP + at + j] += BASE * value;
+                increases[lap * LAP + at + j] += BASE * value;
             }
         }
         let sample = |(k, &delta_f)| ClosureSample {
@@ -176,8 +176,8 @@ mod tests {
             lap: k / LAP,
         };
         (
-            growth.iter().enumerate().map(sample).collect(),
-            (0..growth.len()).map(place).collect(),
+            increases.iter().enumerate().map(sample).collect(),
+            (0..increases.len()).map(place).collect(),
         )
     }
 
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_does_not_depend_on_the_unit_of_length() {
+    fn what_is_found_does_not_depend_on_the_unit_of_length() {
         let bumps: [(usize, usize, &[f64]); 2] =
             [(3, 20, &[20.0, 40.0, 20.0]), (5, 5, &[10.0, 20.0])];
         let (mut samples, places) = world(&bumps);

@@ -17,14 +17,14 @@ const WAITED_S: f64 = 0.5;
 /// … but never less than this: two equal views of one place are not quite one.
 const WEIGHT_MIN: f64 = 0.1;
 
-/// When, by which trip and from where something was observed.
+/// Trip, time and position of an observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Standpoint {
     /// Number of the trip.
     pub trip: usize,
-    /// When.
+    /// Its stamp.
     pub stamp: StampNs,
-    /// Where the lidar was, map frame, metres.
+    /// Position of the lidar, map frame, metres.
     pub eye: Vector2<f64>,
 }
 
@@ -45,13 +45,13 @@ pub fn passes(standpoints: &[Standpoint]) -> Vec<Range<usize>> {
     passes
 }
 
-/// Whether a trip stayed within reach from one standpoint to the next, so that only the length of its
-/// pass may part them.
+/// Whether a trip stayed within reach from one standpoint to the next: only the greatest length of a pass may
+/// separate them.
 pub fn goes_on(last: &Standpoint, next: &Standpoint) -> bool {
     next.trip == last.trip && seconds_between(last, next) <= GAP_S
 }
 
-/// How much each observation of a pass weighs, in (0, 1]: a robot that stands sees the same again.
+/// The weight of each observation of a pass, in (0, 1]: a vehicle that stands still sees the same again.
 pub fn weights(pass: &[Standpoint]) -> Vec<f64> {
     let mut weights = Vec::with_capacity(pass.len());
     for (k, standpoint) in pass.iter().enumerate() {

@@ -1,8 +1,8 @@
-//! From closures that the residual test tells to places that contradict the map.
+//! From flagged closures to places that contradict the map.
 //!
-//! One closure decides little: at any rate of false alarms some are told in a world that does not
-//! change. A place is told by several closures of one pass, or of passes one after the other, and
-//! it ends with the first pass of which every closure is usual.
+//! One closure proves little: at any rate of false alarms some are flagged in an unchanged world. A place is
+//! reported by several closures of one pass, or of consecutive passes, and
+//! it ends with the first pass whose closures are all unsuspicious.
 
 use std::collections::BTreeSet;
 
@@ -11,19 +11,20 @@ use super::{ChangeKind, Finding, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{EdgeId, NodeId, StampNs, TripId};
 
-/// Told closures this near to each other tell of one place, metres.
+/// Flagged closures this near to each other belong to one place, metres.
 const SAME_PLACE_M: f64 = 3.0;
-/// Closures this near to a told one show whether the place still contradicts, metres.
+/// Closures this near to a flagged one show whether the place still contradicts, metres.
 const AT_PLACE_M: f64 = 1.0;
-/// Closures of a trip that are so many nodes apart, or more, are of two passes. Told closures of
-/// one pass tell of one place: a bias that neighbours share is absorbed between them, and shows
-/// where a vehicle enters the place and where it leaves it.
+/// Closures of a trip at least this many nodes apart belong to two passes. Flagged closures of one pass belong
+/// to one place: a bias common to neighbours is absorbed between them, and shows where a vehicle enters the
+/// place and where it leaves it.
 const PASS_NODES: u32 = 12;
-/// Fewer told closures are no finding.
-const TOLD_MIN: usize = 2;
-/// A pass agrees with the map if no closure of it is less likely: that none is told proves little.
+/// Fewer flagged closures are no finding.
+const FLAGGED_MIN: usize = 2;
+/// A pass agrees with the map if none of its closures is less likely than this: that none is flagged is not
+/// enough.
 const USUAL_P_MIN: f64 = 0.01;
-/// Round each told closure, metres: residuals do not say what differs there.
+/// Radius of the region round each flagged closure, metres: residuals do not say what differs.
 const REGION_RADIUS_M: f64 = 0.5;
 
 /// A closure that was tested.
@@ -35,23 +36,23 @@ pub struct JudgedClosure {
     pub nodes: [NodeId; 2],
     /// Halfway between them, map frame, metres.
     pub place: Vector2<f64>,
-    /// When its newer node was.
+    /// Stamp of its newer node.
     pub stamp: StampNs,
     /// The trip of its newer node, and that node's place in it.
     pub trip: (TripId, u32),
     /// The probability of such a residual without a change.
     pub p_value: f64,
     /// Whether that is below the stated rate of false alarms.
-    pub told: bool,
+    pub flagged: bool,
 }
 
-/// The places that closures tell, in the order in which each was first told. Of a place that
-/// contradicts, agrees, and contradicts again there are two findings, the first one ended.
+/// The places that contradict the map, in the order in which each was first flagged. A place
+/// that contradicts, agrees, and contradicts again has two findings, the first one ended.
 pub fn residual_runs(closures: &[JudgedClosure]) -> Vec<Finding> {
     let mut in_order: Vec<&JudgedClosure> = closures.iter().collect();
     in_order.sort_by_key(|closure| (closure.stamp, closure.edge));
-    let told: Vec<&JudgedClosure> = in_order.iter().copied().filter(|c| c.told).collect();
-    let mut findings: Vec<Finding> = places_of(&told)
+    let flagged: Vec<&JudgedClosure> = in_order.iter().copied().filter(|c| c.flagged).collect();
+    let mut findings: Vec<Finding> = places_of(&flagged)
         .iter()
         .flat_map(|place| findings_at(place, &in_order))
         .collect();
@@ -59,11 +60,11 @@ pub fn residual_runs(closures: &[JudgedClosure]) -> Vec<Finding> {
     findings
 }
 
-/// Told closures by place: any two of one place are joined by steps of at most [`SAME_PLACE_M`], or
+/// Flagged closures by place: any two of one place are joined by steps of at most [`SAME_PLACE_M`], or
 /// within a pass.
-fn places_of<'a>(told: &[&'a JudgedClosure]) -> Vec<Vec<&'a JudgedClosure>> {
+fn places_of<'a>(flagged: &[&'a JudgedClosure]) -> Vec<Vec<&'a JudgedClosure>> {
     let mut places: Vec<Vec<&JudgedClosure>> = Vec::new();
-    for closure in told {
+    for closure in flagged {
         let is_near = |place: &Vec<&JudgedClosure>| {
             is_within(closure, place, SAME_PLACE_M) || place.iter().any(|c| same_pass(c, closure))
         };
@@ -85,22 +86,22 @@ fn same_pass(a: &JudgedClosure, b: &JudgedClosure) -> bool {
     a.trip.0 == b.trip.0 && a.trip.1.abs_diff(b.trip.1) < PASS_NODES
 }
 
-/// Closures of one way past a place.
+/// The closures of one pass.
 type Pass<'a> = Vec<&'a JudgedClosure>;
 
 fn findings_at(place: &[&JudgedClosure], in_order: &[&JudgedClosure]) -> Vec<Finding> {
     let here = in_order.iter().copied();
     let here = here.filter(|closure| is_within(closure, place, AT_PLACE_M));
     let passes = passes_of(here);
-    let told_in = |pass: &Pass<'_>| pass.iter().filter(|closure| closure.told).count();
+    let flagged_in = |pass: &Pass<'_>| pass.iter().filter(|closure| closure.flagged).count();
     let mut findings = Vec::new();
     let mut episode: Vec<&Pass<'_>> = Vec::new();
     for pass in &passes {
-        let told = told_in(pass);
-        let told_last = episode.last().map_or(0, |last| told_in(last));
-        if told > 0 {
+        let flagged = flagged_in(pass);
+        let flagged_last = episode.last().map_or(0, |last| flagged_in(last));
+        if flagged > 0 {
             episode.push(pass);
-        } else if 2 * pass.len() >= told_last && pass.iter().all(|c| c.p_value >= USUAL_P_MIN) {
+        } else if 2 * pass.len() >= flagged_last && pass.iter().all(|c| c.p_value >= USUAL_P_MIN) {
             let until = pass.iter().map(|closure| closure.stamp).min();
             findings.extend(finding_of(&episode, until, in_order.len()));
             episode.clear();
@@ -125,18 +126,18 @@ fn passes_of<'a>(here: impl Iterator<Item = &'a JudgedClosure>) -> Vec<Pass<'a>>
 
 fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> Option<Finding> {
     let closures = episode.iter().flat_map(|pass| pass.iter());
-    let told: Vec<&JudgedClosure> = closures.copied().filter(|c| c.told).collect();
-    if told.len() < TOLD_MIN {
+    let flagged: Vec<&JudgedClosure> = closures.copied().filter(|c| c.flagged).collect();
+    if flagged.len() < FLAGGED_MIN {
         return None;
     }
-    let places: Vec<Vector2<f64>> = told.iter().map(|closure| closure.place).collect();
+    let places: Vec<Vector2<f64>> = flagged.iter().map(|closure| closure.place).collect();
     let location = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
     let spread_m = places.iter().map(|place| (place - location).norm_squared());
     let spread_m = (spread_m.sum::<f64>() / places.len() as f64).sqrt();
-    let edges: BTreeSet<EdgeId> = told.iter().map(|closure| closure.edge).collect();
-    let nodes: BTreeSet<NodeId> = told.iter().flat_map(|closure| closure.nodes).collect();
-    let trips: BTreeSet<&TripId> = told.iter().map(|closure| &closure.trip.0).collect();
-    let least = told
+    let edges: BTreeSet<EdgeId> = flagged.iter().map(|closure| closure.edge).collect();
+    let nodes: BTreeSet<NodeId> = flagged.iter().flat_map(|closure| closure.nodes).collect();
+    let trips: BTreeSet<&TripId> = flagged.iter().map(|closure| &closure.trip.0).collect();
+    let least = flagged
         .iter()
         .map(|closure| closure.p_value)
         .fold(1.0, f64::min);
@@ -153,12 +154,12 @@ fn finding_of(episode: &[&Pass<'_>], until: Option<StampNs>, tested: usize) -> O
         edges: edges.into_iter().collect(),
         nodes: nodes.into_iter().collect(),
         trips: trips.into_iter().cloned().collect(),
-        views: told.len(),
+        views: flagged.len(),
         laps: episode.len(),
         // As likely as the least likely of all that were tested is not to be chance.
         confidence: (1.0 - least * tested as f64).clamp(0.0, 1.0),
-        since: told.iter().map(|closure| closure.stamp).min()?,
-        last_seen: told.iter().map(|closure| closure.stamp).max()?,
+        since: flagged.iter().map(|closure| closure.stamp).min()?,
+        last_seen: flagged.iter().map(|closure| closure.stamp).max()?,
         until,
     })
 }
@@ -170,19 +171,19 @@ mod tests {
     /// Nodes of a lap, a metre apart.
     const LAP: u32 = 40;
 
-    /// Laps along x, of which some closures are told: (lap, place).
-    fn laps(count: u32, told: impl Fn(u32, u32) -> bool) -> Vec<JudgedClosure> {
+    /// Laps along x, of which some closures are flagged: (lap, place).
+    fn laps(count: u32, flagged: impl Fn(u32, u32) -> bool) -> Vec<JudgedClosure> {
         let closure = |lap: u32, at: u32| {
             let k = i64::from(lap * LAP + at);
-            let told = told(lap, at);
+            let flagged = flagged(lap, at);
             JudgedClosure {
                 edge: EdgeId(k),
                 nodes: [NodeId(i64::from(at)), NodeId(1_000 + k)],
                 place: Vector2::new(f64::from(at), 0.1 * f64::from(lap % 2)),
                 stamp: StampNs(k),
                 trip: (TripId::new("t").unwrap(), lap * LAP + at),
-                p_value: if told { 1e-6 } else { 0.5 },
-                told,
+                p_value: if flagged { 1e-6 } else { 0.5 },
+                flagged,
             }
         };
         let laps = (0..count).flat_map(|lap| (0..LAP).map(move |at| (lap, at)));
@@ -214,22 +215,22 @@ mod tests {
 
     #[test]
     fn two_places_are_two_findings() {
-        let told = |lap, at| lap >= 3 && ((5..8).contains(&at) || (25..28).contains(&at));
-        let found = residual_runs(&laps(5, told));
+        let flagged = |lap, at| lap >= 3 && ((5..8).contains(&at) || (25..28).contains(&at));
+        let found = residual_runs(&laps(5, flagged));
         assert_eq!(found.iter().map(|f| f.views).collect::<Vec<_>>(), [6, 6]);
     }
 
     #[test]
     fn a_lap_that_agrees_ends_it_and_a_later_one_begins_anew() {
-        let told = |lap, at| [3, 4, 7].contains(&lap) && (20..23).contains(&at);
-        let found = residual_runs(&laps(9, told));
+        let flagged = |lap, at| [3, 4, 7].contains(&lap) && (20..23).contains(&at);
+        let found = residual_runs(&laps(9, flagged));
         let spans: Vec<_> = found.iter().map(|f| (f.laps, f.until)).collect();
         let agrees = |lap: u32| Some(StampNs(i64::from(lap * LAP + 19)));
         assert_eq!(spans, [(2, agrees(5)), (1, agrees(8))]);
     }
 
     #[test]
-    fn a_lap_that_is_neither_usual_nor_told_ends_nothing() {
+    fn a_lap_that_is_neither_usual_nor_reported_ends_nothing() {
         let mut closures = laps(6, |lap, at| [3, 5].contains(&lap) && (20..23).contains(&at));
         closures[(4 * LAP + 21) as usize].p_value = 5e-3;
         let found = residual_runs(&closures);
@@ -254,9 +255,9 @@ mod tests {
 
     #[test]
     fn the_order_of_arrival_does_not_matter() {
-        let told = laps(6, |lap, at| lap >= 3 && (20..24).contains(&at));
-        let mut backwards = told.clone();
+        let flagged = laps(6, |lap, at| lap >= 3 && (20..24).contains(&at));
+        let mut backwards = flagged.clone();
         backwards.reverse();
-        assert_eq!(residual_runs(&told), residual_runs(&backwards));
+        assert_eq!(residual_runs(&flagged), residual_runs(&backwards));
     }
 }

@@ -1,5 +1,5 @@
-//! The calibrated test as closures come in: a change must not widen the spread that it is judged
-//! by, so what is told stays out of it.
+//! The calibrated test for closures as they arrive: flagged ones do not enter the spread, so that a change
+//! cannot widen the spread by which it is judged.
 
 use super::calibration::{Known, VehicleResidual};
 
@@ -8,11 +8,10 @@ pub const RESIDUAL_FALSE_ALARM_RATE: f64 = 1e-4;
 
 /// For each residual, in the order of insertion, the probability of one as large without a change.
 ///
-/// The first `baseline` residuals are taken for those of an unchanged world. Each later one is
-/// judged by the spread of those before it, its vehicle's own where there are enough, and joins
-/// them unless its probability is below `false_alarm_rate`. Spreads are learnt anew whenever their
-/// residuals have grown by a quarter, so that all costs O(n log n). `None` for all if the baseline
-/// is too small to tell.
+/// The first `baseline` residuals are taken as those of an unchanged world. Each later one is judged by the
+/// spread of those before it, of its own vehicle if there are enough, and is added to them unless its
+/// probability is below `false_alarm_rate`. Spreads are estimated again whenever the number of residuals has
+/// grown by a quarter: O(n log n) in all. `None` for all if the baseline is too small.
 pub fn p_values_in_order<V: Ord + Copy>(
     residuals: &[VehicleResidual<V>],
     baseline: usize,
@@ -39,7 +38,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn told(residuals: &[VehicleResidual<u8>], baseline: usize, rate: f64) -> Vec<bool> {
+    fn flagged(residuals: &[VehicleResidual<u8>], baseline: usize, rate: f64) -> Vec<bool> {
         let p_values = p_values_in_order(residuals, baseline, rate);
         p_values.iter().map(|p| p.unwrap() < rate).collect()
     }
@@ -57,8 +56,8 @@ mod tests {
                 of((k % 3) as u8, changed * (0.5 + chi_squared(&mut rng, 3)))
             })
             .collect();
-        let told = told(&residuals, 300, 1e-3);
-        let count = |from: usize| (from..4_000).step_by(2).filter(|k| told[*k]).count();
+        let flagged = flagged(&residuals, 300, 1e-3);
+        let count = |from: usize| (from..4_000).step_by(2).filter(|k| flagged[*k]).count();
         assert!(count(402) > 1_780, "{}", count(402));
         assert!(count(401) < 4, "{}", count(401));
     }
@@ -74,8 +73,8 @@ mod tests {
                     of((k % 2) as u8, if sigma > 0.0 { heavy } else { light })
                 })
                 .collect();
-            let told = told(&residuals, 2_000, 1e-3);
-            let share = told.iter().filter(|t| **t).count() as f64 / 60_000.0;
+            let flagged = flagged(&residuals, 2_000, 1e-3);
+            let share = flagged.iter().filter(|t| **t).count() as f64 / 60_000.0;
             assert!(share < 1.4e-3, "{sigma}: {share}");
             assert!(share > 0.6e-3 || sigma == 0.0, "{sigma}: {share}");
         }

@@ -1,45 +1,44 @@
-//! Which places may have changed: a grid of counts that every observation goes through once.
+//! Which places may have changed: a grid of hits and misses to which every observation is added once.
 //!
-//! A cell is counted while two observations have a hit in it; it keeps, for each pass, how many
-//! observations hit it and how many missed it. That is a sum over pairs of cell and observation,
-//! each a function of the two alone, so the counts depend neither on the order of arrival nor on
-//! what was moved or removed in between. Whether something changed is decided elsewhere: here
-//! nothing may be missed, and what is named too often costs time.
+//! A cell is counted while at least two observations have a hit in it. It keeps, for each pass, how many
+//! observations hit and missed it. This is a sum over pairs of cell and observation, so it depends neither
+//! on the order of arrival nor on what was moved or removed in between. Sites are judged elsewhere: a change
+//! must not be missed here, a false candidate only costs time.
 
-mod asked;
 mod cell_key;
 mod counted_cell;
 mod fit;
 mod grid;
 mod recorded;
 mod reliability;
+mod selection;
 mod sites;
 
 use std::collections::BTreeSet;
 
-pub use self::asked::JUDGED_WITHIN_M;
 use self::cell_key::{CELL_M, CellKey, key_of};
-use self::counted_cell::{CountedCell, MAKERS_MIN, PassCounts, PassKey};
+use self::counted_cell::{CountedCell, HITS_TO_COUNT, PassCounts, PassKey};
 pub use self::fit::{Agreement, Fit};
 use self::grid::{CellGrid, TILE_RADIUS_M};
 pub use self::recorded::{ObservationKey, Screened};
 use self::recorded::{Recorded, RecordedObservations};
 pub use self::reliability::Reliability;
+pub use self::selection::JUDGED_WITHIN_M;
 pub use self::sites::{CandidateSite, SURROUNDINGS_M};
 use crate::geometry::Vector2;
 use crate::observation::{Observation, Outcome, REACH_M, Visibility};
 
-/// The grid.
+/// The grid of one layer.
 #[derive(Default)]
 pub struct Screen {
     recorded: RecordedObservations,
     grid: CellGrid,
-    /// Cells that say something else than when they were last judged.
+    /// Cells whose history differs from when they were last judged.
     touched: BTreeSet<CellKey>,
 }
 
 impl Screen {
-    /// Brings the grid up to date with all observations of a map.
+    /// Updates the grid to all observations of a map.
     pub fn update<'a>(&mut self, observations: impl Iterator<Item = Screened<'a>>) {
         let mut gone: BTreeSet<ObservationKey> = self.recorded.keys().collect();
         let mut come = Vec::new();
@@ -68,8 +67,8 @@ impl Screen {
         });
     }
 
-    /// What has been touched counts as judged.
-    pub fn settle(&mut self) {
+    /// Marks all touched cells as judged.
+    pub fn mark_judged(&mut self) {
         for key in std::mem::take(&mut self.touched) {
             if let Some(cell) = self.grid.get_mut(key) {
                 cell.before = None;
@@ -81,11 +80,11 @@ impl Screen {
         let recorded = Recorded::of(screened);
         for key in hit_cells(&recorded.observation) {
             let cell = self.grid.entry(key);
-            cell.makers += 1;
-            if cell.makers == MAKERS_MIN {
+            cell.hit_by += 1;
+            if cell.hit_by == HITS_TO_COUNT {
                 cell.touch();
                 self.touched.insert(key);
-                // What came before answers for the new cell.
+                // Earlier observations are tested against the new cell.
                 let geometry = cell.geometry();
                 let reach = Vector2::repeat(REACH_M);
                 let (low, high) = (geometry.centre - reach, geometry.centre + reach);
@@ -107,8 +106,8 @@ impl Screen {
             let Some(cell) = self.grid.get_mut(key) else {
                 continue;
             };
-            cell.makers -= 1;
-            if cell.makers == 0 {
+            cell.hit_by -= 1;
+            if cell.hit_by == 0 {
                 self.grid.remove(key);
             } else if !cell.is_counted() {
                 cell.clear();
@@ -116,7 +115,7 @@ impl Screen {
         }
     }
 
-    /// Counts what an observation says about every cell within reach, or takes that back.
+    /// Adds an observation to every cell within reach, or removes it.
     fn count_all(&mut self, observation: &Observation, pass: PassKey, adds: bool) {
         let touched = &mut self.touched;
         let (low, high) = box_in_reach(observation);
@@ -137,7 +136,7 @@ impl Screen {
         });
     }
 
-    /// About how much memory it takes, bytes.
+    /// Approximate size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
         let cells = self.grid.cells();
         let cells: usize = cells
@@ -147,10 +146,10 @@ impl Screen {
     }
 }
 
-/// An observation in the indices; its ranges are the map's.
+/// Size of an observation's index entries, bytes; its ranges are shared with the map.
 const OBSERVATION_BYTES: usize = 128;
 
-/// The box that an observation may say something about, map frame, metres.
+/// The box within an observation's reach, map frame, metres.
 fn box_in_reach(observation: &Observation) -> (Vector2<f64>, Vector2<f64>) {
     let (eye, reach) = (observation.eye(), Vector2::repeat(observation.reach_m()));
     (eye - reach, eye + reach)

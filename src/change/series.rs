@@ -1,12 +1,12 @@
 //! The paper's residual series of one sub-graph (sections 4.1 and 4.2).
 //!
 //! n counts loop closures only. F(n) is the cost at the optimum after the n-th closure,
-//! f(n) = F(n)/n. Once f has settled, σ² = f(n*) and the threshold on ΔF are fixed (S8, S9);
+//! f(n) = F(n)/n. Once f has converged, σ² = f(n*) and the threshold on ΔF are fixed (S8, S9);
 //! from then on a closure contradicts the map if its unsmoothed ΔF exceeds the threshold near a
 //! peak of d/dn \[G∗F\] (S10, S11).
 //!
-//! The same series serves closures that were optimised and measurements that were only compared
-//! with the optimum: each is a stream of non-negative growths.
+//! The same series serves closures that were optimised and measurements that were only compared with the
+//! optimum: both are streams of non-negative increases of F.
 
 use super::median::RunningMedian;
 use super::threshold::{CHI_SQUARED_3_MEDIAN, chi_squared_survival, paper_threshold};
@@ -28,12 +28,12 @@ const NEGATIVE_TOLERANCE: f64 = 1e-6;
 pub struct ClosureSample {
     /// The closure.
     pub edge_id: EdgeId,
-    /// ΔF_n = F(n) − F(n−1), both at the optimum; or the growth that a measurement would cause
-    /// that is watched but not optimised.
+    /// ΔF_n = F(n) − F(n−1), both at the optimum; or the increase that a measurement would cause which is
+    /// compared but not optimised.
     pub delta_f: f64,
 }
 
-/// When f(n) counts as settled.
+/// When f(n) counts as converged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConvergenceRule {
     /// |Δ(G∗f)| / (G∗f) stays below this: free of units.
@@ -53,7 +53,7 @@ impl ConvergenceRule {
 pub struct SeriesParams {
     /// Standard deviation of the Gaussian G, in closures; 0 for no smoothing.
     pub smoothing_sigma: f64,
-    /// When f counts as settled.
+    /// When f counts as converged.
     pub convergence: ConvergenceRule,
     /// For how many closures in a row: one zero crossing is not convergence.
     pub convergence_hold: usize,
@@ -76,7 +76,7 @@ impl Default for SeriesParams {
 }
 
 impl SeriesParams {
-    /// A raw ΔF belongs to a smoothed peak so many closures away, or fewer.
+    /// A raw ΔF belongs to a smoothed peak at most this many closures away.
     pub(super) fn peak_reach(&self) -> usize {
         (PEAK_REACH_SIGMAS * self.smoothing_sigma.max(0.0)).round() as usize
     }
@@ -95,25 +95,25 @@ pub struct SeriesEntry {
     pub mean: f64,
     /// d/dn \[G∗f\] at n; 0 for the first.
     pub mean_change: f64,
-    /// ΔF_n as it was given.
+    /// ΔF_n as given, negative or not.
     pub delta_f: f64,
     /// d/dn \[G∗F\] at n.
     pub smoothed: f64,
-    /// What ΔF is compared with; `None` while warming up.
+    /// The threshold on ΔF; `None` while warming up.
     pub threshold: Option<f64>,
     /// ΔF over the threshold; `None` while warming up.
     pub ratio: Option<f64>,
     /// The probability of a ΔF this large without a change, if ΔF is a scaled χ²₃: the scale is
-    /// the median of ΔF_1 … ΔF_n over the median of χ²₃, so that a change, even one that spoils
-    /// nearly half of the closures, does not hide itself.
+    /// the median of ΔF_1 … ΔF_n over the median of χ²₃, so that even a change of nearly half of the
+    /// closures does not hide itself.
     pub p_value: f64,
     /// Whether it is the largest ΔF within two standard deviations of a peak of `smoothed`: the
     /// candidate for the place of a change (S10, S12).
     pub peak: bool,
-    /// What the rule says.
+    /// The verdict of the rule.
     pub verdict: ResidualVerdict,
     /// Whether ΔF is clearly negative. Adding a closure cannot lower the optimum, so the
-    /// optimiser had not converged: a fault of ours, no sign of the world.
+    /// optimiser had not converged: an error of the solver, not a sign of a change.
     pub negative: bool,
 }
 
@@ -122,40 +122,39 @@ pub struct SeriesEntry {
 pub struct ResidualSeries {
     /// One entry a closure, in order.
     pub entries: Vec<SeriesEntry>,
-    /// n*, once f has settled. It never moves again as the series grows.
+    /// n*, once f has converged. It never changes as the series grows.
     pub converged_at: Option<usize>,
     /// σ² = f(n*).
     pub sigma2: Option<f64>,
     /// The threshold on ΔF.
     pub threshold: Option<f64>,
-    /// G is centred and looks ahead: `smoothed`, `peak` and a verdict may change until so many
-    /// further closures have come.
+    /// G is centred: `smoothed`, `peak` and a verdict may change until this many further closures have come.
     pub delay: usize,
 }
 
-/// Reads a sub-graph's closures as the paper's series. Costs O(n log n). A ΔF that is not a number
+/// Computes the paper's series of a sub-graph's closures in O(n log n). A ΔF that is not a number
 /// counts as 0.
 pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> ResidualSeries {
     let kernel = Kernel::new(params.smoothing_sigma);
-    let growth: Vec<f64> = samples.iter().map(|s| s.delta_f.max(0.0)).collect();
-    let (totals, means) = totals_and_means(&growth);
-    // Smoothing and differencing commute; ΔF is smoothed, since at the borders, where the kernel
-    // is cut off and renormalised, that keeps a constant slope and smoothing F would not.
-    let smoothed = kernel.smooth(&growth);
+    let increases: Vec<f64> = samples.iter().map(|s| s.delta_f.max(0.0)).collect();
+    let (totals, means) = totals_and_means(&increases);
+    // Smoothing and differencing commute, except at the borders, where the kernel is cut off and
+    // renormalised: smoothing ΔF keeps a constant slope there, smoothing F would not.
+    let smoothed = kernel.smooth(&increases);
     let smoothed_means = kernel.smooth(&means);
     let converged_at = converged_at(&smoothed_means, kernel.reach(), params);
     let sigma2 = converged_at.map(|n| means[n - 1]);
     let threshold_of = |sigma2| params.threshold_factor * paper_threshold(sigma2);
-    // Where nothing ever differed, rounding must not count as a change.
+    // If all closures agreed exactly, rounding must not count as a change.
     let threshold = sigma2.map(|sigma2| threshold_of(sigma2).max(SCALE_MIN));
-    let near_peak = NearPeak::of(&smoothed, &growth, params.peak_reach());
-    let p_values = p_values(&growth);
+    let near_peak = NearPeak::of(&smoothed, &increases, params.peak_reach());
+    let p_values = p_values(&increases);
 
     let entry = |(k, sample): (usize, &ClosureSample)| {
-        let judged = threshold.filter(|_| converged_at.is_some_and(|settled| k >= settled));
+        let judged = threshold.filter(|_| converged_at.is_some_and(|converged| k >= converged));
         let verdict = match judged {
             None => ResidualVerdict::WarmingUp,
-            Some(th) if growth[k] > th && near_peak.within[k] => ResidualVerdict::Contradiction,
+            Some(th) if increases[k] > th && near_peak.within[k] => ResidualVerdict::Contradiction,
             Some(_) => ResidualVerdict::Consistent,
         };
         SeriesEntry {
@@ -169,7 +168,7 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
             delta_f: sample.delta_f,
             smoothed: smoothed[k],
             threshold: judged,
-            ratio: judged.map(|th| growth[k] / th),
+            ratio: judged.map(|th| increases[k] / th),
             p_value: p_values[k],
             peak: near_peak.largest[k],
             verdict,
@@ -185,21 +184,21 @@ pub fn residual_series(samples: &[ClosureSample], params: &SeriesParams) -> Resi
     }
 }
 
-fn totals_and_means(growth: &[f64]) -> (Vec<f64>, Vec<f64>) {
+fn totals_and_means(increases: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let mut total = 0.0;
-    let sums = growth.iter().enumerate().map(|(k, growth)| {
-        total += growth;
+    let sums = increases.iter().enumerate().map(|(k, increase)| {
+        total += increase;
         (total, total / (k + 1) as f64)
     });
     sums.unzip()
 }
 
-/// The first n from which on the rule has held for long enough. Only means that the kernel sees
-/// to both sides are looked at: they do not change any more.
+/// The first n at which the rule has held for long enough. Only means with the whole kernel on both sides
+/// are considered: they do not change any more.
 fn converged_at(smoothed: &[f64], reach: usize, params: &SeriesParams) -> Option<usize> {
-    let settled_until = smoothed.len().saturating_sub(reach);
+    let final_until = smoothed.len().saturating_sub(reach);
     let mut held = 0;
-    for k in 1..settled_until {
+    for k in 1..final_until {
         let change = (smoothed[k] - smoothed[k - 1]).abs();
         let small = match params.convergence {
             ConvergenceRule::Relative(bound) => change <= bound * smoothed[k],
@@ -213,14 +212,14 @@ fn converged_at(smoothed: &[f64], reach: usize, params: &SeriesParams) -> Option
     None
 }
 
-fn p_values(growth: &[f64]) -> Vec<f64> {
+fn p_values(increases: &[f64]) -> Vec<f64> {
     let mut median = RunningMedian::default();
-    let p_value = |&growth: &f64| {
-        median.insert(growth);
+    let p_value = |&increase: &f64| {
+        median.insert(increase);
         let scale = (median.get() / CHI_SQUARED_3_MEDIAN).max(SCALE_MIN);
-        chi_squared_survival(growth / scale, 3)
+        chi_squared_survival(increase / scale, 3)
     };
-    growth.iter().map(p_value).collect()
+    increases.iter().map(p_value).collect()
 }
 
 /// Half of a Gaussian: its weights at distances 0, 1, … closures.
@@ -243,7 +242,7 @@ impl Kernel {
         self.0.len() - 1
     }
 
-    /// The weighted mean around each value; at the borders of what is there.
+    /// The weighted mean around each value; at the borders over the part of the kernel that has values.
     fn smooth(&self, values: &[f64]) -> Vec<f64> {
         let around = |k: usize| {
             let first = k.saturating_sub(self.reach());
@@ -267,23 +266,23 @@ struct NearPeak {
 }
 
 impl NearPeak {
-    fn of(smoothed: &[f64], growth: &[f64], reach: usize) -> Self {
+    fn of(smoothed: &[f64], increases: &[f64], reach: usize) -> Self {
         let mut near = Self {
-            within: vec![false; growth.len()],
-            largest: vec![false; growth.len()],
+            within: vec![false; increases.len()],
+            largest: vec![false; increases.len()],
         };
-        for k in 0..growth.len() {
+        for k in 0..increases.len() {
             let rises = k == 0 || smoothed[k] > smoothed[k - 1];
-            // The last value counts as a peak if it rises, so that a change is seen at once.
+            // The last value counts as a peak if it rises, so that a change is detected at once.
             let falls = smoothed.get(k + 1).is_none_or(|next| smoothed[k] >= *next);
             if !(rises && falls) {
                 continue;
             }
-            let window = k.saturating_sub(reach)..(k + reach + 1).min(growth.len());
+            let window = k.saturating_sub(reach)..(k + reach + 1).min(increases.len());
             let mut largest = k;
             for j in window {
                 near.within[j] = true;
-                if growth[j] > growth[largest] {
+                if increases[j] > increases[largest] {
                     largest = j;
                 }
             }
@@ -301,12 +300,12 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn samples(growth: &[f64]) -> Vec<ClosureSample> {
+    fn samples(increases: &[f64]) -> Vec<ClosureSample> {
         let sample = |(k, &delta_f)| ClosureSample {
             edge_id: EdgeId(500 + k as i64),
             delta_f,
         };
-        growth.iter().enumerate().map(sample).collect()
+        increases.iter().enumerate().map(sample).collect()
     }
 
     fn unchanged(seed: u64, count: usize, degrees: usize) -> Vec<f64> {
@@ -364,7 +363,7 @@ mod tests {
 
     #[test]
     fn a_change_is_found_at_its_place_and_not_before() {
-        let mut growth = unchanged(5, 400, 3);
+        let mut increases = unchanged(5, 400, 3);
         for (k, step) in [
             (299, 0.001),
             (300, 0.006),
@@ -372,9 +371,9 @@ mod tests {
             (302, 0.007),
             (303, 0.001),
         ] {
-            growth[k] += step;
+            increases[k] += step;
         }
-        let series = residual_series(&samples(&growth), &SeriesParams::default());
+        let series = residual_series(&samples(&increases), &SeriesParams::default());
         let largest = series
             .entries
             .iter()
@@ -398,11 +397,11 @@ mod tests {
     /// A change does not raise its own threshold, nor its own p-value's scale.
     #[test]
     fn a_lasting_change_stays_visible() {
-        let mut growth = unchanged(9, 600, 3);
-        for growth in &mut growth[350..] {
-            *growth += 0.01;
+        let mut increases = unchanged(9, 600, 3);
+        for increases in &mut increases[350..] {
+            *increases += 0.01;
         }
-        let series = residual_series(&samples(&growth), &SeriesParams::default());
+        let series = residual_series(&samples(&increases), &SeriesParams::default());
         let later = &series.entries[350..];
         let found = later
             .iter()
@@ -413,12 +412,12 @@ mod tests {
     }
 
     #[test]
-    fn a_clearly_negative_growth_is_flagged_and_never_data() {
-        let mut growth = unchanged(1, 100, 3);
-        growth[50] = -0.02;
-        growth[60] = -1e-18;
-        growth[70] = f64::NAN;
-        let series = residual_series(&samples(&growth), &SeriesParams::default());
+    fn a_clearly_negative_increase_is_flagged_and_never_data() {
+        let mut increases = unchanged(1, 100, 3);
+        increases[50] = -0.02;
+        increases[60] = -1e-18;
+        increases[70] = f64::NAN;
+        let series = residual_series(&samples(&increases), &SeriesParams::default());
         let flagged: Vec<usize> = series
             .entries
             .iter()
@@ -472,10 +471,10 @@ mod tests {
         /// What has been said about the past is not taken back, but for the stated delay.
         #[test]
         fn a_longer_series_agrees_about_the_past(seed in 0..1000_u64, cut in 1..300_usize) {
-            let growth = unchanged(seed, 300, 3);
+            let increases = unchanged(seed, 300, 3);
             let params = SeriesParams { convergence: ConvergenceRule::Relative(1e-2), ..SeriesParams::default() };
-            let whole = residual_series(&samples(&growth), &params);
-            let part = residual_series(&samples(&growth[..cut]), &params);
+            let whole = residual_series(&samples(&increases), &params);
+            let part = residual_series(&samples(&increases[..cut]), &params);
             if part.converged_at.is_some() {
                 prop_assert_eq!(part.converged_at, whole.converged_at);
             }

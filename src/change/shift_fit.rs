@@ -1,4 +1,4 @@
-//! By which shift points lie best on others.
+//! The shift that lays points best onto others.
 
 use std::collections::BTreeMap;
 
@@ -11,25 +11,25 @@ pub const SHIFT_MAX_M: f64 = 1.5;
 pub(super) const SHIFT_MIN_M: f64 = 0.1;
 /// Shifts are tried in steps of this, metres, …
 const STEP_M: f64 = 0.05;
-/// … so many to each side of the expected direction, …
+/// … this many to each side of the expected direction, …
 const STEPS_ASIDE: i32 = 3;
-/// … and round the best of them in steps of this, metres, so many to each side.
+/// … and round the best of them in steps of this, metres, this many to each side.
 const FINE_STEP_M: f64 = 0.01;
 const FINE_STEPS: i32 = 5;
-/// A point that lies this far from all others does not fit at all, metres.
+/// A point this far from all others does not fit at all, metres.
 const FIT_M: f64 = 0.12;
-/// Of the points one is taken in each square of this width, metres.
+/// One point is used in each square of this width, metres.
 const THINNED_M: f64 = 0.05;
-/// Fewest points on either side that tell.
+/// Fewest points on either side.
 const POINTS_MIN: usize = 30;
-/// A shift must fit so much better than none: shares, 1 where every point lies on another.
+/// A shift must fit better than none by this much; a fit is 1 if every point lies on another.
 const GAIN_MIN: f64 = 0.03;
 /// Points of a finding, as a share, that must lie on others for the shift to explain it.
 const EXPLAINED_SHARE_MIN: f64 = 0.8;
-/// Points this near to a finding's region are of it, metres.
+/// Points this near to a finding's region belong to it, metres.
 const OF_REGION_M: f64 = 0.05;
 
-/// What a pass observed, moved so that it lies best on what others did.
+/// The shift at which a pass's points fit those of others best.
 pub struct ShiftFit {
     shift: Vector2<f64>,
     old: Grid,
@@ -37,9 +37,9 @@ pub struct ShiftFit {
 }
 
 impl ShiftFit {
-    /// Looks for the shift by which `new` points lie best on `old` ones along an expected
-    /// direction, up to 1.5 m, and a little aside; map frame, metres. `None` if they fit hardly
-    /// better than where they are, or there are too few.
+    /// Finds the shift that lays `new` points best onto `old` ones: up to 1.5 m along an expected direction,
+    /// and a little aside; map frame, metres. `None` if it fits hardly better than no shift, or there are too
+    /// few points.
     pub fn of(
         old: impl Iterator<Item = Vector2<f64>>,
         new: impl Iterator<Item = Vector2<f64>>,
@@ -71,7 +71,7 @@ impl ShiftFit {
         (gain >= GAIN_MIN && shift.norm() >= SHIFT_MIN_M).then_some(Self { shift, old, new })
     }
 
-    /// A shift that is known without points; it explains no other finding.
+    /// A shift without points; it explains no other finding.
     #[cfg(test)]
     pub(super) fn known(shift: Vector2<f64>) -> Self {
         let [old, new] = [(); 2].map(|()| Grid::of(std::iter::empty()));
@@ -83,8 +83,7 @@ impl ShiftFit {
         self.shift
     }
 
-    /// Whether what appeared lies, moved, on what was there before, or what disappeared on what the
-    /// pass found there.
+    /// Whether the shift lays what appeared onto earlier points, or what disappeared onto points of the pass.
     pub fn explains(&self, finding: &Finding) -> bool {
         let (own, others, shift) = match finding.kind {
             ChangeKind::Appeared => (&self.new, &self.old, self.shift),
@@ -120,7 +119,7 @@ struct Grid(BTreeMap<(i64, i64), Vec<Vector2<f64>>>);
 
 impl Grid {
     fn of(points: impl Iterator<Item = Vector2<f64>>) -> Self {
-        // The least of each square, so that the order in which they come does not matter.
+        // The smallest of each square: the result does not depend on the order of the points.
         let mut thinned: BTreeMap<(i64, i64), Vector2<f64>> = BTreeMap::new();
         for point in points {
             let kept = thinned.entry(square(&point, THINNED_M)).or_insert(point);

@@ -1,20 +1,19 @@
-//! One site: a few square metres where something may have changed, judged by every observation
-//! of it: [`state_changes`].
+//! One site: a few square metres where something may have changed, judged by all observations of it. Begin
+//! with [`state_changes`].
 //!
-//! What is found is a function of the set of observations and their poses, not of the order in
-//! which they arrived. The rule and its constants come from recordings; `docs/explanation/detection.md` has
-//! what each step is worth.
+//! Findings are a function of the set of observations and their poses, not of the order of arrival. The rule
+//! and its constants come from recordings; `docs/explanation/detection.md` measures the worth of each step.
 
 mod answers;
 mod cells;
 mod cluster;
+mod misplaced;
 mod pass_outcomes;
 mod pooled;
 mod shift;
 mod state_changes;
 mod surroundings;
 mod timeline;
-mod void;
 
 pub use self::pass_outcomes::{PassSeen, Presence, pass_outcomes};
 pub use self::pooled::support_min;
@@ -28,7 +27,7 @@ use crate::observation::Observation;
 /// An observation of a map.
 #[derive(Debug, Clone)]
 pub struct Observed {
-    /// The keyframe that it is of, or follows.
+    /// Its keyframe, or the one that it follows.
     pub node: NodeId,
     /// Which: the keyframe's own (0), or its first, second … intermediate scan.
     pub place: u32,
@@ -36,16 +35,16 @@ pub struct Observed {
     pub trip: usize,
     /// When it was taken.
     pub stamp: StampNs,
-    /// Where the base was, as the map has it.
+    /// Pose of the base in the map.
     pub map_from_base: Pose2,
-    /// The scan at its pose, or where it fits what other passes found.
+    /// The scan at this pose, or at the one where it fits other passes.
     pub observation: Observation,
-    /// How well it fits what other passes found, wherever it looked.
+    /// How well it fits other passes over its whole range.
     pub agreement: Agreement,
 }
 
 impl Observed {
-    /// Moves it to where it fits what other passes found.
+    /// Moves it to where it fits other passes.
     pub fn refit(&mut self, fit: &Fit) {
         if fit.map_from_base != self.map_from_base {
             self.observation =
@@ -64,19 +63,19 @@ impl Observed {
     }
 }
 
-/// What is judged together.
+/// A site to judge.
 pub struct Site<'a> {
-    /// Centres of the cells that may have changed, map frame, metres.
+    /// Centres of the candidate cells, map frame, metres.
     pub candidates: &'a [Vector2<f64>],
-    /// Centres of all cells in the surroundings that may have changed.
+    /// Centres of all candidate cells in the surroundings, map frame, metres.
     pub changed_around: &'a [Vector2<f64>],
-    /// Those who are asked, in the order of trip and time.
+    /// The observations, in the order of trip and time.
     pub observations: Vec<Observed>,
-    /// Accepted changes: in their regions what was observed before them is out of date.
+    /// Accepted changes: in their regions earlier observations do not count.
     pub accepted: &'a [AcceptedChange],
-    /// Names of the trips that observations number.
+    /// The trips by the number that observations have.
     pub trips: &'a [TripId],
-    /// How much better a change must explain the passes than none, in nats: [`support_min`].
+    /// Least support of a change, in nats: [`support_min`].
     pub support_min: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What a finding says of the vehicle that it suspects: what is off, and which changes that explains.
+//! Evidence against a suspected vehicle: its faults, and the changes that they explain.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,15 +7,15 @@ use crate::calibration::VehicleFault;
 use crate::geometry::Vector2;
 use crate::ids::StampNs;
 
-/// What was silenced this near to each other and of one kind is one, metres.
+/// Silenced changes of one kind this near to each other are one, metres.
 const SAME_PLACE_M: f64 = 0.5;
 
-/// The evidence.
+/// The evidence against a vehicle.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SuspectEvidence {
-    /// What is off.
+    /// Its faults.
     pub faults: Vec<VehicleFault>,
-    /// The changes that this explains, which are not told for that.
+    /// The changes that these explain, which are therefore not reported.
     pub silenced: Vec<SilencedChange>,
 }
 
@@ -26,12 +26,12 @@ pub struct SilencedChange {
     pub kind: ChangeKind,
     /// Its centre, map frame, metres, to the millimetre.
     pub at_m: [f64; 2],
-    /// The first look that shows it.
+    /// The first observation that shows it.
     pub since: StampNs,
 }
 
 impl SilencedChange {
-    /// At a place of the map, seen first at a time.
+    /// A change at a location of the map, first observed `since`.
     pub fn new(kind: ChangeKind, location: &Vector2<f64>, since: StampNs) -> Self {
         let to_millimetre = |value: f64| (1e3 * value).round() / 1e3;
         Self {
@@ -41,7 +41,7 @@ impl SilencedChange {
         }
     }
 
-    /// Whether it tells of the same as another one.
+    /// Whether it is the same change as another one.
     pub fn is_same(&self, other: &Self) -> bool {
         let [dx, dy] = [0, 1].map(|k| self.at_m[k] - other.at_m[k]);
         self.kind == other.kind && dx.hypot(dy) <= SAME_PLACE_M
@@ -49,14 +49,14 @@ impl SilencedChange {
 }
 
 impl SuspectEvidence {
-    /// Adds a change that was silenced, if none of that place is there.
+    /// Adds a silenced change, unless the same is there already.
     pub fn silence(&mut self, change: SilencedChange) {
         if !self.silenced.iter().any(|known| known.is_same(&change)) {
             self.silenced.push(change);
         }
     }
 
-    /// Whether a change of that place was silenced.
+    /// Whether the same change was silenced.
     pub fn has_silenced(&self, change: &SilencedChange) -> bool {
         self.silenced.iter().any(|known| known.is_same(change))
     }

@@ -1,9 +1,9 @@
-//! Thresholds on the growth of F, and what they mean as false-alarm rates.
+//! Thresholds on the increase ΔF, and the false-alarm rates that they imply.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// th / σ² = 1 + 3√2: three standard deviations above the mean of σ²χ²₁, which the paper takes
-/// for Gaussian (equations 4 to 6).
+/// th / σ² = 1 + 3√2: three standard deviations above the mean of σ²χ²₁, which the paper assumes
+/// to be Gaussian (equations 4 to 6).
 pub const PAPER_FACTOR: f64 = 1.0 + 3.0 * std::f64::consts::SQRT_2;
 
 /// The median of χ² with three degrees of freedom.
@@ -27,7 +27,7 @@ pub fn chi_squared_survival(x: f64, degrees_of_freedom: usize) -> f64 {
     if x == f64::INFINITY {
         return 0.0;
     }
-    // Halved, the smallest numbers would be 0, which statrs does not take.
+    // statrs halves x: the smallest numbers would become 0, which it rejects.
     ChiSquared::new(degrees_of_freedom as f64)
         .map_or(1.0, |chi_squared| chi_squared.sf(x.max(f64::MIN_POSITIVE)))
 }
@@ -46,7 +46,7 @@ pub fn chi_squared_threshold(false_alarm_rate: f64, degrees_of_freedom: usize) -
         low = high;
         high *= 2.0;
     }
-    // Halving ends where neighbouring numbers are reached.
+    // Bisection ends at neighbouring floating-point numbers.
     loop {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {

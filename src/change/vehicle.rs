@@ -1,4 +1,4 @@
-//! Vehicles that are suspected.
+//! Suspected vehicles.
 
 use super::region::region_round;
 use super::suspect_evidence::SuspectEvidence;
@@ -7,42 +7,42 @@ use crate::calibration::{Displacement, VehicleFault};
 use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs, TripId, VehicleId};
 
-/// Radius of the region that stands for where the vehicle was seen first, metres.
+/// Radius of the region round the vehicle's first position, metres.
 const REGION_RADIUS_M: f64 = 0.3;
 
-/// A vehicle whose trips say that something is off.
+/// A vehicle whose calibrations show a fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suspect {
     /// Which vehicle.
     pub vehicle: VehicleId,
-    /// What is off.
+    /// Its faults.
     pub faults: Vec<VehicleFault>,
-    /// The trips that say so, ascending.
+    /// The trips that show them, ascending.
     pub trips: Vec<TripId>,
-    /// Scans that they rest on.
+    /// Scans of these trips.
     pub scans: usize,
-    /// What the vehicle saw up to then was seen before; `None` if it was always so.
+    /// Up to when the vehicle was sound; `None` if it never was.
     pub sound_until: Option<StampNs>,
-    /// Of the first trip that says so.
+    /// Stamp of the first of these trips.
     pub since: StampNs,
-    /// Of the last.
+    /// Stamp of the last.
     pub last_seen: StampNs,
-    /// From when on the vehicle is known anew; `None` while it is not.
+    /// From when on the vehicle is calibrated again; `None` while it is not.
     pub until: Option<StampNs>,
-    /// Confirmed if two trips say so.
+    /// Confirmed if two trips show a fault.
     pub tier: Tier,
-    /// How many standard errors the plainest fault is away from none.
+    /// Significance of the clearest fault, in standard errors.
     pub significance: f64,
 }
 
 impl Suspect {
-    /// How far its faults may put what the vehicle sees beside where it is.
+    /// By how far its faults may displace what the vehicle observes.
     pub fn displacement(&self) -> Displacement {
         let faults = self.faults.iter().map(VehicleFault::displacement);
         faults.fold(Displacement::default(), Displacement::and)
     }
 
-    /// The finding against the vehicle, seen first from a node at a place.
+    /// The finding against the vehicle, located at its first node.
     pub fn finding(&self, first: NodeId, location: Vector2<f64>) -> Finding {
         Finding {
             kind: ChangeKind::VehicleSuspect,

@@ -25,7 +25,7 @@ pub struct Args {
     output: PathBuf,
 }
 
-/// Copies the database as it is at this moment, checks the copy, and only then gives it its name.
+/// Copies a consistent snapshot of the database, checks the copy, and then renames it into place.
 ///
 /// # Errors
 /// If the file is there already, the database cannot be copied, or the copy is not sound.
@@ -51,7 +51,7 @@ async fn back_up(args: &Args) -> anyhow::Result<()> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    // Beside it, so that it can be moved there at once, and in a directory of the owner alone.
+    // In the same file system, so that it can be renamed, and in a directory that only the owner can read.
     let scratch = tempfile::Builder::new()
         .prefix(".mapshift-backup-")
         .tempdir_in(parent)
@@ -79,7 +79,7 @@ fn output_file(output: &Path) -> PathBuf {
     }
 }
 
-/// Copies the database, and shows how far the file has grown.
+/// Copies the database with a progress bar.
 async fn copy(data: &Path, into: &Path) -> anyhow::Result<()> {
     let size_mib = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len() / MEBIBYTE);
     let total_mib = size_mib(&data.join("mapshift.db"));
@@ -113,7 +113,7 @@ async fn check(copy: &Path) -> anyhow::Result<()> {
     )
 }
 
-/// Gives the copy its name, unless something has it by now.
+/// Renames the copy into place unless the name is taken by now.
 fn put(staged: &Path, output: &Path, parent: &Path) -> anyhow::Result<()> {
     let moved = tempfile::TempPath::try_from_path(staged)?.persist_noclobber(output);
     moved.with_context(|| format!("cannot write {}", output.display()))?;

@@ -11,17 +11,17 @@ use sha2::{Digest, Sha256};
 use crate::store::{Contents, FsckReport, SchemaAge};
 
 const PIECE_BYTES: usize = 1 << 20;
-/// Faults that an error names.
+/// Most faults that an error lists.
 const FAULTS_SHOWN: usize = 5;
 
-/// Where the digest of a backup is.
+/// Path of a backup's digest.
 pub(super) fn digest_path(file: &Path) -> PathBuf {
     let mut path = file.as_os_str().to_owned();
     path.push(".sha256");
     path.into()
 }
 
-/// Copies a file to a writer, and says the SHA-256 of what went there.
+/// Copies a file to a writer and returns the SHA-256 of the copy.
 pub(super) fn copy_digesting(file: &Path, mut into: impl Write) -> anyhow::Result<String> {
     let failed = || format!("cannot read {}", file.display());
     let mut source = File::open(file).with_context(failed)?;
@@ -52,7 +52,7 @@ pub(super) fn noted_digest(file: &Path) -> anyhow::Result<Option<String>> {
     }
 }
 
-/// Fails with what a check has found, if it has found anything.
+/// Fails if a check has found anything, with what it found.
 pub(super) fn ensure_sound(report: &FsckReport) -> anyhow::Result<()> {
     if report.sound {
         return Ok(());

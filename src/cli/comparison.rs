@@ -1,4 +1,4 @@
-//! What truly changed in a simulation, beside what the service found.
+//! Compares the true changes of a simulation with the service's alerts.
 
 use super::plan::FAULT_DEG;
 use crate::change::ChangeKind;
@@ -7,15 +7,14 @@ use crate::geometry::Vector2;
 use crate::ids::VehicleId;
 use crate::sim::{ChangeEvent, Shape};
 
-/// An alert is taken for a change of its kind if it is no farther than this from the object,
-/// metres.
+/// An alert matches a change of its kind within this distance of the object, metres.
 const MATCH_MAX_M: f64 = 0.5;
 
-/// What truly happened in a simulation.
+/// The truth of a simulation.
 pub(super) struct Truth {
-    /// What came and went, as far as it could be seen.
+    /// The visible changes.
     pub changes: Vec<ChangeEvent>,
-    /// Whose lidar was knocked aside.
+    /// The vehicle whose lidar was knocked aside.
     pub knocked: Option<Knocked>,
 }
 
@@ -27,7 +26,7 @@ pub(super) struct Knocked {
 }
 
 impl Truth {
-    /// What happened before a lap, to be said behind its number; empty if nothing did.
+    /// What happened before a lap, printed after its number; empty if nothing did.
     pub(super) fn before_lap(&self, lap: usize) -> String {
         let count = |kind| {
             let events = self.changes.iter();
@@ -50,14 +49,14 @@ impl Truth {
         }
     }
 
-    /// The first lap that does not have an object any more, if it came after the first lap.
+    /// The first lap without an object that appeared after the first lap.
     fn end_of(&self, event: &ChangeEvent) -> Option<usize> {
         let mut others = self.changes.iter().filter(|e| e.object == event.object);
         let gone = others.find(|e| e.kind == ChangeKind::Disappeared && e.lap > event.lap)?;
         (event.kind == ChangeKind::Appeared).then_some(gone.lap)
     }
 
-    /// Whether it is the end of what came after the first lap: its alert is resolved then.
+    /// Whether it is the end of an object that appeared after the first lap: its alert is then resolved.
     fn is_end(&self, event: &ChangeEvent) -> bool {
         let mut others = self.changes.iter().filter(|e| e.object == event.object);
         event.kind == ChangeKind::Disappeared && others.any(|e| e.kind == ChangeKind::Appeared)
@@ -82,9 +81,9 @@ impl Knocked {
     }
 }
 
-/// One line for each thing that happened with the alert that is nearest to it (one that still stands
-/// before one that was resolved), then the alerts that nothing explains. An object that came and went again is
-/// one line. `None`: the service has no alerts to show.
+/// One line for each true change with its nearest alert (pending ones before resolved ones), then the alerts
+/// without a true change. An object that appeared and disappeared again is one line. `None`: alerts cannot be
+/// read.
 pub(super) fn compare(truth: &Truth, alerts: Option<&[AlertReport]>) -> Vec<String> {
     let changes = truth.changes.iter().filter(|event| !truth.is_end(event));
     let mut happened: Vec<(String, Option<&AlertReport>)> = changes

@@ -18,11 +18,11 @@ pub struct Args {
     json: bool,
 }
 
-/// A setting as it would be in force.
+/// A setting with its effective value.
 #[derive(Debug, Serialize)]
 struct InForce {
     name: String,
-    /// As a flag would give it; several of a setting that takes a list. Null if it is not set.
+    /// The value as a flag would state it, several for a list. Null if not set.
     value: serde_json::Value,
     source: Source,
     /// The line of the settings file, if that is the source.

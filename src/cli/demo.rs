@@ -19,16 +19,16 @@ use crate::sim::Changes;
 
 const ROUTE: &str = "demo-hall";
 const SEED: u64 = 4;
-/// A batch a person can follow …
+/// Pause between batches at which a person can follow …
 const PACE: Duration = Duration::from_millis(600);
-/// … and the whole drive in a time that a person waits, however many the laps.
+/// … unless the whole run would take longer than a person waits.
 const DRIVE_MAX: Duration = Duration::from_secs(45);
-/// From so many laps on something stands in the second lap that is gone in the third …
+/// Fewest laps with an object that is there in the second lap only …
 const LAPS_WITH_OBSTACLE: u8 = 4;
 const OBSTACLE_LAP: usize = 1;
 /// … of so large a share of the mean area of what else stands there;
 const OBSTACLE_AREA_SHARE: f64 = 0.3;
-/// from so many on a vehicle's lidar is knocked aside, before the fourth.
+/// fewest laps with a vehicle whose lidar is knocked aside before the fourth.
 const LAPS_WITH_FAULT: u8 = 5;
 /// How far laps stray from the route, metres.
 const PATH_NOISE_M: f64 = 0.3;
@@ -36,10 +36,10 @@ const PATH_NOISE_M: f64 = 0.3;
 /// Arguments of `mapshift demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Where the service listens; port 0 takes a free one.
+    /// Address on which the service listens; port 0 takes a free one.
     #[arg(long, default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
-    /// Where the service keeps its data; else a temporary directory that is removed at the end.
+    /// Data directory; without it a temporary one, which is removed at the end.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Laps of each vehicle.
@@ -102,7 +102,7 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
         public_url: None,
         trusted_proxies: Vec::new(),
         proxy_roles: Vec::new(),
-        // Whoever tries webhooks out has a receiver on the same machine.
+        // Webhooks are tried out with a receiver on the same machine.
         webhooks_to_private_networks: true,
     };
     app::start(settings.app_config())

@@ -23,7 +23,7 @@ use finding::{Finding, Level};
 /// Arguments of `mapshift doctor`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Ask the service at this address as well whether it is ready.
+    /// Also check whether the service at this address is ready.
     #[arg(long)]
     url: Option<String>,
     /// Print one JSON object.
@@ -43,8 +43,8 @@ struct Report {
     findings: Vec<Finding>,
 }
 
-/// Checks an installation and prints what it finds; ends with 1 for warnings, with 2 for errors. It only
-/// reads, but for a file that it writes and removes to see whether that can be done.
+/// Checks an installation and prints the findings. Exit code 1 for warnings, 2 for errors. Reads only, except
+/// for one file that it writes and removes to test the directory.
 ///
 /// # Errors
 /// If standard output is closed.

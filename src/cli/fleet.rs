@@ -1,4 +1,4 @@
-//! Simulated vehicles that drive laps and upload what they see.
+//! Simulated vehicles that drive laps and upload their scans.
 
 mod drive;
 mod watch;
@@ -19,29 +19,29 @@ use crate::sim::SimScan;
 use drive::{Drive, LapBatch, LapClock};
 use watch::AlertWatch;
 
-/// How often a batch's state is asked for, and how long at most before the drive goes on.
+/// How often a batch's state is polled, and for how long at most before the run continues.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 const POLL_MAX: Duration = Duration::from_secs(5);
-/// How long to wait at the end for what is still under way.
+/// How long to wait at the end for batches that are still being processed.
 const SETTLE_MAX: Duration = Duration::from_secs(120);
 
-/// Vehicles with the drives they have before them.
+/// Vehicles with the trips that they will drive.
 pub(super) struct Fleet {
     drives: Vec<Drive>,
     laps: usize,
     truth: Truth,
 }
 
-/// What became of a fleet's batches.
+/// The outcome of a fleet's batches.
 struct Settled {
     scans: usize,
-    /// Batches that are not in the map, with the service's words.
+    /// Batches that are not in the map, with the service's reason.
     left_out: Vec<String>,
 }
 
 impl Fleet {
-    /// Drives the laps of a plan, each a trip of its own. The second vehicle does not know where its first
-    /// lap starts. The drives end shortly before `now`.
+    /// The trips of a plan, one for each lap. The second vehicle does not know where its first lap starts. The
+    /// trips end shortly before `now`.
     pub(super) fn new(plan: &Plan, now: Timestamp) -> anyhow::Result<Self> {
         let recorded: Vec<Vec<SimScan>> = (0..plan.vehicles.len())
             .map(|number| plan.drive(number))
@@ -67,13 +67,13 @@ impl Fleet {
         })
     }
 
-    /// Batches in all drives.
+    /// Batches in all trips.
     pub(super) fn batch_count(&self) -> usize {
         self.drives.iter().map(|d| d.batches.len()).sum()
     }
 
-    /// Drives lap after lap, one vehicle after the other, a batch every `pace`. Says what is different in
-    /// a lap, what the service reports of it, and which batches are not in the map.
+    /// Uploads lap after lap, one vehicle after the other, a batch every `pace`. Prints what is different in a
+    /// lap, what the service reports, and which batches are not in the map.
     pub(super) async fn drive(
         &self,
         gateway: &Gateway,
@@ -106,8 +106,8 @@ impl Fleet {
         Ok(())
     }
 
-    /// Waits until nothing is under way any more, and says what became of the drives, the map, and the
-    /// changes of the world.
+    /// Waits until all batches are processed, and prints the outcome of the trips, the map, and the changes of
+    /// the world.
     pub(super) async fn report(&self, gateway: &Gateway, route: &RouteId) -> anyhow::Result<()> {
         let settled = self.settle(gateway, route).await?;
         let report = gateway.route(route).await?;
@@ -175,7 +175,7 @@ async fn report_of(
     }
 }
 
-/// What became of a batch that is not in the map.
+/// Why a batch is not in the map.
 fn left_out(batch: &LapBatch, report: &BatchReport) -> Option<String> {
     if report.status == BatchStatus::Merged.name() {
         return None;

@@ -1,4 +1,4 @@
-//! `mapshift keys`: in the data directory while no service holds it, else over HTTP.
+//! `mapshift keys`: in the data directory while no service runs on it, else over HTTP.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,15 +15,15 @@ use crate::model::{Actor, Role, TextEnum as _, checked_holder};
 use crate::store::{KeyRecord, KeyText, NewKey, Secret, Store, StoreError, StoreOptions};
 
 const URL: &str = "http://127.0.0.1:8080";
-/// From where keys are made without the service, as the audit has it.
+/// The origin of changes without the service, for the audit.
 const COMMAND_LINE: &str = "command line";
-/// Keys that are read at once.
+/// Keys of one page.
 const PAGE: u32 = 1_000;
 
 /// Arguments of `mapshift keys`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Directory that holds the database. A service that runs on it is asked over HTTP instead.
+    /// Directory of the database. If a service runs on it, it is used over HTTP instead.
     #[arg(
         long,
         global = true,
@@ -31,7 +31,7 @@ pub struct Args {
         default_value = "./data"
     )]
     data: PathBuf,
-    /// Ask the service at this address, with an administrator's key.
+    /// Use the service at this address, with an administrator's key.
     #[arg(long, global = true)]
     url: Option<String>,
     #[command(flatten)]
@@ -42,11 +42,11 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a key and print it: it cannot be shown again.
+    /// Create a key and print it: it cannot be shown again.
     Create(CreateArgs),
     /// List keys.
     List,
-    /// Revoke a key: from now on it is none.
+    /// Revoke a key; it is refused from now on.
     Revoke {
         /// Its id, as `list` prints it.
         id: KeyId,
@@ -55,24 +55,24 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct CreateArgs {
-    /// Whose it is: a person or a machine.
+    /// Its holder: a person or a machine.
     #[arg(long, value_parser = parse_name)]
     name: String,
     /// vehicle, viewer, maintainer or admin.
     #[arg(long, value_parser = parse_role)]
     role: Role,
-    /// The one vehicle that it uploads for; with role vehicle alone.
+    /// The only vehicle that it may upload for; with role vehicle only.
     #[arg(long)]
     vehicle: Option<VehicleId>,
     /// Limit it to this route; may be given several times. Not with role admin.
     #[arg(long = "route", value_name = "ROUTE")]
     routes: Vec<RouteId>,
-    /// From so many days on it is no key; valid for ever if left out.
+    /// Days until it expires; by default never.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=3_650))]
     expires_days: Option<u16>,
 }
 
-/// Where keys are.
+/// Where keys are stored.
 enum Keys {
     Here(Store),
     There(Gateway),
@@ -151,7 +151,7 @@ impl Keys {
         }
     }
 
-    /// Makes a key, and returns it as its holder sends it.
+    /// Creates a key and returns its secret.
     async fn create(&self, request: KeyRequest) -> anyhow::Result<String> {
         match self {
             Self::There(gateway) => {
@@ -215,7 +215,7 @@ async fn open(data: &Path) -> Result<Store, StoreError> {
     Store::open(StoreOptions { data_dir }).await
 }
 
-/// Tells people something; standard output is for keys.
+/// Prints a message for people to standard error; standard output is for keys.
 fn note(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -240,7 +240,7 @@ fn report(key: KeyRecord) -> KeyReport {
     }
 }
 
-/// A key for people: what it is for, and whether it is one still.
+/// A key in a line for people: its purpose and whether it is valid.
 fn line(key: &KeyReport) -> String {
     let mut text = format!("{}  {}  {}", key.id, key.role.name(), key.name);
     if let Some(vehicle) = &key.vehicle_id {

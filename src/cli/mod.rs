@@ -1,7 +1,7 @@
 //! The command line: one file per command.
 //!
-//! Knows nothing of the inside of a running service: `upload`, `simulate` and `demo` talk to it
-//! through `client`, over HTTP like anyone else. Begin with [`run`].
+//! Must not know the inside of a running service: `upload`, `simulate` and `demo` talk to it through `client`,
+//! over HTTP like any other client. Begin with [`run`].
 
 mod backup;
 mod backup_file;
@@ -38,7 +38,7 @@ use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::config::{SettingsFile, settings_file_of, with_settings_file};
 
-/// Tells the keepers of a map where the world has changed.
+/// Reports to the maintainers of a map where the world has changed.
 #[derive(Debug, Parser)]
 #[command(name = "mapshift", version, arg_required_else_help = true)]
 struct Cli {
@@ -50,45 +50,45 @@ struct Cli {
 enum Command {
     /// Run the service.
     Serve(serve::Args),
-    /// Run the service with a simulated hall that changes, and vehicles that drive laps in it.
+    /// Run the service with simulated vehicles that drive laps in a changing hall.
     Demo(demo::Args),
     /// Drive simulated vehicles through a world that changes, against a running service.
     Simulate(simulate::Args),
-    /// Upload recorded drives to a running service; safe to repeat.
+    /// Upload recorded trips to a running service; safe to repeat.
     Upload(upload::Args),
     /// Write a route's map, trips, scans and alerts as an MCAP recording.
     Export(export::Args),
     /// Optimise a pose graph in a g2o file.
     Optimise(optimise::Args),
-    /// Run the paper's experiments: its tables and figures, and ours beside them.
+    /// Run the paper's experiments: its tables and figures with this program's beside them.
     Reproduce(reproduce::Args),
     /// Score the detectors on your recordings, with known objects drawn into them.
     Score(score::Args),
-    /// Measure how far the map of your recordings moves if little of what was seen is different.
+    /// Measure how far the map of your recordings moves if the scans differ slightly.
     Stability(stability::Args),
-    /// Measure maps of simulated floors with long corridors: whether loops close, and rightly.
+    /// Measure maps of simulated floors with long corridors: whether loops close, and correctly.
     Buildings(buildings::Args),
-    /// Measure what faults of odometry do to a map: steps made up, slip, a robot that is carried.
+    /// Measure the effect of odometry faults on a map: jumps, slip, a robot that is carried.
     Faults(faults::Args),
-    /// Check a database: checksums, and the laws that its tables keep.
+    /// Check a database: checksums and the invariants of its tables.
     Fsck(fsck::Args),
     /// Write a checked copy of the database while the service runs.
     Backup(backup::Args),
     /// Put a backup into a data directory.
     Restore(restore::Args),
-    /// Say what is wrong with an installation, and what to do about it.
+    /// Diagnose an installation: what is wrong, and what to do about it.
     Doctor(doctor::Args),
-    /// Make maps anew from the journal of what shaped them, and compare them with those that are there.
+    /// Rebuild maps from their journal of inputs, and compare them with the stored ones.
     Replay(replay::Args),
-    /// Make, list and revoke keys: who may send requests.
+    /// Create, list and revoke API keys.
     Keys(keys::Args),
-    /// List the settings with their values, and where each comes from.
+    /// List the settings with their values and sources.
     Config(config::Args),
     /// Print the OpenAPI document.
     Openapi(openapi::Args),
 }
 
-/// How a command ends whose arguments or settings file are wrong, as clap has it.
+/// Exit code for wrong arguments or a wrong settings file, as clap's.
 const WRONG_ARGUMENTS: u8 = 2;
 
 /// Parses the arguments, runs the command, and turns its error into an exit code.
@@ -124,7 +124,7 @@ pub fn run() -> ExitCode {
     exit(outcome.map(|()| ExitCode::SUCCESS))
 }
 
-/// What the command line says, with what a settings file says beneath it.
+/// The command line, with the settings file as defaults.
 struct Given {
     command: Command,
     /// The arguments of the command, with where each comes from.

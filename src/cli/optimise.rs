@@ -20,7 +20,7 @@ use crate::solver::{
 pub struct Args {
     /// A planar pose graph as g2o text (VERTEX_SE2, EDGE_SE2), gzipped or not.
     file: PathBuf,
-    /// Trust odometry, and switch off the loop closures that contradict the rest.
+    /// Trust odometry, and switch off loop closures that contradict the rest.
     #[arg(long)]
     robust: bool,
     /// Write the optimised graph there, without the edges that were switched off.
@@ -42,7 +42,7 @@ struct Report {
     iterations: usize,
     termination: &'static str,
     converged: bool,
-    /// Without reading and writing files.
+    /// Time of the solve alone, without files.
     solve_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     robust: Option<RobustReport>,

@@ -1,19 +1,19 @@
-//! What a simulation is to be: a world, its vehicles, and what changes.
+//! The plan of a simulation: a world, its vehicles, and the changes.
 
 use anyhow::{bail, ensure};
 
 use crate::sim::{Changes, Hall, Rooms, RouteError, Scene, SimScan, Vehicle};
 
-/// What comes is so large, as shares of the mean area of what stood there before.
+/// Sizes of new objects, relative to the mean area of the original ones.
 const AREA_SHARES: [f64; 3] = [0.3, 1.0, 0.1];
 /// How far a faulty vehicle's lidar is knocked aside on its mount, degrees.
 pub(super) const FAULT_DEG: f64 = 2.0;
-/// Sound laps of a faulty vehicle, each a trip of its own: so many make its mount known.
+/// Sound laps of a faulty vehicle, each a trip of its own: enough to calibrate its mount.
 const SOUND_LAPS: usize = 3;
-/// Laps afterwards, at least: so many confirm that it has changed.
+/// Fewest laps afterwards: enough to confirm the change.
 const FAULTY_LAPS_MIN: usize = 2;
 
-/// Where vehicles drive.
+/// The kind of world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum WorldKind {
     /// A production hall with racks, boxes and columns.
@@ -26,10 +26,10 @@ pub(super) enum WorldKind {
     Street,
 }
 
-/// What to simulate.
+/// The parameters of a simulation.
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct PlanArgs {
-    /// Where the vehicles drive.
+    /// The world in which the vehicles drive.
     #[arg(long, value_enum, default_value_t = WorldKind::Hall)]
     pub world: WorldKind,
     /// Laps of each vehicle.
@@ -50,7 +50,7 @@ pub(super) struct PlanArgs {
     /// How far laps stray from the route, metres, 0 to 1.
     #[arg(long, value_name = "METRES", default_value_t = 0.3)]
     pub path_noise: f64,
-    /// The same seed is the same simulation.
+    /// The same seed gives the same simulation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// After three laps the last vehicle's lidar is knocked aside by 2°, and the vehicle does not know.
@@ -70,7 +70,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// All that the vehicle of this number, from 0, records.
+    /// Everything that the vehicle of this number (from 0) records.
     pub(super) fn drive(&self, number: usize) -> Vec<SimScan> {
         let vehicle = &self.vehicles[number];
         let seed = self.seed + number as u64;
@@ -84,7 +84,7 @@ impl Plan {
 }
 
 impl PlanArgs {
-    /// The simulation that is asked for.
+    /// Builds the simulation.
     pub(super) fn plan(&self) -> anyhow::Result<Plan> {
         ensure!(
             (0.0..=1.0).contains(&self.path_noise),

@@ -13,7 +13,7 @@ pub(super) fn say(text: &str) {
     let _ = writeln!(io::stdout().lock(), "{text}");
 }
 
-/// How far a piece of long work has come.
+/// Progress of a long task.
 pub(super) struct Progress {
     bar: ProgressBar,
     plain: bool,
@@ -45,7 +45,7 @@ impl Progress {
         }
     }
 
-    /// As [`Progress::new`], and silent elsewhere: where the output is for other programs.
+    /// As [`Progress::new`], but silent without a terminal: the output is for other programs.
     pub(super) fn at_a_terminal(total: u64, what: &'static str) -> Self {
         Self {
             plain: false,
@@ -64,7 +64,7 @@ impl Progress {
         move |text| bar.suspend(|| say(text))
     }
 
-    /// Some pieces are done, on whatever thread.
+    /// Adds finished pieces, from any thread.
     pub(super) fn advance(&self, pieces: u64) {
         let step = |done: u64| done * PLAIN_STEPS / self.total.max(1);
         let before = self.done.fetch_add(pieces, Ordering::Relaxed);
@@ -75,12 +75,12 @@ impl Progress {
         }
     }
 
-    /// So many pieces are done.
+    /// Sets the number of finished pieces.
     pub(super) fn advance_to(&self, done: u64) {
         self.advance(done.saturating_sub(self.done.load(Ordering::Relaxed)));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(super) fn finish(self) {
         self.bar.finish_and_clear();
     }

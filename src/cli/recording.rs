@@ -22,7 +22,7 @@ pub(super) struct RecordingFile {
     pub recording: Recording,
 }
 
-/// Reads a recording but for its scans; the format is known by its first bytes, not by its name.
+/// Reads a recording without its scans; the format is detected by its first bytes, not by its name.
 pub(super) fn open(path: &Path, choice: &TopicChoice) -> anyhow::Result<RecordingFile> {
     let open = || {
         let mut reader = reader(path)?;
@@ -52,12 +52,12 @@ fn reader(path: &Path) -> anyhow::Result<Box<dyn BufRead>> {
 }
 
 impl RecordingFile {
-    /// The file once more, from its beginning.
+    /// Opens the file again from its beginning.
     pub(super) fn reader(&self) -> anyhow::Result<Box<dyn BufRead>> {
         reader(&self.path).with_context(|| self.path.display().to_string())
     }
 
-    /// With beams so many times as far apart as the recording states.
+    /// The recording with its beam spacing multiplied by a factor.
     pub(super) fn with_beam_spacing(mut self, factor: f64) -> Self {
         let lidars = std::mem::take(&mut self.recording.lidars).into_iter();
         self.recording.lidars = lidars
@@ -66,7 +66,7 @@ impl RecordingFile {
         self
     }
 
-    /// What is taken of it, line by line for people.
+    /// What is used of it, in lines for people.
     pub(super) fn describe<R: Read>(
         &self,
         scans: usize,
@@ -102,7 +102,7 @@ impl RecordingFile {
     }
 }
 
-/// That scans were resampled, if some were.
+/// A line if scans were resampled.
 fn resampled_line(scans: usize) -> Option<String> {
     let text = "states other angles than its lidar's first: resampled to the nearest beams of it";
     (scans > 0).then(|| format!("  {scans} × a scan {text}"))
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn resampled_scans_are_told() {
+    fn resampled_scans_are_reported() {
         assert_eq!(resampled_line(0), None);
         let line = resampled_line(3).unwrap();
         assert!(line.contains("3 ×") && line.contains("resampled"), "{line}");

@@ -12,7 +12,7 @@ use anyhow::{Context, bail};
 use super::progress::Progress;
 use crate::ids::RouteId;
 use crate::pipeline::{PipelineOptions, drawn_map, replay};
-use crate::render::cell_changes;
+use crate::render::differing_cells;
 use crate::store::{self, Store, StoreOptions};
 use report::Report;
 
@@ -25,19 +25,18 @@ pub struct Args {
     /// Only this route; may be given several times. All routes without it.
     #[arg(long = "route", value_name = "ROUTE")]
     routes: Vec<String>,
-    /// Leave the copy with the maps made anew in this directory, which must not hold a database yet:
+    /// Keep the copy with the rebuilt maps in this directory, which must not contain a database yet:
     /// `mapshift serve --data` runs on it.
     #[arg(long, value_name = "DIRECTORY")]
     into: Option<PathBuf>,
-    /// Say how the maps made anew differ from those that are there, and fail if they do.
+    /// Report how the rebuilt maps differ from the stored ones, and fail if they do.
     #[arg(long, required_unless_present = "into")]
     compare: bool,
 }
 
 const BEGINS_LATE: &str = "its journal begins after its first batches, which an earlier version processed: it is left as it is";
 
-/// Makes maps anew from the journal of what shaped them, in a copy of the database, and prints what
-/// came of it as JSON, and in short on standard error; fails if a map cannot be made anew or, where they are compared, differs.
+/// Rebuilds maps from their journal of inputs, in a copy of the database, and prints a report as JSON, with a summary on standard error. Fails if a map cannot be rebuilt or, if compared, differs.
 ///
 /// # Errors
 /// If the database cannot be copied or read.
@@ -49,7 +48,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reports = runtime.block_on(replay_all(args))?;
     let mut err = std::io::stderr().lock();
     for report in &reports {
-        // For people; whoever reads the report may have closed it.
+        // Standard error may be closed.
         let _ = report.write_summary(&mut err);
     }
     let mut out = std::io::stdout().lock();
@@ -149,11 +148,11 @@ async fn replay_one(store: &Store, route: RouteId, compare: bool) -> anyhow::Res
         comparison: None,
         cells: before
             .zip(now)
-            .map(|(before, now)| cell_changes(&before, &now)),
+            .map(|(before, now)| differing_cells(&before, &now)),
     })
 }
 
-/// Where maps are made anew; removed in the end.
+/// Where maps are rebuilt; removed in the end.
 struct Scratch {
     directory: tempfile::TempDir,
     now: PathBuf,

@@ -11,13 +11,13 @@ use crate::experiments::{Protocol, Seeds};
 /// Arguments of `mapshift reproduce`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A few small cases only: shows that everything runs, says little.
+    /// A few small cases only: a test that everything runs.
     #[arg(long)]
     short: bool,
-    /// Every so many-th case only: a quick look at the whole range.
+    /// Every n-th case only: a quick overview of the whole range.
     #[arg(long, value_name = "N", default_value = "1")]
     every: NonZeroUsize,
-    /// Which seeds: numbers are chosen on the one set and reported on the other.
+    /// Which seeds: parameters are chosen on one set and results reported on the other.
     #[arg(long, value_enum, default_value = "scoring")]
     seeds: SeedSet,
     /// Where tables, figures and the numbers behind them are written.
@@ -28,9 +28,9 @@ pub struct Args {
 /// One of two sets of seeds.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum SeedSet {
-    /// For choosing numbers.
+    /// For choosing parameters.
     Tuning,
-    /// For reporting them.
+    /// For reporting results.
     Scoring,
 }
 

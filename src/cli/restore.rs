@@ -16,16 +16,16 @@ use crate::store::{self, HeldDirectory, SchemaAge};
 pub struct Args {
     /// The backup.
     file: PathBuf,
-    /// Directory to put it into, for `mapshift serve --data`; made if it is missing.
+    /// Directory to restore into, for `mapshift serve --data`; created if missing.
     #[arg(long, env = "MAPSHIFT_DATA_DIR", default_value = "./data")]
     data: PathBuf,
-    /// Put it in the place of the database that is there, whose files are kept in a directory beside it.
+    /// Replace an existing database, whose files are kept in a directory beside it.
     #[arg(long)]
     replace: bool,
 }
 
-/// Checks a backup and puts it into a data directory on which no service runs. What root restores
-/// belongs to the owner of the directory.
+/// Checks a backup and restores it into a data directory on which no service runs. Files restored by root
+/// belong to the owner of the directory.
 ///
 /// # Errors
 /// If the backup is not sound or too new, or the directory is in use or has a database.
@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Checks a backup and says what is in it.
+/// Checks a backup and prints its contents.
 async fn check(file: &Path) -> anyhow::Result<()> {
     let contents = store::backup_contents(file).await;
     let contents = contents.context("it is not a database of this service")?;
@@ -112,7 +112,7 @@ fn put(args: &Args, digest: Option<&str>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Copies a file to one that only its owner can read, on the disk before this returns; says its SHA-256.
+/// Copies a file to one that only its owner can read and syncs it; returns its SHA-256.
 fn write(file: &Path, into: &Path) -> anyhow::Result<String> {
     let failed = || format!("cannot write {}", into.display());
     let mut options = OpenOptions::new();

@@ -15,13 +15,13 @@ use crate::experiments::{
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Recordings of one route (CARMEN logs or MCAP, of several lidars the first; also gzipped): one trip each, in the order given. With
-    /// --worlds none is needed, and it is only measured how far its observations err together.
+    /// --worlds none is needed; recordings then serve only to measure how correlated their errors are.
     #[arg(required_unless_present = "worlds", value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Score simulated worlds instead, each once with every seed.
     #[arg(long, conflicts_with_all = ["objects", "labels", "pictures"])]
     worlds: bool,
-    /// How often objects are drawn into the recordings.
+    /// How many sets of objects are drawn into the recordings.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(0..=1_000))]
     seeds: u64,
     /// The first seed; the others follow it.
@@ -38,7 +38,7 @@ pub struct Args {
     /// of the untouched recordings.
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// The beams are so many times as far apart as the files state (some logs state it wrongly).
+    /// Multiply the stated beam spacing by this factor (some logs state it wrongly).
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = super::upload::parse_beam_spacing)]
     beam_spacing: f64,
     /// Print one JSON object instead of text.

@@ -32,7 +32,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let mut stop = StopSignal::listen()?;
         let app = app::start(config).await?;
         let address = app.local_addr();
-        // A log reader may have gone; the service runs on.
+        // The log's reader may be gone; the service keeps running.
         let _ = writeln!(
             std::io::stdout(),
             "mapshift listens on http://{address}, data in {data_dir}"
@@ -44,7 +44,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             () = stop.received() => anyhow::bail!("stopped at once by a second signal"),
         }
     });
-    // Work on blocking threads cannot be cancelled and must not hold up the end.
+    // Work on blocking threads cannot be cancelled and must not delay the end.
     runtime.shutdown_background();
     outcome
 }

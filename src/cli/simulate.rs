@@ -20,7 +20,7 @@ pub struct Args {
     url: String,
     #[command(flatten)]
     key: KeyArg,
-    /// The route that is driven; made if it is not there.
+    /// The route that is driven; created if it does not exist.
     #[arg(long, default_value = "simulated")]
     route: RouteId,
     #[command(flatten)]
@@ -49,7 +49,7 @@ async fn simulate(args: &Args) -> anyhow::Result<()> {
     fleet.report(&gateway, &args.route).await
 }
 
-/// What is about to be driven, for people.
+/// A description of the simulation for people.
 fn describe(plan: &Plan) -> String {
     let scene = &plan.scene;
     let mut text = format!(

@@ -21,7 +21,7 @@ pub struct Args {
     /// The first seed; the others follow it.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 32))]
     first_seed: u64,
-    /// The beams are so many times as far apart as the files state (some logs state it wrongly).
+    /// Multiply the stated beam spacing by this factor (some logs state it wrongly).
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = super::upload::parse_beam_spacing)]
     beam_spacing: f64,
     /// Print JSON instead of text.

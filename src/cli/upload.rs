@@ -91,7 +91,7 @@ fn read(args: &Args, path: &Path) -> anyhow::Result<Content> {
     })
 }
 
-/// How the route stands; `None` for whoever may only upload to it.
+/// The route's state; `None` if the key may only upload.
 async fn readable_route(
     gateway: &Gateway,
     args: &Args,
@@ -103,7 +103,7 @@ async fn readable_route(
     }
 }
 
-/// How many of the batches that were uploaded are still under way.
+/// How many of the uploaded batches are still being processed.
 async fn own_pending(gateway: &Gateway, args: &Args, tally: &Tally) -> Result<i64, GatewayError> {
     let mut pending = 0;
     for id in &tally.batches {

@@ -1,4 +1,4 @@
-//! What a batch upload looks like on the wire.
+//! The body of a batch upload.
 
 use std::io::Write;
 
@@ -14,12 +14,12 @@ use crate::mapping::InitialPose;
 use crate::model::BatchKind;
 use crate::scan::Lidar;
 
-/// How far a stated initial pose may be off, metres.
+/// Uncertainty of a stated initial position, metres.
 const INITIAL_SIGMA_XY_M: f64 = 0.5;
-/// How far a stated initial heading may be off, radians.
+/// Uncertainty of a stated initial heading, radians.
 const INITIAL_SIGMA_THETA_RAD: f64 = 0.15;
 
-/// Who drove, and with what.
+/// The vehicle, its trip and its lidar.
 #[derive(Debug, Clone)]
 pub struct Trip {
     pub vehicle_id: VehicleId,
@@ -36,7 +36,7 @@ pub struct ScanToSend<'a> {
     pub ranges_m: &'a [Option<f64>],
 }
 
-/// A batch ready to be sent, as often as it takes.
+/// A batch ready to be sent, repeatedly if need be.
 #[derive(Debug, Clone)]
 pub struct EncodedBatch {
     pub kind: BatchKind,
@@ -105,7 +105,7 @@ impl EncodedBatch {
     }
 }
 
-/// A stated initial pose with how far it may be off.
+/// A stated initial pose with its uncertainty.
 pub fn rough(pose: Pose2) -> InitialPose {
     InitialPose {
         pose,

@@ -1,4 +1,4 @@
-//! What an upload of edges looks like on the wire.
+//! The body of an upload of edges.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::model::BatchKind;
 
 /// A graph cut into batches.
 pub struct GraphParts {
-    /// Of each batch its nodes, by id, and the edges that none before it could bring.
+    /// For each batch its nodes, by id, and the edges whose nodes are complete with it.
     parts: Vec<(Vec<Node>, Vec<Edge>)>,
 }
 
@@ -52,7 +52,7 @@ impl GraphParts {
         Ok(Self { parts })
     }
 
-    /// The batches in order, each with how many nodes it brings.
+    /// The batches in order, each with its number of nodes.
     pub fn encode(
         &self,
         vehicle_id: &VehicleId,
@@ -136,8 +136,8 @@ EDGE_SE2 3 1 -2 0 0 1 0 0 1 0 1
         let parts = GraphParts::of(&graph, 3).unwrap();
         let (vehicle, trip) = (VehicleId::new("v").unwrap(), TripId::new("g").unwrap());
         let encoded: Vec<_> = parts.encode(&vehicle, &trip).map(Result::unwrap).collect();
-        let told: Vec<_> = encoded.iter().map(|(b, n)| (b.id.as_str(), *n)).collect();
-        assert_eq!(told, [("g-00000", 3), ("g-00001", 1)]);
+        let reported: Vec<_> = encoded.iter().map(|(b, n)| (b.id.as_str(), *n)).collect();
+        assert_eq!(reported, [("g-00000", 3), ("g-00001", 1)]);
         let mut decoded = encoded.iter().map(|(batch, _)| {
             let mut json = Vec::new();
             let mut decoder = flate2::read::GzDecoder::new(batch.gzip.as_slice());

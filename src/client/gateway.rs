@@ -1,4 +1,4 @@
-//! A client of the service that repeats what may be repeated.
+//! A client of the service that repeats requests where that is safe.
 
 mod answers;
 mod keys;
@@ -36,7 +36,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// A request is given up once it has waited this long in all.
 const WAIT_TOTAL_MAX: Duration = Duration::from_secs(900);
 
-/// What became of an upload.
+/// The outcome of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Stored durably by this request.
@@ -51,26 +51,26 @@ pub enum GatewayError {
     /// The key cannot be sent.
     #[error("the key is none: it has the form ms_…_…, as it was shown when it was made")]
     Key(#[source] InvalidHeaderValue),
-    /// The client could not be made.
+    /// The client could not be built.
     #[error("the HTTP client could not be made")]
     Client(#[source] reqwest::Error),
-    /// Nothing answered at the address, ever.
+    /// Nothing has ever answered at the address.
     #[error("nothing answers at {url}: is the service running there? (mapshift serve)")]
     Unreachable { url: String, source: reqwest::Error },
-    /// The address is no address.
+    /// The address is not valid.
     #[error("{url:?} is no address: give one like http://127.0.0.1:8080")]
     Url { url: String, source: reqwest::Error },
-    /// The service will not take it, however often it is sent.
+    /// The service refuses it for good.
     #[error("{what} was refused: {problem}")]
     Refused { what: String, problem: Box<Refusal> },
-    /// The service could not take it for a long time.
+    /// The service could not accept it for a long time.
     #[error("{what} was given up after {waited_s} s of waiting; the last failure: {last}")]
     GivenUp {
         what: String,
         waited_s: u64,
         last: String,
     },
-    /// The answer is not what the interface promises.
+    /// The response does not match the API.
     #[error("the answer to {what} cannot be read: is {url} this service?")]
     Answer {
         what: String,
@@ -106,8 +106,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// A client of the service at `url`, which it shows a key if there is one; `notify` is told of every
-    /// wait.
+    /// A client of the service at `url`, with a key if there is one; `notify` is called before every wait.
     pub fn new(
         url: &str,
         key: Option<&str>,
@@ -131,7 +130,7 @@ impl Gateway {
         })
     }
 
-    /// The same client with somebody else to tell of waits.
+    /// The same client with another callback for waits.
     pub fn notifying(&self, notify: impl Fn(&str) + Send + Sync + 'static) -> Self {
         Self {
             client: self.client.clone(),
@@ -141,13 +140,13 @@ impl Gateway {
         }
     }
 
-    /// Where a route's resources are.
+    /// The URL of a route.
     pub fn route_url(&self, route: &RouteId) -> String {
         format!("{}/v1/routes/{route}", self.url)
     }
 
-    /// Makes the route unless it is there; says whether it was made. Whoever may only upload to routes
-    /// cannot ask, and takes it to be there.
+    /// Creates the route unless it exists; returns whether it was created. A key that may only upload cannot
+    /// check, and assumes that it exists.
     pub async fn ensure_route(
         &self,
         route: &RouteId,
@@ -200,13 +199,13 @@ impl Gateway {
         })
     }
 
-    /// How a route stands.
+    /// The state of a route.
     pub async fn route(&self, route: &RouteId) -> Result<RouteReport, GatewayError> {
         self.get(format!("/v1/routes/{route}"), format!("route {route}"))
             .await
     }
 
-    /// What became of a batch.
+    /// The state of a batch.
     pub async fn batch(
         &self,
         route: &RouteId,
@@ -216,7 +215,7 @@ impl Gateway {
         self.get(path, format!("batch {batch}")).await
     }
 
-    /// A route's alerts; `None` if the service has no such thing.
+    /// A route's alerts; `None` if the service has no alerts.
     pub async fn alerts(&self, route: &RouteId) -> Result<Option<Vec<AlertReport>>, GatewayError> {
         let path = format!("/v1/alerts?route_id={route}&limit=1000");
         let mut alerts = Vec::new();
@@ -326,18 +325,18 @@ impl Gateway {
         })
     }
 
-    /// A wrong address should be told at once, a service that restarts waited for.
+    /// A wrong address is reported at once, a service that restarts is waited for.
     fn never_reached(&self, error: &reqwest::Error) -> bool {
         error.is_connect() && !self.reached.load(Ordering::Relaxed)
     }
 }
 
-/// The header of RFC 9530, by which the service notices that bytes were damaged on their way.
+/// The header of RFC 9530, by which the service detects damaged bytes.
 fn content_digest(body: &[u8]) -> String {
     format!("sha-256=:{}:", STANDARD.encode(Sha256::digest(body)))
 }
 
-/// The header of every request by which the service knows who sends it.
+/// The header that authenticates every request.
 fn key_header(key: &str) -> Result<HeaderMap, GatewayError> {
     let value = HeaderValue::try_from(format!("Bearer {}", key.trim()));
     let mut value = value.map_err(GatewayError::Key)?;

@@ -1,7 +1,6 @@
-//! The service's own client: uploads of scans and of graphs that may be repeated, and questions after
-//! what became of them.
+//! An HTTP client of the service: repeatable uploads of scans and graphs, and queries about them.
 //!
-//! Knows the interface's JSON and nothing of what is behind it. Begin with [`Gateway::put_batch`].
+//! Knows the API's JSON; must not know the inside of the service. Begin with [`Gateway::put_batch`].
 
 mod batch_body;
 mod edge_batch_body;

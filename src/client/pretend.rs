@@ -1,4 +1,4 @@
-//! A service that only pretends, for the tests of what talks to one.
+//! A fake service for the tests of clients.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -8,16 +8,16 @@ use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
-/// What goes wrong.
+/// Injected faults.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Faults {
-    /// Every so many requests are turned away with 503; 0 for none.
+    /// Every n-th request is answered 503; 0 for none.
     pub busy_every: usize,
-    /// Batches of this vehicle never find their place.
+    /// Batches of this vehicle are never localised.
     pub unanchored: Option<&'static str>,
 }
 
-/// What it was told.
+/// What it received.
 #[derive(Debug, Default)]
 pub struct State {
     pub routes_made: usize,

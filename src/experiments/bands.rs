@@ -38,7 +38,7 @@ const REACH_M: f64 = 30.0;
 const SIGMA_M: f64 = 0.01;
 const DROPOUT_RATE: f64 = 0.005;
 
-/// Of each kind of furniture so many come and so many go.
+/// How many pieces of each kind of furniture appear, and how many disappear.
 const OF_EACH: usize = 3;
 /// Furniture stands no farther than this from where vehicles may drive, metres.
 const BESIDE_M: f64 = 0.4;
@@ -52,7 +52,7 @@ const SCAN_SPACING_M: f64 = 0.2;
 pub struct BandsStudy {
     /// The first seed …
     pub first_seed: u64,
-    /// … of so many.
+    /// … of all of these.
     pub seeds: u64,
     /// The low band alone; both; and what of both the high one shows.
     pub rows: Vec<BandsRow>,
@@ -108,7 +108,12 @@ pub fn score_bands(
         Ok([
             row_of("low", &low, &changes, |_| true),
             row_of("low and high", &both, &changes, |_| true),
-            row_of("of these, told by the high one", &both, &changes, is_high),
+            row_of(
+                "of these, reported by the high one",
+                &both,
+                &changes,
+                is_high,
+            ),
         ])
     };
     let of_seeds: anyhow::Result<Vec<[BandsRow; 3]>> = (first_seed..first_seed + seeds)

@@ -36,7 +36,7 @@ const NOISE_M: f64 = 0.001;
 const WRONG_M: f64 = 0.3;
 /// … or radians.
 const WRONG_RAD: f64 = 0.05;
-/// … and by more than so many of its own standard deviations: along a corridor it may say nothing.
+/// … and by more than this many of its own standard deviations: along a corridor it may say nothing.
 const WRONG_SIGMAS: f64 = 5.0;
 /// A map is right without a wrong closure, and if no keyframe is farther off than this, metres.
 const RIGHT_WITHIN_M: f64 = 0.5;

@@ -21,11 +21,11 @@ use crate::scan::LaserScan;
 const CELL_M: f64 = 0.12;
 /// Cells asked for each route: every k-th, so that no more are.
 const CELLS_MAX: usize = 20_000;
-/// A pass is counted if so many of its observations are hits or misses.
+/// A pass is counted if this many of its observations are hits or misses.
 const OBSERVATIONS_MIN: usize = 6;
-/// A cell is counted if so many observations hit it, as one that the detector decides about, …
+/// A cell is counted if this many observations hit it, as one that the detector decides about, …
 const HITS_MIN: usize = 2;
-/// … and so many passes over it are counted.
+/// … and this many passes over it are counted.
 const PASSES_MIN: usize = 3;
 /// Cells this near to an alert may have changed, metres.
 const ALERT_M: f64 = 0.5;

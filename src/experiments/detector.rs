@@ -9,18 +9,18 @@ use super::placed::placed_scans;
 use super::recording::Recording;
 use super::route::RouteRun;
 
-/// A way to find changes. Another one is a variant here, its name, and its arm in `alerts`.
+/// A change detector. To add one: a variant here, its name, and its arm in `alerts`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Detector {
-    /// The service's own.
+    /// The service's own detector.
     Service,
-    /// The closest published one for 2D lidars, on the service's poses.
+    /// The closest published method for 2D lidars, on the service's poses.
     MapUpdating,
     /// The paper's rule, on a map made as by the service's detector `seed`.
     ///
-    /// Its alerts name a closure and not what changed: one within 1 m of an object, beyond the 1 m
-    /// about the closure's nodes, reports it whatever its kind.
+    /// Its alerts name a closure, not what changed: one within 1 m of an object, beyond the 1 m about the
+    /// closure's nodes, counts as a report of it, whatever its kind.
     PaperRule,
 }
 

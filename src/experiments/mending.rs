@@ -61,7 +61,7 @@ pub struct MendingCase {
     pub by_m: f64,
     /// Whether a mismatch was found there.
     pub found: bool,
-    /// Segments that were put right.
+    /// Segments that were moved.
     pub mendings: usize,
     /// With a map that is not mended.
     pub before: Outcome,
@@ -72,7 +72,7 @@ pub struct MendingCase {
 /// What mending does to recordings of which no truth is known.
 #[derive(Debug, Clone, Serialize)]
 pub struct MendedRecordings {
-    /// Segments that were put right: when they begin (seconds), by how much they were moved (metres),
+    /// Segments that were moved: when they begin (seconds), by how much they were moved (metres),
     /// by how many closures, and how many edges were quarantined.
     pub mendings: Vec<(f64, [f64; 2], usize, usize)>,
     /// Open alerts of a map that is not mended: kind and place.
@@ -123,9 +123,9 @@ pub struct Outcome {
     pub worst_m: f64,
     /// How far the farthest of all others is, metres.
     pub others_worst_m: f64,
-    /// Changes that were seen and are told, …
+    /// Changes that were seen and are reported, …
     pub changes_found: usize,
-    /// … of so many.
+    /// … of all of these.
     pub changes: usize,
     /// Open alerts of changes where nothing changed.
     pub false_alerts: usize,
@@ -299,7 +299,7 @@ fn outcome(truth: &Truth<'_>, displaced: &Displaced, run: &RouteRun) -> Outcome 
     errors_m.sort_by(f64::total_cmp);
     let alerts = run.open_alerts();
     let mismatches = alerts.iter().filter(|a| a.kind == ChangeKind::MapMismatch);
-    let told = alerts.iter().filter(|a| a.kind.is_of_state());
+    let reported = alerts.iter().filter(|a| a.kind.is_of_state());
     let is_false = |alert: &&ScoredAlert| {
         let mut changes = truth.changes.iter();
         !changes.any(|change| reports(alert, change, truth.reach_m))
@@ -317,7 +317,7 @@ fn outcome(truth: &Truth<'_>, displaced: &Displaced, run: &RouteRun) -> Outcome 
         others_worst_m,
         changes_found: truth.changes.iter().filter(is_found).count(),
         changes: truth.changes.len(),
-        false_alerts: told.filter(is_false).count(),
+        false_alerts: reported.filter(is_false).count(),
         mismatches: mismatches.count(),
     }
 }

@@ -1,7 +1,7 @@
-//! What a fault of one trip's odometry does to the map, and to the trips that have none.
+//! The effect of an odometry fault in one trip on the map and on the sound trips.
 //!
 //! Three trips through a simulated world, the second or the first of them with a fault half-way.
-//! Nothing changes, so that every alert is false.
+//! The world does not change: every alert is false.
 
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
@@ -14,7 +14,7 @@ use super::worlds::{Setting, recordings_of};
 use crate::geometry::{Pose2, angle_difference_rad};
 use crate::sim::SimScan;
 
-/// What goes wrong with a vehicle's odometry.
+/// A fault of a vehicle's odometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
@@ -26,7 +26,7 @@ pub enum Fault {
     Slip,
     /// The vehicle is carried over a third of the lap, with its odometry running.
     Carried,
-    /// The odometry starts anew from zero.
+    /// The odometry restarts from zero.
     Restart,
     /// The wheels report nothing, for the whole trip.
     Silent,
@@ -55,7 +55,7 @@ impl Fault {
     }
 
     /// Puts the fault into a trip at one of its scans. Returns the first scan of what comes after.
-    fn strike(self, recording: &mut Recording, at: usize) -> usize {
+    fn apply(self, recording: &mut Recording, at: usize) -> usize {
         let scans = &mut recording.scans;
         let odometry: Vec<Pose2> = scans.iter().map(|scan| scan.odom_from_base).collect();
         let mut motions: Vec<Pose2> = odometry.windows(2).map(|w| w[0].between(&w[1])).collect();
@@ -101,7 +101,7 @@ impl Fault {
     }
 }
 
-/// So far the wheels slip, metres.
+/// Distance over which the wheels slip, metres.
 const SLIP_WAY_M: f64 = 3.0;
 /// Scans within this of the truth are right, metres …
 const RIGHT_WITHIN_M: f64 = 0.15;
@@ -118,30 +118,30 @@ pub enum FaultyTrip {
     Second,
 }
 
-/// What became of one case.
+/// The outcome of one case.
 #[derive(Debug, Clone, Serialize)]
 pub struct FaultCase {
-    /// What went wrong.
+    /// The fault.
     pub fault: Fault,
     /// Which trip's odometry.
     pub trip: FaultyTrip,
     /// The world.
     pub world: &'static str,
-    /// How it was drawn.
+    /// The seed.
     pub seed: u64,
     /// Scans of sound trips, and of the faulty one before the fault, that are right.
     pub others_right: usize,
-    /// Of so many.
+    /// Number of these scans.
     pub others: usize,
     /// The largest error among them, metres.
     pub others_worst_m: f64,
     /// Scans of the faulty trip after the fault that are right …
     pub after_right: usize,
-    /// … of so many that have a place.
+    /// … and how many have a place in the map.
     pub after: usize,
-    /// Way from the fault to where the trip is right to its end, metres; `None` if it never is.
+    /// Distance from the fault until the trip stays right, metres; `None` if it never does.
     pub localised_after_m: Option<f64>,
-    /// Batches that found no place.
+    /// Batches without a place in the map.
     pub batches_not_merged: usize,
     /// Alerts ever raised; all of them are false.
     pub false_alerts: usize,
@@ -195,7 +195,7 @@ fn run(fault: Fault, trip: FaultyTrip, world: WorldKind, seed: u64) -> anyhow::R
     // From four to six tenths of the lap.
     let at = lap_of(faulty).len() * (40 + (7 * seed % 21) as usize) / 100;
     let stamps: Vec<_> = recordings[faulty].scans.iter().map(|s| s.stamp).collect();
-    let after = fault.strike(&mut recordings[faulty], at);
+    let after = fault.apply(&mut recordings[faulty], at);
     let first_after = recordings[faulty].scans[after].stamp;
     let run = RouteRun::of(&recordings, true)?;
     let mut case = FaultCase {
@@ -308,7 +308,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_made_up_is_told_from_the_truth_and_a_hall_is_found_again() {
+    fn a_made_up_step_is_distinguished_from_the_truth_and_a_hall_is_found_again() {
         let made_up = run(Fault::Jump, FaultyTrip::Second, WorldKind::Hall, 3).unwrap();
         assert!(made_up.others > 500 && made_up.others_right == made_up.others);
         assert!(made_up.after > 100 && made_up.localised_after_m.is_some_and(|m| m < 2.0));
@@ -338,9 +338,9 @@ mod tests {
                 .collect()
         };
         for fault in Fault::ALL {
-            let mut struck = sound.clone();
-            let after = fault.strike(&mut struck, 100);
-            let (was, is) = (motions(&sound), motions(&struck));
+            let mut faulty = sound.clone();
+            let after = fault.apply(&mut faulty, 100);
+            let (was, is) = (motions(&sound), motions(&faulty));
             let same = |k: usize| {
                 let apart = was[k].between(&is[k]);
                 apart.translation().norm() < 1e-6 && apart.theta.abs() < 1e-6
@@ -349,14 +349,14 @@ mod tests {
                 assert!((0..100).all(same), "{fault:?}");
                 assert_eq!(after, 101);
             }
-            // Who is carried does not know it.
+            // The odometry of a carried vehicle does not notice.
             assert_eq!(same(100), fault == Fault::Carried, "{fault:?}");
             let shorter = if fault == Fault::Carried {
                 sound.scans.len() / 3
             } else {
                 0
             };
-            assert_eq!(struck.scans.len() + shorter, sound.scans.len());
+            assert_eq!(faulty.scans.len() + shorter, sound.scans.len());
         }
     }
 }

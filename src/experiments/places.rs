@@ -1,4 +1,4 @@
-//! Where an object can be drawn: free in the untouched recordings, and seen.
+//! Where an object can be drawn: free and observed in the original recordings.
 
 use std::collections::HashMap;
 
@@ -13,14 +13,14 @@ pub(super) const CLEAR_M: f64 = 0.3;
 pub(super) const OUTLINE_CLEAR_M: f64 = 0.1;
 /// The robot keeps this distance from an object, metres.
 const PATH_M: f64 = 0.35;
-/// So many scans must see the place before the object's moment, and as many after.
+/// This many scans must see the place before the object's moment, and as many after.
 pub(super) const SEEN_MIN: usize = 8;
-/// A scan sees a place if so many of its beams pass through the object and end on something behind
-/// it. A beam without a return does not count: it may have met something dark before.
+/// A scan sees a place if this many of its beams go through the object and end behind it. A beam without a
+/// return does not count: it may have hit something dark in front.
 const BEAMS_MIN: usize = 3;
 const CELL_M: f64 = 0.5;
 
-/// What the untouched recordings say about places.
+/// The observations of the original recordings.
 pub(super) struct Places<'a> {
     pub scans: &'a [PlacedScan<'a>],
     hits: HashMap<(i64, i64), Vec<Vector2<f64>>>,

@@ -32,7 +32,7 @@ use summary::Summary;
 pub struct Protocol {
     /// A few small cases only: shows that everything runs, says little.
     pub short: bool,
-    /// Every so many-th case only.
+    /// Every n-th case only.
     pub every: NonZeroUsize,
     /// Which seeds.
     pub seeds: Seeds,

@@ -30,7 +30,7 @@ pub(super) struct RouteRun {
     pub observed: BTreeSet<StampNs>,
     /// Every alert ever raised.
     pub alerts: Vec<RouteAlert>,
-    /// Segments that were put right, in their order.
+    /// Segments that were moved, in their order.
     pub mendings: Vec<Mending>,
     /// Scans that were given.
     pub scans: usize,
@@ -172,7 +172,7 @@ pub(super) struct Route {
     cpu_s: f64,
     /// Whether alerts are raised.
     is_asked: bool,
-    /// Whether segments that lie wrong are put right.
+    /// Whether segments that lie wrong are moved.
     pub(super) mends: bool,
 }
 

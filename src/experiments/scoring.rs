@@ -58,7 +58,7 @@ pub struct Score {
     pub cpu_s: f64,
     /// Batches that never found a place in the map …
     pub batches_not_merged: usize,
-    /// … of so many.
+    /// … of all of these.
     pub batches: usize,
 }
 

@@ -24,7 +24,7 @@ use crate::sim::normal;
 pub enum Disturbance {
     /// Every range has so much more noise, metres.
     RangeNoise(f64),
-    /// So many objects are drawn in.
+    /// This many objects are drawn in.
     Objects(usize),
 }
 

@@ -20,7 +20,7 @@ use crate::geometry::Vector2;
 pub struct Options {
     /// Objects are drawn by this seed …
     pub first_seed: u64,
-    /// … and the next ones, so many in all.
+    /// … and the following ones, up to this number in all.
     pub seeds: u64,
     /// Objects for each seed.
     pub objects: usize,

@@ -5,7 +5,7 @@ use serde::Serialize;
 /// Quantile of the normal distribution for 95 % on both sides.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// So many of so many.
+/// A share as a count of a total.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(into = "ShareNumbers")]
 pub struct Share {

@@ -1,4 +1,4 @@
-//! What is made hard for the detector in simulated worlds.
+//! Conditions of simulated worlds that are difficult for the detector.
 
 use crate::sim::{PassErrors, Vehicle};
 
@@ -37,7 +37,7 @@ impl WorldKind {
     }
 }
 
-/// What drives where, and what changes there.
+/// A simulated world with its vehicles and changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Condition {
     pub name: &'static str,
@@ -46,7 +46,7 @@ pub(super) struct Condition {
     pub changes: usize,
     /// People who walk, in every lap.
     pub walkers: usize,
-    /// People who stand in one place, others in every lap.
+    /// People who stand still, different ones in every lap.
     pub bystanders: usize,
     pub vehicles: usize,
     /// How far laps stray from the route, metres.
@@ -59,12 +59,12 @@ pub(super) struct Condition {
     pub range_sigma_m: Option<f64>,
     /// The lidars' maximum range instead of the vehicles' own, metres.
     pub range_max_m: Option<f64>,
-    /// What the scans of a lap have in common.
+    /// The errors that the scans of a lap have in common.
     pub pass_errors: PassErrors,
 }
 
 impl Condition {
-    /// Whether doors stand ajar in single laps: where errors are as in recordings.
+    /// Whether doors are ajar in single laps; where errors are those of recordings.
     pub(super) fn has_doors_ajar(&self) -> bool {
         self.pass_errors != PassErrors::NONE
     }
@@ -87,7 +87,7 @@ impl Condition {
     }
 }
 
-/// One vehicle, nothing hard.
+/// One vehicle, without difficulties.
 pub(super) const PLAIN: Condition = Condition {
     name: "one vehicle",
     worlds: &WorldKind::ALL,
@@ -103,7 +103,7 @@ pub(super) const PLAIN: Condition = Condition {
     pass_errors: PassErrors::NONE,
 };
 
-/// One vehicle whose scans err together as recorded ones do, among people who stand about.
+/// One vehicle with correlated errors as in recordings, among people who stand still.
 pub(super) const CORRELATED: Condition = Condition {
     name: "as correlated as recordings",
     walkers: 3,

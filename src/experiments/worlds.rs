@@ -22,15 +22,15 @@ use crate::ids::{StampNs, TripId};
 use crate::ingest::RecordedScan;
 use crate::sim::{Changes, Hall, Rooms, Scene, SimScan, Vehicle};
 
-/// A scan observes an object with so many of its beams.
+/// A scan observes an object with this many of its beams.
 const BEAMS_MIN: usize = 3;
-/// So many scans must observe a place in each of its states.
+/// This many scans must observe a place in each of its states.
 const SCANS_MIN: usize = 4;
 /// From the start of a vehicle's lap to that of the next one's, seconds.
 const LAP_PAUSE_S: f64 = 10_000.0;
 /// What comes is so large, as a share of the mean area of what stands free.
 const AREA_SHARE: f64 = 0.3;
-/// Of so many doors one stands ajar in a lap, by an angle of this standard deviation, radians.
+/// Of this many doors one stands ajar in a lap, by an angle of this standard deviation, radians.
 const AJAR_EVERY: u32 = 4;
 const AJAR_SIGMA_RAD: f64 = 0.12;
 /// Streams of random numbers for what passes, apart from those of what stays.
@@ -41,7 +41,7 @@ const PASSING_SEED: u64 = 1 << 40;
 pub struct WorldsStudy {
     /// The first seed …
     pub first_seed: u64,
-    /// … of so many.
+    /// … of all of these.
     pub seeds: u64,
     /// In the order of the conditions.
     pub rows: Vec<WorldRow>,
@@ -264,7 +264,10 @@ fn would_be_observed(scene: &Scene, fleet: &[Vehicle], seed: u64, change: &World
     let appeared = change.kind == ChangeKind::Appeared;
     let drives = drive(&always_there, fleet, seed);
     let observing = drives.iter().flatten().filter(|scan| {
-        let beams = scan.struck.iter().filter(|&&o| o == Some(change.object));
+        let beams = scan
+            .hit_objects
+            .iter()
+            .filter(|&&o| o == Some(change.object));
         (scan.lap < LAPS_BEFORE) == appeared && beams.count() >= BEAMS_MIN
     });
     observing.count() >= SCANS_MIN

@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn semidefinite_is_told_from_indefinite() {
+    fn semidefinite_is_distinguished_from_indefinite() {
         assert!(Information::from_sigmas(0.1, 0.01).is_positive_semidefinite());
         assert!(Information::from_upper([1.0, 0.0, 0.0, 0.0, 0.0, 1.0]).is_positive_semidefinite());
         assert!(
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn definite_is_told_from_semidefinite() {
+    fn definite_is_distinguished_from_semidefinite() {
         let definite = |upper| Information::from_upper(upper).is_positive_definite(1e-12);
         assert!(definite([4.0, 0.5, -0.25, 3.0, 0.125, 9.0]));
         assert!(definite([1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6]));

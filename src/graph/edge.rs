@@ -1,4 +1,4 @@
-//! What a graph is made of: nodes, and the edges between them.
+//! Nodes, and the edges between them.
 
 use crate::geometry::{Information, Pose2};
 use crate::ids::{EdgeId, NodeId};
@@ -26,7 +26,7 @@ pub struct Edge {
     pub measurement: Pose2,
     /// Of the measurement, in the order (x, y, θ).
     pub information: Information,
-    /// What made it.
+    /// Odometry or loop closure.
     pub kind: EdgeKind,
     /// Whether it is optimised.
     pub status: EdgeStatus,

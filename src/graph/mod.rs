@@ -1,12 +1,11 @@
 //! The pose graph: nodes and edges with lasting ids, and its biconnected blocks.
 //!
-//! Knows nothing of scans, or of how poses are found: what a solver knows of a block is kept with it,
-//! because blocks grow together here. Begin with [`PoseGraph::add_edge`].
+//! Must not know scans, or how poses are found. Begin with [`PoseGraph::add_edge`].
 
 mod blocks;
-mod carry;
 mod edge;
 mod pose_graph;
+mod rigid_propagation;
 
 pub use crate::model::{EdgeKind, EdgeStatus};
 pub use blocks::{Block, BlockIndex, Blocks};

@@ -1,4 +1,4 @@
-//! Nodes and edges, and where each is found by its id.
+//! Nodes and edges, with indices by their ids.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -40,7 +40,7 @@ pub struct PoseGraph {
     incident: Vec<Vec<usize>>,
     node_index: BTreeMap<NodeId, usize>,
     edge_index: BTreeMap<EdgeId, usize>,
-    /// Found when first asked for, then kept until an edge leaves.
+    /// Computed on first use, then updated until an edge leaves.
     blocks: OnceLock<Blocks>,
 }
 
@@ -67,7 +67,7 @@ impl PoseGraph {
         Ok(())
     }
 
-    /// Adds an edge between two nodes that are there.
+    /// Adds an edge between two existing nodes.
     ///
     /// # Errors
     /// [`GraphError`]; the graph is unchanged then.
@@ -118,7 +118,7 @@ impl PoseGraph {
         self.node_index.get(&id).map(|&k| &self.nodes[k])
     }
 
-    /// A node's place in [`PoseGraph::nodes`].
+    /// A node's index in [`PoseGraph::nodes`].
     pub fn node_position(&self, id: NodeId) -> Option<usize> {
         self.node_index.get(&id).copied()
     }
@@ -128,19 +128,19 @@ impl PoseGraph {
         self.edge_index.get(&id).map(|&k| &self.edges[k])
     }
 
-    /// An edge's place in [`PoseGraph::edges`].
+    /// An edge's index in [`PoseGraph::edges`].
     pub fn edge_position(&self, id: EdgeId) -> Option<usize> {
         self.edge_index.get(&id).copied()
     }
 
-    /// For each edge of [`PoseGraph::edges`], the places of its ends `(from, to)` in
+    /// For each edge of [`PoseGraph::edges`], the indices of its ends `(from, to)` in
     /// [`PoseGraph::nodes`].
     pub fn ends(&self) -> &[(usize, usize)] {
         &self.ends
     }
 
-    /// The places in [`PoseGraph::edges`] of the edges at the node at a place in
-    /// [`PoseGraph::nodes`], in the order in which they were added; empty past the end.
+    /// The indices in [`PoseGraph::edges`] of the edges at a node, given by its index in [`PoseGraph::nodes`],
+    /// in the order in which they were added; empty past the end.
     pub fn incident(&self, node_position: usize) -> &[usize] {
         self.incident.get(node_position).map_or(&[], Vec::as_slice)
     }
@@ -154,39 +154,38 @@ impl PoseGraph {
         indices.unwrap_or_default().iter().map(|&k| &self.edges[k])
     }
 
-    /// The biconnected blocks of the active edges. Costs one pass over the graph when first asked
-    /// for, and after an edge has left; else next to nothing, see [`Blocks`].
+    /// The biconnected blocks of the active edges. Costs one pass over the graph on first use and after an edge
+    /// has left, else almost nothing: see [`Blocks`].
     pub fn blocks(&self) -> &Blocks {
         self.blocks.get_or_init(|| self.find_blocks())
     }
 
-    /// The blocks found anew by one pass over the graph; none is known to be at its optimum.
+    /// The blocks, computed by one pass over the graph.
     pub fn find_blocks(&self) -> Blocks {
         Blocks::of(&self.edges, &self.ends, &self.incident)
     }
 
-    /// The smallest name among the sub-graphs that a node belongs to; `None` if no loop closes
-    /// over it.
+    /// The smallest id among the sub-graphs of a node; `None` if it is in no loop.
     pub fn subgraph_of_node(&self, node: NodeId) -> Option<EdgeId> {
         let at = self.blocks().at_node(self.node_position(node)?);
         at.filter_map(Block::subgraph_id).min()
     }
 
-    /// Moves a node; nothing happens if it is not there.
+    /// Moves a node; does nothing if there is no such node.
     pub fn set_pose(&mut self, id: NodeId, pose: Pose2) {
         if let Some(&k) = self.node_index.get(&id) {
             self.set_pose_at(k, pose);
         }
     }
 
-    /// Moves the node at a place in [`PoseGraph::nodes`]; nothing happens past the end.
+    /// Moves the node at an index in [`PoseGraph::nodes`]; does nothing past the end.
     pub fn set_pose_at(&mut self, node_position: usize, pose: Pose2) {
         if let Some(node) = self.nodes.get_mut(node_position) {
             node.pose = pose;
         }
     }
 
-    /// Changes whether an edge is optimised; nothing happens if it is not there.
+    /// Sets whether an edge is optimised; does nothing if there is no such edge.
     pub fn set_edge_status(&mut self, id: EdgeId, status: EdgeStatus) {
         let Some(&k) = self.edge_index.get(&id) else {
             return;
@@ -204,7 +203,7 @@ impl PoseGraph {
         }
     }
 
-    /// The nodes to be moved, and the blocks that say what hangs off them.
+    /// The nodes to move, and the blocks with their children.
     pub(super) fn nodes_with_blocks(&mut self) -> (&mut [Node], Option<&Blocks>) {
         (&mut self.nodes, self.blocks.get())
     }

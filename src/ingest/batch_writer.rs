@@ -1,4 +1,4 @@
-//! Batches of scans as the interface takes them, written from scans.
+//! Writes batches of scans as the API accepts them.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -10,14 +10,14 @@ use crate::geometry::Pose2;
 use crate::ids::{StampNs, TripId, VehicleId};
 use crate::mapping::InitialPose;
 
-/// What the scans of a batch have in common.
+/// The common properties of a batch's scans.
 #[derive(Debug, Clone, Copy)]
 pub struct BatchHead<'a> {
-    /// Who drove.
+    /// The vehicle.
     pub vehicle_id: &'a VehicleId,
-    /// Which drive.
+    /// The trip.
     pub trip_id: &'a TripId,
-    /// Where the first scan of the trip was taken, roughly; only the trip's first batch states it.
+    /// Approximate pose at the trip's first scan; only the trip's first batch states it.
     pub initial_pose: Option<InitialPose>,
     /// The vehicle's lidars: one without a name, or several with one.
     pub lidars: &'a [RecordedLidar],
@@ -26,11 +26,11 @@ pub struct BatchHead<'a> {
 /// A scan to write.
 #[derive(Debug, Clone, Copy)]
 pub struct ScanToWrite<'a> {
-    /// The place of its lidar.
+    /// Index of its lidar.
     pub lidar: usize,
     /// When it was taken.
     pub stamp: StampNs,
-    /// Where the odometry had the base.
+    /// `odom_from_base`.
     pub odom_from_base: Pose2,
     /// Metres, `None` for no return.
     pub ranges_m: &'a [Option<f64>],
@@ -39,7 +39,7 @@ pub struct ScanToWrite<'a> {
 /// Why a batch cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// A stamp is no time.
+    /// A stamp is not a valid time.
     #[error("the stamp of a scan is no time")]
     Stamp(#[from] jiff::Error),
     /// It cannot be written as JSON.
@@ -53,7 +53,7 @@ pub enum WriteError {
 /// The batch `sequence` of a trip: the same bytes for the same content.
 ///
 /// # Errors
-/// [`WriteError`] if a stamp is no time.
+/// [`WriteError`] if a stamp is not a valid time.
 pub fn write_batch<'a>(
     head: &BatchHead<'_>,
     sequence: usize,
@@ -103,9 +103,9 @@ pub struct BatchWriter<'a, I> {
 pub struct WrittenBatch {
     /// 0, 1, 2 … within the trip.
     pub sequence: usize,
-    /// As the interface takes it.
+    /// The body as the API accepts it.
     pub json: Vec<u8>,
-    /// How many it holds.
+    /// Number of its scans.
     pub scans: usize,
     /// The stamps of the first scan and of the last one.
     pub stamps: [StampNs; 2],
@@ -115,7 +115,7 @@ impl<'a, I> BatchWriter<'a, I>
 where
     I: Iterator<Item = Result<(usize, RecordedScan), RecordingError>>,
 {
-    /// Writes so many scans into a batch, or as many as its beams allow.
+    /// Writes up to this many scans into a batch, or as many as its beams allow.
     pub fn new(head: BatchHead<'a>, scans: I, scans_max: usize) -> Self {
         let beams = head.lidars.iter().map(|lidar| lidar.beams).max();
         let by_beams = BEAMS_TOTAL_MAX / beams.unwrap_or(1).max(1);
@@ -206,7 +206,7 @@ struct BandJson {
     clear_to: f64,
 }
 
-/// A pose as the interface has it.
+/// A pose in the form of the API.
 #[derive(Serialize)]
 pub struct PoseJson {
     x: f64,
@@ -232,7 +232,7 @@ struct ScanJson<'a> {
     ranges: &'a [Option<f64>],
 }
 
-/// A pose as the interface has it.
+/// A pose in the form of the API.
 pub fn pose_json(pose: &Pose2) -> PoseJson {
     PoseJson {
         x: pose.x,

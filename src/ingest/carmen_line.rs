@@ -9,27 +9,27 @@ use crate::scan::{BEAMS_MAX, Lidar, RANGE_SIGMA_DEFAULT_M};
 
 /// Hokuyo lidars write error codes as ranges of less than 20 mm.
 const RANGE_MIN_M: f64 = 0.02;
-/// `FLASER` lines name no largest range; SICK LMS lidars write 81 m and more for no return.
+/// `FLASER` lines do not state a maximum range; SICK LMS lidars write 81 m and more for no return.
 const FLASER_RANGE_MAX_M: f64 = 81.0;
-/// Coordinates beyond this are no poses, metres.
+/// Larger coordinates are not poses, metres.
 const POSITION_MAX_M: f64 = 1e6;
-/// The times a scan may have: 2100-01-01, seconds since the Unix epoch.
+/// Latest time of a scan: 2100-01-01, seconds since the Unix epoch.
 const STAMP_MAX_S: f64 = 4_102_444_800.0;
 
 /// Why a line of a recording gave no scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SkipReason {
-    /// A message that is no scan, or of a second lidar.
+    /// Not a scan, or of a second lidar.
     OtherMessage,
     /// The line is longer than any scan.
     TooLong,
     /// The line ends before its fields do.
     Truncated,
-    /// A field is not a finite number of a believable size.
+    /// A field is not a finite number of plausible size.
     NotANumber,
-    /// The number of beams is none, too large, or one whose field of view is not known.
+    /// The number of beams is 0, too large, or one whose field of view is not known.
     BeamCount,
-    /// The lidar or its place on the vehicle is not that of the first scan.
+    /// The lidar or its mount is not that of the first scan.
     OtherLidar,
     /// The time is not later than that of the scan before.
     NotLater,
@@ -58,7 +58,7 @@ pub(super) enum Message {
     FrontLaser,
 }
 
-/// What a line says.
+/// The content of a line.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Line {
     pub message: Message,
@@ -181,8 +181,8 @@ impl Fields<'_> {
         (0..count).try_for_each(|_| self.0.next().map(|_| ()).ok_or(SkipReason::Truncated))
     }
 
-    /// Ranges from the largest on are no returns; one that is too short, negative or not a number says
-    /// nothing, and is kept as 0.
+    /// Ranges of the maximum or more are no returns; those too short, negative or not a number are invalid, and
+    /// kept as 0.
     fn ranges(&mut self, count: usize, max_m: f64) -> Result<Vec<Option<f64>>, SkipReason> {
         if count == 0 {
             return Err(SkipReason::BeamCount);

@@ -1,4 +1,4 @@
-//! Strict JSON: one document, known fields once each, errors that name the place.
+//! Strict JSON: one document, known fields once each, errors that name the faulty field.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -9,17 +9,17 @@ use serde::de::{DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_path_to_error::{Path, Segment};
 
-/// No document of ours nests deeper.
+/// No accepted document nests deeper.
 const DEPTH_MAX: usize = 16;
 
-/// What kind of mistake a document holds.
+/// The kind of mistake in a document.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JsonMistake {
     /// It is not JSON, or has unknown or repeated fields.
     Malformed,
     /// A field is missing, or has the wrong type or form.
     Field,
-    /// A number that no double can hold.
+    /// A number beyond the range of a double.
     Range,
 }
 

@@ -44,7 +44,7 @@ pub struct LidarLog {
 }
 
 impl RecordedLidar {
-    /// With its beams so many times as far apart as it states, about the middle of the fan: for
+    /// With its beam spacing multiplied by a factor, about the middle of the fan: for
     /// recordings that state the spacing wrongly.
     pub fn with_beam_spacing(mut self, factor: f64) -> Self {
         let half_fan = 0.5 * self.beams.saturating_sub(1) as f64;

@@ -1,7 +1,6 @@
-//! Recordings of a vehicle's drive, whatever their format.
+//! Recordings of a trip in any supported format.
 //!
-//! A recording is opened with one reading of its bytes, and its scans are read with another, so that none of
-//! its scans needs to be kept.
+//! A recording is read twice: once to open it, once for its scans, so that no scans are kept in memory.
 
 use std::io::{BufRead, Read};
 
@@ -10,7 +9,7 @@ use super::mcap::{McapError, Plan, ScanReader, Survey, TopicChoice};
 use super::recorded::{LidarLog, RELATIVE_TIMES_NOTE, RecordedLidar, RecordedScan};
 use crate::model::RecordingFormat;
 
-/// Beginnings of files that are no recordings, what they are, and what to do with them.
+/// First bytes of files that are not recordings, with what they are and what to do with them.
 const FOREIGN: [(&[u8], &str); 6] = [
     (
         b"#ROSBAG V",
@@ -36,10 +35,10 @@ const FOREIGN: [(&[u8], &str); 6] = [
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// It is another kind of file.
+    /// Another kind of file.
     #[error("this is {0}")]
     Foreign(&'static str),
-    /// There is nothing in it.
+    /// An empty file.
     #[error("the file is empty")]
     Empty,
     /// A CARMEN log that cannot be used.
@@ -48,7 +47,7 @@ pub enum RecordingError {
     /// An MCAP recording that cannot be used.
     #[error(transparent)]
     Mcap(#[from] McapError),
-    /// Topics are chosen of a format that has none.
+    /// Topics are chosen, but the format has none.
     #[error("a CARMEN log has no topics: leave the topics out")]
     NoTopics,
 }
@@ -60,7 +59,7 @@ pub struct Recording {
     pub format: RecordingFormat,
     /// Its lidars; the first takes keyframes.
     pub lidars: Vec<RecordedLidar>,
-    /// What was decided and assumed, for people.
+    /// Decisions and assumptions, for people.
     pub notes: Vec<String>,
     content: Content,
 }
@@ -73,7 +72,7 @@ enum Content {
     Mcap(Plan),
 }
 
-/// The scans of a recording in the order of time, each with the place of its lidar.
+/// The scans of a recording in the order of time, each with the index of its lidar.
 pub enum RecordedScans<'a, R> {
     /// Of a recording whose scans were all read when it was opened.
     InMemory(std::slice::Iter<'a, RecordedScan>, &'a [String]),
@@ -81,7 +80,7 @@ pub enum RecordedScans<'a, R> {
     Mcap(Box<ScanReader<'a, R>>),
 }
 
-/// What a file is by its first bytes.
+/// Detects a file's format by its first bytes.
 ///
 /// # Errors
 /// [`RecordingError::Foreign`] with what to do with it.
@@ -107,7 +106,7 @@ pub fn format_title(format: RecordingFormat) -> &'static str {
 }
 
 impl Recording {
-    /// Reads what a recording holds beside its scans.
+    /// Reads a recording without its scans.
     ///
     /// # Errors
     /// [`RecordingError`] if it cannot be used.
@@ -190,7 +189,7 @@ impl Recording {
 }
 
 impl<R: Read> RecordedScans<'_, R> {
-    /// What was not taken so far and why, for people.
+    /// What was skipped so far and why, for people.
     pub fn skipped(&self) -> Vec<String> {
         match self {
             Self::InMemory(_, skipped) => skipped.to_vec(),
@@ -203,7 +202,7 @@ impl<R: Read> RecordedScans<'_, R> {
         }
     }
 
-    /// How many scans so far were put at the angles of their lidar's first one.
+    /// How many scans so far were resampled to the angles of their lidar's first one.
     pub fn resampled(&self) -> usize {
         match self {
             Self::InMemory(..) => 0,

@@ -29,14 +29,14 @@ const MAP_FRAME: &str = "map";
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 const OUTLINE_WIDTH_M: f64 = 0.05;
 const TEXT_HEIGHT_M: f64 = 0.3;
-/// Orange: something waits for a decision.
+/// Orange: pending.
 const PENDING: Color = Color {
     r: 0.9,
     g: 0.4,
     b: 0.0,
     a: 1.0,
 };
-/// Grey: nothing does.
+/// Grey: decided or resolved.
 const ENDED: Color = Color {
     r: 0.5,
     g: 0.5,
@@ -68,7 +68,7 @@ pub struct ExportedKeyframe {
     pub vehicle: String,
     /// `map_from_base`.
     pub map_from_base: Pose2,
-    /// What was measured there.
+    /// Its scan.
     pub scan: Option<ExportedScan>,
 }
 
@@ -81,7 +81,7 @@ pub struct ExportedScan {
     pub angle_min_rad: f64,
     /// Direction of the last beam, radians.
     pub angle_max_rad: f64,
-    /// Turn from a beam to the next, radians.
+    /// Angle between two beams, radians.
     pub angle_increment_rad: f64,
     /// The shortest range, metres.
     pub range_min_m: f64,
@@ -96,25 +96,25 @@ pub struct ExportedScan {
 pub struct ExportedAlert {
     /// When it was first seen, nanoseconds since 1970.
     pub stamp_ns: i64,
-    /// What it shows.
+    /// Its kind.
     pub kind: String,
-    /// In a few words.
+    /// Its title.
     pub title: String,
-    /// Where, map frame.
+    /// Its location, map frame.
     pub location: Vector2<f64>,
     /// A polygon round it, map frame, not closed.
     pub region: Vec<Vector2<f64>>,
-    /// Whether it waits for a decision.
+    /// Whether it is pending.
     pub pending: bool,
 }
 
 /// Why a recording could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RouteRecordingError {
-    /// The file could not.
+    /// The file could not be written.
     #[error("the recording could not be written")]
     File(#[from] mcap::McapError),
-    /// A message could not.
+    /// A message could not be written.
     #[error("a message of the recording could not be encoded")]
     Message(#[from] cdr_encoding::Error),
 }
@@ -125,7 +125,7 @@ struct Topic {
     messages: u32,
 }
 
-/// A recording that is being written; of no use before [`RouteRecording::finish`].
+/// A recording that is being written; incomplete before [`RouteRecording::finish`].
 pub struct RouteRecording<W: Write + Seek> {
     writer: Writer<W>,
     map: Topic,

@@ -1,4 +1,4 @@
-//! Times as they are sent: RFC 3339, between 1970 and 2100.
+//! Time stamps of uploads: RFC 3339, between 1970 and 2100.
 
 use std::fmt;
 
@@ -17,7 +17,7 @@ const STAMP_MAX_S: i64 = 4_102_444_800;
 pub(super) struct SentStamp(Timestamp);
 
 impl SentStamp {
-    /// The time as it is kept. One before 2000 is of a simulation: see [`StampNs::is_simulated`].
+    /// The time as stored. One before 2000 is of a simulation: see [`StampNs::is_simulated`].
     ///
     /// # Errors
     /// [`BatchProblem::OutOfRange`] at the pointer, if it is not between 1970 and 2100.
@@ -74,7 +74,7 @@ impl<'de> Deserialize<'de> for SentStamp {
     }
 }
 
-/// What a number that was sent for a time means, and how to write it.
+/// The likely meaning of a number sent as a time, and how to write it.
 fn number_hint(number: f64) -> String {
     let (unit, per_s) = match number.abs() {
         n if n < 1e11 => ("seconds", 1.0),

@@ -63,7 +63,7 @@ impl RouteMap {
         self.update_screen();
         let mut moved = Moved::default();
         let mut findings = self.state_changes(scope, &mut moved);
-        self.layers.settle();
+        self.layers.mark_judged();
         let suspected = self.silence(&mut findings, scope);
         let seen = self.trips.iter();
         let seen = seen.filter(|(_, places)| self.has_scans(places));
@@ -91,7 +91,7 @@ impl RouteMap {
     /// no news.
     pub fn settle_screen(&mut self) {
         self.update_screen();
-        self.layers.settle();
+        self.layers.mark_judged();
     }
 
     fn update_screen(&mut self) {
@@ -260,7 +260,7 @@ impl RouteMap {
         scope: &Scope<'_>,
         fits: &mut Fits,
     ) -> Vec<Finding> {
-        let asked = screen.asked_about(site).into_iter();
+        let asked = screen.observations_of(site).into_iter();
         let observed = asked.filter_map(|key| self.observed(key, trips));
         let mut observations: Vec<Observed> = observed.collect();
         observations.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));

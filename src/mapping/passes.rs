@@ -64,7 +64,7 @@ impl RouteMap {
             cells: finding.region.clone(),
             around: Vec::new(),
         };
-        let asked = screen.asked_about(&place).into_iter();
+        let asked = screen.observations_of(&place).into_iter();
         let asked = asked.filter_map(|key| self.observed(key, trips));
         let mut asked: Vec<Observed> = asked.collect();
         asked.sort_by_key(|observed| (observed.trip, observed.stamp, observed.node));

@@ -5,15 +5,15 @@ use super::text_enum;
 text_enum! {
     /// What kind of contradiction between the map and the world was found.
     ChangeKind {
-        /// Something stands where earlier looks saw free space.
+        /// Something is where earlier observations saw free space.
         Appeared = "appeared",
-        /// Free space is seen where earlier looks saw something.
+        /// There is free space where earlier observations saw something.
         Disappeared = "disappeared",
         /// Closures contradict the map, without scans that say what changed.
         Residual = "residual",
-        /// So much differs, or so many closures are missing, that the map does not fit the place.
+        /// A segment of a trip does not fit the map: its scans differ, or expected closures are missing.
         MapMismatch = "map_mismatch",
-        /// A vehicle has changed, or is off in a way that cannot be corrected.
+        /// A vehicle's calibration has changed, or has an error that cannot be corrected.
         VehicleSuspect = "vehicle_suspect",
     }
 }
@@ -32,9 +32,9 @@ impl ChangeKind {
 }
 
 text_enum! {
-    /// How far an alert is to be believed: one pass is a hint, two are evidence.
+    /// How certain an alert is: one pass is a hint, two are evidence.
     Tier {
-        /// One pass by one vehicle shows the new state so far: shown, not sent.
+        /// One pass by one vehicle shows the new state so far.
         Tentative = "tentative",
         /// Two passes, or two vehicles, show the new state.
         Confirmed = "confirmed",
@@ -52,7 +52,7 @@ text_enum! {
 }
 
 text_enum! {
-    /// Whose observations a picture of a place shows.
+    /// Which observations a picture of a place shows.
     #[derive(Default)]
     ShownSide {
         /// Those from before the change.
@@ -68,19 +68,19 @@ text_enum! {
 text_enum! {
     /// What a pass saw at the place of a change.
     PassOutcome {
-        /// What was there before.
+        /// The old state.
         OldState = "old_state",
-        /// What is new.
+        /// The new state.
         NewState = "new_state",
-        /// Neither: the place was within reach, but hidden, or the scans of the pass disagree.
+        /// Neither: the place was within reach but occluded, or the scans of the pass disagree.
         CouldNotSee = "could_not_see",
     }
 }
 
 text_enum! {
-    /// How near a change is to the way that vehicles took before it.
+    /// How near a change is to the path that vehicles took before it.
     Clearance {
-        /// Nearer than half the width of a vehicle: it stands in their way.
+        /// Nearer than half the width of a vehicle: it blocks their path.
         Blocking = "blocking",
         /// Within a metre.
         Near = "near",
@@ -90,45 +90,45 @@ text_enum! {
 }
 
 text_enum! {
-    /// Where an alert is in its life.
+    /// The status of an alert.
     AlertStatus {
-        /// Raised; nobody has looked at it.
+        /// Raised; nobody has acknowledged it.
         Open = "open",
-        /// Somebody has taken it up.
+        /// Somebody works on it.
         Acknowledged = "acknowledged",
         /// The map shows the new state.
         Accepted = "accepted",
         /// The map is right as it is; what was dismissed is not raised again while it lasts.
         Dismissed = "dismissed",
-        /// Later looks show the old state, or refute it.
+        /// Later observations show the old state, or refute it.
         Resolved = "resolved",
     }
 }
 
 text_enum! {
-    /// What somebody may do with an alert.
+    /// What can be done with an alert.
     AlertAction {
-        /// Take it up.
+        /// Mark it as being worked on.
         Acknowledge = "acknowledge",
-        /// Take the change into the map.
+        /// Accept the change into the map.
         Accept = "accept",
         /// Keep the map, and do not raise the same thing again.
         Dismiss = "dismiss",
-        /// Put it back among the open ones.
+        /// Make it open again.
         Reopen = "reopen",
-        /// Take an acceptance back.
+        /// Undo an acceptance.
         Undo = "undo",
     }
 }
 
 text_enum! {
-    /// What became of one of several decisions.
+    /// The outcome of one of several decisions.
     DecisionResult {
         /// It was carried out.
         Done = "done",
         /// The alert had that status already.
         AlreadyDone = "already_done",
-        /// The alert is not as it was when it was decided about.
+        /// The alert has changed since it was read.
         Changed = "changed",
         /// The alert's status or kind does not allow it.
         NotAllowed = "not_allowed",
@@ -142,13 +142,13 @@ text_enum! {
 text_enum! {
     /// Why an alert is dismissed.
     DismissReason {
-        /// What is there will be gone again.
+        /// The change is temporary.
         Temporary = "temporary",
         /// People were standing there.
         People = "people",
-        /// A lidar saw what is not so.
+        /// A lidar measured something that is not there.
         Sensor = "sensor",
-        /// The map or the vehicle's pose is off there.
+        /// The map or the vehicle's pose is wrong there.
         WrongPlace = "wrong_place",
         /// Something else, as the note says.
         Other = "other",
@@ -156,7 +156,7 @@ text_enum! {
 }
 
 text_enum! {
-    /// What another scan says of a beam.
+    /// The verdict of another scan on a beam.
     BeamVerdict {
         /// The other scan has a surface where the beam ended.
         Agrees = "agrees",
@@ -164,7 +164,7 @@ text_enum! {
         Contradicts = "contradicts",
         /// Something nearer hid the place from the other scan.
         Occluded = "occluded",
-        /// The other scan did not look there, or its beam has no return.
+        /// The other scan has no beam there, or one without a return.
         Unseen = "unseen",
         /// The beam itself has no return: nothing to judge, and no evidence of free space (REP-117).
         NoReturn = "no_return",

@@ -5,7 +5,7 @@ use super::text_enum;
 text_enum! {
     /// What a batch holds.
     BatchKind {
-        /// Scans, a part of a drive.
+        /// Scans, a part of a trip.
         Scans = "scans",
         /// Nodes and edges.
         Edges = "edges",
@@ -13,7 +13,7 @@ text_enum! {
 }
 
 text_enum! {
-    /// How a recording of a drive is written.
+    /// The format of a recording.
     RecordingFormat {
         /// MCAP: a ROS 2 bag, or Foxglove's JSON messages.
         Mcap = "mcap",
@@ -23,21 +23,21 @@ text_enum! {
 }
 
 text_enum! {
-    /// Where a batch is on its way.
+    /// The status of a batch.
     BatchStatus {
         /// Stored; a worker will take it.
         Queued = "queued",
-        /// A worker has it.
+        /// A worker processes it.
         Processing = "processing",
         /// Waits for its predecessor.
         Held = "held",
         /// In the map.
         Merged = "merged",
-        /// Its trip could not be placed in the map; tried again when the map or the trip grows.
+        /// Its trip could not be localised in the map; tried again when the map or the trip grows.
         Unanchored = "unanchored",
         /// Processing failed for good; the reason says why.
         Quarantined = "quarantined",
-        /// Taken out of the map by somebody.
+        /// Removed from the map by somebody.
         Removed = "removed",
     }
 }
@@ -50,26 +50,26 @@ impl BatchStatus {
 }
 
 text_enum! {
-    /// What was noticed about a batch, and is no reason to refuse it. Readers take texts that are not
+    /// What was noticed about a batch without refusing it. Readers take texts that are not
     /// listed here as well.
     BatchFlag {
         /// Stamps lie far in the future, or the vehicle's clock is hours behind.
         ClockSkew = "clock_skew",
         /// Scans without any return.
         EmptyScans = "empty_scans",
-        /// Batches before it never came.
+        /// Earlier batches of its trip are missing.
         Gap = "gap",
         /// Stamps lie far in the past.
         Late = "late",
-        /// With it a segment of the map was put right.
+        /// It led to a misplaced segment of the map being moved.
         MapMended = "map_mended",
-        /// At its end nobody knew where the vehicle was.
+        /// At its end the vehicle was not localised.
         NotLocalised = "not_localised",
         /// The odometry is faster than any vehicle.
         WildOdometry = "wild_odometry",
         /// Readings of `range_max` or longer, which count as no return.
         AboveRangeMax = "above_range_max",
-        /// Readings below `range_min`, which say nothing.
+        /// Readings below `range_min`, which are invalid.
         BelowRangeMin = "below_range_min",
         /// Scans were taken clockwise; their beams were put into counter-clockwise order.
         ClockwiseScans = "clockwise_scans",

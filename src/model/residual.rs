@@ -3,9 +3,9 @@
 use super::text_enum;
 
 text_enum! {
-    /// What the paper's rule says about a closure.
+    /// The verdict of the paper's rule on a closure.
     ResidualVerdict {
-        /// f had not settled yet; nothing can be said.
+        /// f had not converged yet: no verdict.
         WarmingUp = "warming_up",
         /// It agrees with the map.
         Consistent = "consistent",
@@ -18,10 +18,10 @@ text_enum! {
     /// Which residuals of the closures.
     #[derive(Default)]
     ResidualMeasurement {
-        /// What each closure added to the optimum F.
+        /// The increase of the optimum F by each closure.
         #[default]
         Robust = "robust",
-        /// The residual of each closure's all-points estimate, which is watched and not optimised.
+        /// The residual of each closure's all-points estimate, which is compared but not optimised.
         AllPoints = "all_points",
     }
 }

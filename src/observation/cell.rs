@@ -1,24 +1,23 @@
-//! A small piece of surface that observations are asked about.
+//! A small piece of surface that observations are tested against.
 
 use crate::geometry::Vector2;
 
-/// Where something was hit.
+/// A place with hits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cell {
     /// Map frame, metres.
     pub centre: Vector2<f64>,
-    /// How far what it stands for may lie from the centre, metres: 0 where the centre is the mean
-    /// of its hits.
+    /// Half the width of the cell, metres; 0 where the centre is the mean of its hits.
     pub half_width_m: f64,
-    /// Normal of the surface, if its surroundings are flat; of unit length, either way.
+    /// Unit normal of the surface, of either sign, if its surroundings are flat.
     pub normal: Option<Vector2<f64>>,
-    /// Mean direction from the cell to the lidars that hit it, no longer than 1: longest if all
-    /// saw it from one side. Zero if nothing is known.
+    /// Mean of the unit vectors from the cell to the lidars that hit it: of length 1 if all hit it from one
+    /// direction. Zero if unknown.
     pub seen_from: Vector2<f64>,
 }
 
 impl Cell {
-    /// A cell of a grid, of whose surface nothing is known.
+    /// A cell of a grid, without a known surface.
     pub fn of_grid(centre: Vector2<f64>, half_width_m: f64) -> Self {
         Self {
             centre,
@@ -29,11 +28,11 @@ impl Cell {
     }
 }
 
-/// Neighbours whose hits tell a cell's normal lie within this, metres.
+/// A cell's normal is estimated from neighbours within this distance, metres.
 const NORMAL_REACH_M: f64 = 0.16;
-/// Fewest cells that tell a normal, the cell itself among them.
+/// Fewest cells for a normal, the cell itself included.
 const NORMAL_CELLS_MIN: usize = 3;
-/// Variance across a flat surface over that along it, at most.
+/// Largest ratio of the variances across and along a flat surface.
 const FLATNESS_MAX: f64 = 0.15;
 /// No cell counts for more hits than this in a normal.
 const HITS_MAX: f64 = 10.0;

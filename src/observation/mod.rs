@@ -1,7 +1,6 @@
-//! The one sensor model: what a scan, taken from a known pose, says about a place.
+//! The one sensor model: whether a scan from a known pose hits or misses a cell.
 //!
-//! It knows beams, ranges and noise; it knows nothing of trips, passes or changes. Begin with
-//! [`Observation::test`].
+//! Knows beams, ranges and noise; must not know trips, passes or changes. Begin with [`Observation::test`].
 
 mod cell;
 mod ray_test;

@@ -1,5 +1,4 @@
-//! A small world of straight sides, and scans of it, for tests: it knows nothing of cells and
-//! tolerances.
+//! A small world of straight sides, and scans of it, for tests. It knows no cells and no tolerances.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -9,7 +8,7 @@ use crate::scan::{LaserScan, Lidar};
 
 type Point = Vector2<f64>;
 
-/// What stands there.
+/// The sides of all objects.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct World {
     sides: Vec<(Point, Point)>,
@@ -30,7 +29,7 @@ impl World {
             .with_side([low[0], high[1]], low)
     }
 
-    /// How far a ray runs, metres; `None` if it meets nothing.
+    /// How far a ray runs, metres; `None` if it hits nothing.
     pub(crate) fn range_m(&self, eye: &Point, direction_rad: f64) -> Option<f64> {
         let direction = Point::new(direction_rad.cos(), direction_rad.sin());
         let ranges = self.sides.iter().filter_map(|(from, to)| {

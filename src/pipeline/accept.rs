@@ -1,4 +1,4 @@
-//! Taking an alert's change into a map, and taking it back: the computation, without any waiting.
+//! Accepting an alert's change into a map, and undoing it: pure computation, no waiting.
 
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::mapping::RouteMap;
-use crate::render::{Decided, Look, MAP_RESOLUTION_M, MapPicture, OccupancyGrid};
+use crate::render::{Decided, MAP_RESOLUTION_M, MapPicture, OccupancyGrid, PosedScan};
 use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
 
 /// What an undo restores.
@@ -21,23 +21,23 @@ pub(super) struct Undo {
     pub status: AlertStatus,
     /// Edges that were retired; they had been active.
     pub retired: Vec<EdgeId>,
-    /// What the flags had been of nodes that became references, or stopped being ones.
+    /// Nodes that became references or stopped being ones, with the flag they had.
     pub references: Vec<(NodeId, bool)>,
-    /// Where the nodes had been that moved: `map_from_base` as x, y, θ.
+    /// Nodes that moved, with the pose they had: `map_from_base` as x, y, θ.
     pub poses: Vec<(NodeId, [f64; 3])>,
-    /// Of the map as the acceptance left it.
+    /// Fingerprint of the map right after the acceptance.
     after: [u8; 32],
 }
 
 impl Undo {
-    /// The nodes and edges that it restores.
+    /// The nodes and edges that the undo restores.
     pub(super) fn named(&self) -> (Vec<NodeId>, Vec<EdgeId>) {
         let nodes = self.references.iter().map(|(node, _)| *node);
         (nodes.collect(), self.retired.clone())
     }
 }
 
-/// Takes the changes that alerts report into the map, one after the other, as one next version.
+/// Accepts the changes of several alerts one after the other, as one next version of the map.
 ///
 /// # Errors
 /// If the picture of the present version cannot be drawn.
@@ -49,7 +49,7 @@ pub(super) fn accept(
     let before: Vec<Pose2> = poses_of(&workspace.map).collect();
     let mut acceptances = Vec::with_capacity(alerts.len());
     for alert in alerts {
-        let (change, undo) = take_in(workspace, alert);
+        let (change, undo) = accept_change(workspace, alert);
         let undo = postcard::to_stdvec(&undo).context("what an undo restores cannot be written")?;
         acceptances.push(Acceptance { change, undo });
     }
@@ -65,11 +65,14 @@ pub(super) fn accept(
     })
 }
 
-/// Takes the change that an alert reports into the map.
+/// Accepts the change of an alert into the map.
 ///
-/// Its closures are retired; of its nodes those that show the new state become references in the
-/// place of those that show the old one; what is touched is solved again.
-pub(super) fn take_in(workspace: &mut Workspace, alert: &AlertRecord) -> (AcceptedChange, Undo) {
+/// Its closures are retired, its nodes that show the new state become references in place of those that
+/// show the old one, and the sub-graphs touched are re-optimised.
+pub(super) fn accept_change(
+    workspace: &mut Workspace,
+    alert: &AlertRecord,
+) -> (AcceptedChange, Undo) {
     let evidence = &alert.evidence;
     let retired = contradicting(&workspace.map, evidence);
     let (old, new) = nodes_by_state(&workspace.map, evidence);
@@ -96,7 +99,7 @@ pub(super) fn take_in(workspace: &mut Workspace, alert: &AlertRecord) -> (Accept
     (change, undo)
 }
 
-/// What an accepted change left behind for its undo.
+/// Reads what an accepted change stored for its undo.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -104,7 +107,7 @@ pub(super) fn read_undo(bytes: &[u8]) -> anyhow::Result<Undo> {
     postcard::from_bytes(bytes).context("what an undo restores cannot be read")
 }
 
-/// Takes an accepted change out of the map again, as its next version.
+/// Undoes an accepted change, as the next version of the map.
 ///
 /// # Errors
 /// If the picture of the present version cannot be drawn.
@@ -115,7 +118,7 @@ pub(super) fn undo(
 ) -> anyhow::Result<MapDecision> {
     let superseded = picture_of(workspace)?;
     let before: Vec<Pose2> = poses_of(&workspace.map).collect();
-    take_back(workspace, alert, undo);
+    undo_change(workspace, alert, undo);
     workspace.map_version += 1;
     let max_displacement_m = max_displacement_m(&workspace.map, &before);
     let (changed_nodes, changed_edges) = changes_of(workspace);
@@ -128,11 +131,11 @@ pub(super) fn undo(
     })
 }
 
-/// Takes an accepted change out of the map.
+/// Undoes an accepted change.
 ///
-/// If nothing has touched the map since, every pose is restored to the bit; else the edges and
-/// references are restored, and what they touch is solved again.
-pub(super) fn take_back(workspace: &mut Workspace, alert: AlertId, undo: &Undo) {
+/// If nothing has changed the map since, every pose is restored to the bit; else edges and references are
+/// restored, and the sub-graphs touched are re-optimised.
+pub(super) fn undo_change(workspace: &mut Workspace, alert: AlertId, undo: &Undo) {
     let map = &mut workspace.map;
     let untouched = fingerprint(map) == undo.after;
     for (node, reference) in &undo.references {
@@ -154,8 +157,8 @@ pub(super) fn take_back(workspace: &mut Workspace, alert: AlertId, undo: &Undo) 
     workspace.accepted.retain(|change| change.alert_id != alert);
 }
 
-/// How far nodes lie at most from where they were, metres.
-fn max_displacement_m(map: &RouteMap, before: &[Pose2]) -> f64 {
+/// The largest distance of a node from its earlier pose, metres. `before` is in the order of the graph.
+pub(super) fn max_displacement_m(map: &RouteMap, before: &[Pose2]) -> f64 {
     let poses = poses_of(map).zip(before);
     let displaced = poses.map(|(now, before)| (now.x - before.x).hypot(now.y - before.y));
     displaced.fold(0.0, f64::max)
@@ -166,13 +169,13 @@ pub(super) fn picture_of(workspace: &Workspace) -> anyhow::Result<MapPicture> {
     MapPicture::of_grid(&grid_of(workspace)).context("the map's picture cannot be drawn")
 }
 
-/// What the map shows: what was observed, without the changes that nobody has accepted.
+/// The map as an occupancy grid, without changes that are not accepted.
 pub(super) fn grid_of(workspace: &Workspace) -> OccupancyGrid {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let keyframes = poses.zip(workspace.map.keyframes());
     let active = keyframes.filter(|((_, saved), keyframe)| saved.active && !keyframe.is_lost());
     let taken = active.flat_map(|((pose, _), keyframe)| keyframe.taken_scans(pose));
-    let looks = taken.map(|taken| Look {
+    let posed_scans = taken.map(|taken| PosedScan {
         stamp: taken.stamp,
         map_from_base: taken.map_from_base,
         scan: taken.scan,
@@ -184,10 +187,11 @@ pub(super) fn grid_of(workspace: &Workspace) -> OccupancyGrid {
         accepted: &workspace.accepted,
         pending: &pending,
     };
-    OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M)
+    OccupancyGrid::from_posed_scans(posed_scans, decided, MAP_RESOLUTION_M)
 }
 
-fn poses_of(map: &RouteMap) -> impl Iterator<Item = Pose2> + '_ {
+/// The pose of every node, in the order of the graph.
+pub(super) fn poses_of(map: &RouteMap) -> impl Iterator<Item = Pose2> + '_ {
     map.graph().nodes().iter().map(|node| node.pose)
 }
 
@@ -199,7 +203,7 @@ fn contradicting(map: &RouteMap, evidence: &Finding) -> Vec<EdgeId> {
     closures.map(|edge| edge.id).collect()
 }
 
-/// The alert's nodes, those that show the old state and those that show the new one.
+/// The alert's nodes: those that show the old state, and those that show the new one.
 fn nodes_by_state(map: &RouteMap, evidence: &Finding) -> (Vec<NodeId>, Vec<NodeId>) {
     let known = evidence.nodes.iter().filter_map(|node| {
         let position = map.graph().node_position(*node)?;
@@ -218,14 +222,13 @@ fn moved_from(map: &RouteMap, before: &[Pose2]) -> Vec<(NodeId, [f64; 3])> {
         .collect()
 }
 
-/// Tells two states of a map apart: poses to the bit, references, edges and whether they are
-/// optimised.
+/// A hash that distinguishes two states of a map: poses to the bit, references, edges and their status.
 fn fingerprint(map: &RouteMap) -> [u8; 32] {
     let mut hash = Sha256::new();
     for (node, keyframe) in map.graph().nodes().iter().zip(map.keyframes()) {
         hash.update(node.id.0.to_le_bytes());
         for value in [node.pose.x, node.pose.y, node.pose.theta] {
-            // The database forgets the sign of a zero.
+            // SQLite does not keep the sign of a zero.
             hash.update((value + 0.0).to_le_bytes());
         }
         hash.update([u8::from(keyframe.reference)]);

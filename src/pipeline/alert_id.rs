@@ -1,4 +1,4 @@
-//! The ids of alerts, which follow from what raises them: a map that is made anew has the same.
+//! Ids of alerts. They are derived from what raises the alert, so a replay gives the same ones.
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
@@ -7,7 +7,7 @@ use uuid::{Builder, Uuid};
 use crate::ids::{AlertId, RouteId};
 
 /// The id of the alert that a route raises after `count` others: a UUID of version 7 of the time,
-/// counted to the microsecond (RFC 9562, section 6.2, method 3), and of a digest in the place of chance.
+/// with the microsecond (RFC 9562, section 6.2, method 3), and a digest instead of random bits.
 pub(super) fn alert_id(route: &RouteId, at: Timestamp, count: usize) -> AlertId {
     let mut digest = Sha256::new();
     digest.update(route.as_str());

@@ -1,4 +1,4 @@
-//! From findings to the alerts of a route.
+//! Folds findings into the alerts of a route.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,15 +15,15 @@ use crate::mapping::{Mending, PassScope};
 use crate::model::ResidualVerdict;
 use crate::store::{AlertRecord, AlertResidual, Handling, HistoryEntry, SYSTEM};
 
-/// Alerts whose regions are this close tell of the same place, metres.
+/// Alerts whose regions are this close are related, metres.
 const RELATED_M: f64 = 1.0;
 
-/// Folds all findings known now into the route's alerts: the new alerts and the next revisions of
-/// those that change. What was mended is resolved first. The workspace's alerts are brought up to
-/// date.
+/// Folds all present findings into the route's alerts. Returns new alerts and the next revisions of those
+/// that changed, and updates the workspace's alerts. Alerts about misplaced segments that were moved are
+/// resolved first.
 ///
-/// To be called when the new closures are among the workspace's, since every alert says what
-/// the residual series has of its strongest one.
+/// Call it after the new closures were added to the workspace: an alert states the residual of its least
+/// likely closure.
 pub(super) fn fold_into(
     workspace: &mut Workspace,
     route: &RouteId,
@@ -42,8 +42,7 @@ pub(super) fn fold_into(
     folded.changed
 }
 
-/// Brings up to date which passes went by the changed alerts' places, and how near these are to the
-/// vehicles' way.
+/// Updates the passes by the changed alerts' places, and the clearance of these to the vehicles' path.
 fn add_passes(workspace: &mut Workspace, changed: &mut [AlertRecord]) {
     for alert in changed {
         let scope = PassScope {
@@ -57,17 +56,17 @@ fn add_passes(workspace: &mut Workspace, changed: &mut [AlertRecord]) {
     }
 }
 
-/// What comes of a job's findings.
+/// The alerts that a job changes.
 #[derive(Default)]
 struct Folded {
     /// New alerts, and the next revisions of those that change.
     changed: Vec<AlertRecord>,
-    /// Those that change, as they were before the job.
+    /// The changed ones as they were before the job.
     stored: BTreeMap<AlertId, AlertRecord>,
 }
 
-/// Takes passes whose scans were taken out of the map from the alerts that name them, other than the
-/// changed ones: each of these has a next revision. `nodes` are ascending.
+/// Removes passes whose scans were removed from the map from all alerts that are not in `changed`, and
+/// appends the next revisions of these alerts to it. `nodes` are ascending.
 pub(super) fn take_out_passes(
     workspace: &mut Workspace,
     nodes: &[NodeId],
@@ -97,7 +96,7 @@ fn states_of(workspace: &Workspace) -> Vec<AlertState> {
     workspace.alerts.iter().map(state_of).collect()
 }
 
-/// Brings alerts up to date, each by one revision however often it changes.
+/// Updates alerts; each gets one revision however often it changes.
 fn take(
     workspace: &mut Workspace,
     route: &RouteId,
@@ -109,7 +108,7 @@ fn take(
         return;
     }
     let mut residuals = Residuals::of(workspace);
-    // They know nothing of each other.
+    // New alerts of one job are not related to each other.
     let mut raised_now = Vec::new();
     for update in updates {
         let before = update.existing.map(|k| workspace.alerts[k].clone());
@@ -206,7 +205,7 @@ fn bring_up_to_date(alert: &mut AlertRecord, update: AlertUpdate, at: Timestamp)
         }));
 }
 
-/// The alerts at the same place that wait for a decision.
+/// The pending alerts at the same place.
 fn related_to(workspace: &Workspace, evidence: &Finding) -> Vec<AlertId> {
     let near = workspace.alerts.iter().filter(|other| {
         other.status.is_pending()
@@ -221,7 +220,7 @@ fn vehicles_of(workspace: &Workspace, evidence: &Finding) -> Vec<VehicleId> {
     vehicles.collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// The residual series of a route's sub-graphs, read when they are first asked for.
+/// The residual series of a route's sub-graphs, computed on first use.
 struct Residuals {
     closures: BTreeMap<i64, Vec<ClosureSample>>,
     subgraph_of: BTreeMap<EdgeId, i64>,
@@ -237,7 +236,7 @@ impl Residuals {
         }
     }
 
-    /// The closure that is least likely without a change, as its series has it.
+    /// The closure with the smallest p-value in its series.
     fn strongest(&mut self, workspace: &Workspace, evidence: &Finding) -> Option<AlertResidual> {
         let mut strongest: Option<AlertResidual> = None;
         for edge in &evidence.edges {

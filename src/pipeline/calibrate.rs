@@ -1,13 +1,12 @@
-//! What a trip says of its vehicle: asked once it has driven enough, and once more when it has
-//! driven much.
+//! Estimates a trip's calibration once the map keeps enough of its scans, and again with many.
 
-mod asked;
-mod others;
+mod map_comparison;
+mod trip_in_map;
 
 use std::collections::BTreeMap;
 
-pub(super) use self::asked::Asked;
-use self::others::beside_others;
+use self::map_comparison::beside_others;
+pub(super) use self::trip_in_map::TripInMap;
 use super::vehicles::{as_stated, base_from_stated};
 use crate::calibration::{CompanionScan, TripCalibration, TripCorrections, TripScan};
 use crate::geometry::Pose2;
@@ -16,25 +15,23 @@ use crate::mapping::{Keyframe, RouteMap};
 use crate::scan::{LaserScan, SurfacePoint, surface_points};
 use crate::store::TripCalibrationRecord;
 
-/// A trip is asked when the map keeps so many of its scans. Each costs about half a millisecond.
+/// A trip is calibrated when the map keeps this many of its scans. Each costs about half a millisecond.
 const SCANS: [usize; 2] = [150, 600];
-/// So many of a companion's scans are compared with what the primary lidar saw …
+/// This many of a companion's scans are compared with the primary lidar's points …
 const COMPANIONS_MAX: usize = 60;
-/// … at every so many of so many keyframes before and after. Each costs a few milliseconds.
+/// … at every `AROUND_STEP`-th of `AROUND` keyframes before and after. Each costs a few milliseconds.
 const AROUND_STEP: usize = 2;
 const AROUND: usize = 12;
 
-/// How many scans of each of a trip's lidars the map keeps; of a vehicle's only one without a name.
+/// How many scans of each of a trip's lidars the map keeps. A vehicle's only lidar has no name.
 pub(super) type KeptScans = BTreeMap<Option<LidarId>, usize>;
 
-impl Asked<'_> {
-    /// The trip's word on each of its lidars that is due: if its scans in the map, of which there
-    /// were `known` before, have come to one of the numbers at which it is asked.
+impl TripInMap<'_> {
+    /// Calibrates each of the trip's lidars that is due: the number of its scans in the map, which was
+    /// `known` before, has reached one of [`SCANS`].
     ///
-    /// It rests on what was sent: odometry is kept as it was sent, and scans go back from the trip's
-    /// corrections to the lidar as it was stated. So no correction is ever estimated on top of
-    /// itself. What other lidars saw of a place, the vehicle's own or other vehicles', is taken as
-    /// the map has it.
+    /// Odometry is stored as sent, and the corrections of the scans are undone first, so that no correction
+    /// is estimated on top of itself. Scans of other lidars are used as the map has them.
     pub fn calibrations(&self, known: &KeptScans) -> Vec<TripCalibrationRecord> {
         let Self {
             map,
@@ -81,7 +78,8 @@ pub(super) fn kept_scans(map: &RouteMap, trip: &TripId) -> KeptScans {
     kept
 }
 
-/// Those of one of the trip's lidars, alike to the first, in the order of time.
+/// The scans of one of the trip's lidars in the order of time, without those that another lidar geometry
+/// than the first one's took.
 fn scans_of(
     map: &RouteMap,
     trip: &TripId,
@@ -122,15 +120,15 @@ fn scans_of(
     scans
 }
 
-/// A trip's placed keyframe with what its lidar saw.
+/// A trip's localised keyframe with the points of its lidar.
 struct Around<'a> {
     keyframe: &'a Keyframe,
     map_from_base: Pose2,
     points: Vec<SurfacePoint>,
 }
 
-/// Where a companion's mount sits beside that of the lidar that takes the trip's keyframes; `None`
-/// if the companion is that lidar.
+/// The mount of a companion relative to the lidar that takes the trip's keyframes; `None` if the companion is
+/// that lidar.
 fn beside_primary(
     map: &RouteMap,
     trip: &TripId,

@@ -1,15 +1,13 @@
-//! Clocks of vehicles that are ahead or behind.
+//! Vehicle clocks that are ahead or behind.
 //!
-//! The passes at a place are judged in the order of their stamps. A vehicle whose clock is years ahead
-//! would be the newest witness for years, and one whose clock is hours behind would tell what others
-//! have seen since as if it were old; so the trips of both count from when they arrived. What was
-//! uploaded late is not what a clock that is behind stamped: that is known of a vehicle whose trip
-//! before arrived as it was driven.
+//! The passes by a place are judged in the order of their stamps. With a clock years ahead a vehicle would
+//! be the newest observer for years; with one hours behind, its observations would count as older than they
+//! are. Trips of both are dated by their arrival instead. A late upload differs from a clock that is behind:
+//! the vehicle's previous trip shows whether it uploads while it drives.
 //!
-//! A simulation's clock begins at 0, as that of a vehicle does that was never set. Such a trip counts
-//! from when it arrived, behind all that the map has by then: of a simulation that is faster than the
-//! clock on the wall, and of the next one that begins at 0 again, trips stay in the order in which they
-//! came.
+//! A simulation's clock begins at 0, as does one that was never set. Such a trip is dated by its arrival, but
+//! after everything in the map: trips of a simulation that is faster than real time, and of the next one that
+//! begins at 0 again, stay in the order of arrival.
 
 use jiff::Timestamp;
 
@@ -17,23 +15,23 @@ use crate::ids::{StampNs, TripId};
 use crate::mapping::{Drive, DriveScan, RouteMap};
 use crate::store::UploadLag;
 
-/// Farther ahead a clock is not believed, nanoseconds.
+/// A clock that is farther ahead is not believed, nanoseconds.
 const AHEAD_MAX_NS: i64 = 7 * 24 * 3_600 * 1_000_000_000;
-/// Between the newest scan of others and the first of a trip that is put behind it, nanoseconds.
+/// Gap between the newest scan of other trips and the first of a trip that is dated after it, nanoseconds.
 const GAP_NS: i64 = 1_000_000_000;
 
-/// A vehicle that uploads as it drives is no later than this, nanoseconds.
+/// Largest lag of a vehicle that uploads while it drives, nanoseconds.
 const LIVE_MAX_NS: i64 = 600 * 1_000_000_000;
 /// A clock that is behind by less cannot be distinguished from a slow upload, nanoseconds …
 const BEHIND_MIN_NS: i64 = 3_600 * 1_000_000_000;
-/// … and what is older than this is a recording, nanoseconds.
+/// … and one that is farther behind is a recording, nanoseconds.
 const BEHIND_MAX_NS: i64 = 30 * 24 * 3_600 * 1_000_000_000;
-/// So many batches tell whether a trip arrived as it was driven.
+/// Fewest batches that show whether a trip was uploaded while it was driven.
 const BATCHES_MIN: usize = 3;
 
-/// How far the clock is behind of a trip that begins with scans between these stamps, nanoseconds: 0 if it is believed.
-/// `before` are the batches of the vehicle's trip before. If that arrived as it was driven, a clock
-/// is behind that was behind as much then, or that has gone back since.
+/// How far the clock of a trip is behind whose first batch has scans between these stamps, nanoseconds: 0 if
+/// it is believed. `before` are the batches of the vehicle's previous trip. If that was uploaded while it was
+/// driven, the clock is behind if it was behind by as much then, or was set back since.
 pub(super) fn clock_behind_ns(
     [first, last]: [StampNs; 2],
     received_at: Timestamp,
@@ -54,8 +52,8 @@ pub(super) fn clock_behind_ns(
     }
 }
 
-/// How late the batches of a trip arrived that was uploaded as it was driven, nanoseconds, at most;
-/// `None` if it was not: what was kept for later arrives at once, the oldest of it latest.
+/// The largest lag of a trip that was uploaded while it was driven, nanoseconds; `None` if it was not: a
+/// recording arrives all at once, so that the lag of its first batch is the largest.
 fn lag_of_live(batches: &[UploadLag]) -> Option<i64> {
     let lag_ns = |batch: &UploadLag| nanoseconds(batch.received_at).saturating_sub(batch.newest.0);
     let lags = || batches.iter().map(lag_ns);
@@ -88,9 +86,9 @@ fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
 }
 
-/// What is to be taken from the stamps of a trip that begins with these scans, nanoseconds: 0 if its
-/// clock is believed. The trip stays behind all that was before it by its own stamps, even if those are
-/// ahead as well: simulated days are driven in minutes.
+/// How far the clock of a trip that begins with these scans is ahead, nanoseconds: 0 if it is believed. The
+/// trip stays after all that is earlier by its own stamps, even if those are ahead too: simulated days are
+/// driven in minutes.
 pub(super) fn clock_ahead_ns(
     scans: &[DriveScan],
     received_at: Timestamp,
@@ -110,8 +108,8 @@ pub(super) fn clock_ahead_ns(
     }
 }
 
-/// What is to be taken from the simulated stamps of a trip that begins with these scans, nanoseconds,
-/// below 0; `None` if its stamps are times.
+/// What to subtract from the simulated stamps of a trip that begins with these scans, nanoseconds, below 0;
+/// `None` if its stamps are times.
 pub(super) fn simulated_ahead_ns(
     scans: &[DriveScan],
     received_at: Timestamp,
@@ -132,8 +130,8 @@ pub(super) fn began_simulated(clock_ahead_ns: i64) -> bool {
     clock_ahead_ns < -BEHIND_MAX_NS
 }
 
-/// What is taken from a stamp of a trip, nanoseconds. A clock that was set in the middle of a trip is
-/// believed from then on.
+/// What to subtract from a stamp of a trip, nanoseconds. A clock that was set during the trip is believed
+/// from then on.
 pub(super) fn taken_from_ns(stamp: StampNs, clock_ahead_ns: i64) -> i64 {
     match began_simulated(clock_ahead_ns) && !stamp.is_simulated() {
         true => 0,
@@ -141,8 +139,8 @@ pub(super) fn taken_from_ns(stamp: StampNs, clock_ahead_ns: i64) -> i64 {
     }
 }
 
-/// Whether a clock that was set in the middle of a trip sends its stamps backwards: scans with times are
-/// earlier than those before them with simulated stamps, as they count.
+/// Whether a clock that was set during the trip moved its stamps backwards: the first scans with times are
+/// earlier than the corrected stamps of those before.
 pub(super) fn is_set_backwards(drive: &Drive, clock_ahead_ns: i64, map: &RouteMap) -> bool {
     if !began_simulated(clock_ahead_ns) {
         return false;
@@ -177,7 +175,7 @@ mod tests {
     use super::*;
     const SECOND_NS: i64 = 1_000_000_000;
     const HOUR_S: i64 = 3_600;
-    /// When everything begins, by the service's clock.
+    /// Where the test's time begins, by the service's clock.
     const BEGUN_S: i64 = 1_790_000_000;
 
     fn at(second: i64) -> Timestamp {

@@ -1,33 +1,33 @@
-//! What people decide about alerts: checked, computed, and saved in one transaction.
+//! Decisions about alerts: checked, computed, and saved in one transaction.
 
 use anyhow::anyhow;
 use jiff::Timestamp;
 
 use super::accept::{accept, read_undo, undo};
+use super::archive::{reactivate_named, solve_reactivated};
 use super::decision_revision;
 use super::engine::{Engine, as_kept};
-use super::settle::{recall_named, solve_recalled};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
-/// A decision is computed anew so often while batches or other decisions come in between.
+/// How often a decision is computed again because the route changed meanwhile, before it is refused.
 pub(super) const TRIES_MAX: usize = 20;
 
-/// What somebody wants done with an alert.
+/// A decision that somebody sends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
     /// The alert.
     pub alert_id: AlertId,
-    /// Its [`AlertRecord::decision_revision`] as they have seen it.
+    /// The [`AlertRecord::decision_revision`] that they have read.
     pub decision_revision: i64,
     /// What to do.
     pub action: AlertAction,
-    /// Whose request it is, for the audit.
+    /// Who sent the request, for the audit.
     pub actor: Actor,
-    /// Who wants it, as they say.
+    /// Who decided, as the request states.
     pub by: String,
     /// Why, for people.
     pub note: Option<String>,
@@ -43,16 +43,16 @@ pub enum DecisionError {
     /// There is no such alert.
     #[error("there is no such alert")]
     UnknownAlert,
-    /// What the decision is about is not as it was seen.
+    /// The alert has changed since it was read.
     #[error("the alert has changed since it was read")]
     Changed(Box<AlertRecord>),
     /// The alert's status or kind does not allow it.
     #[error("this cannot be done with the alert as it is")]
     NotAllowed(Box<AlertRecord>),
-    /// Batches and other decisions came in between again and again.
+    /// Batches and other decisions kept changing the route.
     #[error("the route changes too quickly")]
     Busy,
-    /// The store did not take it.
+    /// The store failed or refused the decision.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The computation failed.
@@ -66,15 +66,15 @@ pub struct Decisions {
     pub(super) engine: Engine,
 }
 
-/// A decision with the map that it leaves behind.
+/// A decision with the map after it.
 struct Computed {
     workspace: Workspace,
     decision: Decision,
 }
 
-/// A change of the map that was written.
+/// A committed change of the map.
 pub(super) struct ChangedMap {
-    /// The alerts as they are then.
+    /// The alerts after the change.
     alerts: Vec<AlertRecord>,
     /// The version of the map that began with it.
     pub map_version: i64,
@@ -85,8 +85,8 @@ impl Decisions {
         Self { engine }
     }
 
-    /// Carries an order out and returns the alert as it is then. Once begun it is finished, even
-    /// if whoever asked goes away. Accepting and undoing wait for the route's batch under way.
+    /// Carries out an order and returns the alert after it. It is finished even if the caller goes away.
+    /// Accepting and undoing wait for the batch that the route is processing.
     ///
     /// # Errors
     /// [`DecisionError`]; nothing has changed then.
@@ -114,7 +114,7 @@ impl Decisions {
         Err(DecisionError::Busy)
     }
 
-    /// The alert of an order, if it is as it was seen and allows what is wanted.
+    /// The alert of an order, if it has not changed and allows the action.
     pub(super) async fn decidable(&self, order: &Order) -> Result<AlertRecord, DecisionError> {
         let alert = self.engine.store.alert(order.alert_id).await?;
         let alert = alert.ok_or(DecisionError::UnknownAlert)?;
@@ -127,7 +127,7 @@ impl Decisions {
         Ok(alert)
     }
 
-    /// Writes what leaves the map alone; `None` if something came in between.
+    /// Writes a decision that does not change the map; `None` if the route changed meanwhile.
     async fn change_status(
         &self,
         order: &Order,
@@ -151,15 +151,15 @@ impl Decisions {
         Ok(Some(alert))
     }
 
-    /// Writes what changes the map: one undo, or acceptances of alerts of one route; `None` if
-    /// something came in between. Orders and alerts belong together by their places.
+    /// Writes a decision that changes the map: one undo, or acceptances of alerts of one route; `None` if the
+    /// route changed meanwhile. `orders[k]` is about `alerts[k]`.
     pub(super) async fn change_map(
         &self,
         orders: &[Order],
         alerts: Vec<AlertRecord>,
     ) -> Result<Option<ChangedMap>, DecisionError> {
         let Some((order, first)) = orders.first().zip(alerts.first()) else {
-            return Err(DecisionError::Failed(anyhow!("nothing is ordered")));
+            return Err(DecisionError::Failed(anyhow!("there is no order")));
         };
         let route = first.route_id.clone();
         let _turn = self.engine.turn(&route).await;
@@ -172,12 +172,12 @@ impl Decisions {
         };
         let undo = undo.map(|acceptance| acceptance.undo);
         let (nodes, edges) = named(&alerts, undo.as_deref()).map_err(of_computation)?;
-        let recalled = recall_named(store, &route, &nodes, &edges).await?;
+        let reactivated = reactivate_named(store, &route, &nodes, &edges).await?;
         let taken = workspaces.take(store, &route).await;
         let mut workspace = taken.map_err(of_computation)?;
         let own = orders.to_vec();
         let computed = self.engine.compute(move || {
-            solve_recalled(&mut workspace.map, &recalled);
+            solve_reactivated(&mut workspace.map, &reactivated);
             compute(workspace, &alerts, &own, undo.as_deref())
         });
         let computed = computed.await.and_then(|computed| computed);
@@ -201,14 +201,14 @@ impl Decisions {
     }
 }
 
-/// Whether somebody may do this with the alert as it is. Of what is no change of the world there is nothing to
-/// take into the map.
+/// Whether an alert allows an action. Suspected vehicles and misplaced segments are no changes of the world:
+/// they cannot be accepted into the map.
 pub fn is_allowed(alert: &AlertRecord, action: AlertAction) -> bool {
     let is_change = alert.evidence.kind.is_of_world();
     alert.status.allows(action) && (is_change || action != AlertAction::Accept)
 }
 
-/// The nodes and edges of which a map needs what may have left it, to take a change in or out.
+/// The nodes and edges that must be active to accept or undo a change.
 fn named(
     alerts: &[AlertRecord],
     undo_bytes: Option<&[u8]>,
@@ -230,7 +230,7 @@ fn compute(
 ) -> anyhow::Result<Computed> {
     let base_revision = workspace.revision;
     let [order, ..] = orders else {
-        return Err(anyhow!("nothing is ordered"));
+        return Err(anyhow!("there is no order"));
     };
     let (status, map) = match (order.action, alerts) {
         (AlertAction::Undo, [alert]) => {
@@ -242,7 +242,7 @@ fn compute(
         _ => (AlertStatus::Accepted, accept(&mut workspace, alerts)?),
     };
     workspace.map.settle_screen();
-    // One time for all, so that a replay, which has that of their input, gives the same.
+    // One time for all: a replay knows only that of their input.
     let latest = alerts.iter().map(|alert| alert.updated_at).max();
     let decided = alerts.iter().zip(orders).map(|(alert, order)| {
         let not_before = latest.unwrap_or(alert.updated_at);
@@ -261,7 +261,7 @@ fn compute(
     })
 }
 
-/// The alert's next revision; it does not bear an earlier time than `not_before`.
+/// The alert's next revision, no earlier than `not_before`.
 fn next(
     alert: &AlertRecord,
     order: &Order,
@@ -283,7 +283,7 @@ fn next(
     next
 }
 
-/// An error of a computation; the store's own keep their name.
+/// An error of a computation; errors of the store keep their type.
 pub(super) fn of_computation(error: anyhow::Error) -> DecisionError {
     match error.downcast::<StoreError>() {
         Ok(error) => DecisionError::Store(error),

@@ -1,4 +1,4 @@
-//! Why a decision was not taken, in words for whoever made it.
+//! Why a decision was refused, in words for the sender.
 
 use super::decide::{DecisionError, is_allowed};
 use crate::change::{AlertAction, ChangeKind};
@@ -18,7 +18,7 @@ impl DecisionError {
     }
 }
 
-/// What a decision is about has changed since; more evidence alone never comes here.
+/// The alert's status, tier or region has changed; more evidence alone does not count.
 fn changed(alert: &AlertRecord) -> String {
     let last = alert.history.last().map(|last| (&last.by, last.at));
     let since = last.map_or_else(String::new, |(by, at)| format!(" since {at:.0} by {by}"));
@@ -31,8 +31,7 @@ fn changed(alert: &AlertRecord) -> String {
     )
 }
 
-/// The alert's status does not allow the action, or it would take into the map what is no change of the
-/// world.
+/// The alert's status does not allow the action, or it is no change of the world and cannot be accepted.
 fn not_allowed(alert: &AlertRecord, action: AlertAction) -> String {
     let allowed = AlertAction::ALL.into_iter();
     let allowed = allowed.filter(|action| is_allowed(alert, *action));

@@ -1,16 +1,16 @@
 //! The revision of an alert that a decision is bound to.
 //!
-//! People decide about a status, a tier and a place. Every pass adds evidence to an alert and raises its
-//! revision; if decisions were bound to that, driving would refuse them.
+//! A decision is about a status, a tier and a region. Every pass adds evidence and raises an alert's
+//! revision; decisions bound to that would be refused whenever a vehicle passes.
 
 use crate::geometry::{Vector2, distance_to_polygon};
 use crate::store::AlertRecord;
 
-/// A region is another one when a corner of one lies farther than this from the other, metres. Less than
-/// what anybody would decide otherwise about; more than what further evidence moves a border by.
+/// Regions differ if a corner of one is farther than this from the other, metres: less than what would
+/// change a decision, more than what further evidence moves a border by.
 const TOLERANCE_M: f64 = 0.25;
 
-/// Counts one more if what a decision is about differs from the alert before. A new alert begins with 1.
+/// Raises the decision revision if status, tier or region differ from the alert before; a new alert has 1.
 pub(super) fn count(before: Option<&AlertRecord>, alert: &mut AlertRecord) {
     let kept = before.filter(|before| is_same(before, alert));
     (alert.decision_revision, alert.decision_region) = match (kept, before) {
@@ -26,7 +26,7 @@ fn is_same(before: &AlertRecord, alert: &AlertRecord) -> bool {
         && farthest_m(&before.decision_region, &alert.evidence.region) <= TOLERANCE_M
 }
 
-/// How far the farthest corner of one polygon lies from the other one.
+/// The largest distance of a corner of one polygon from the other, metres.
 fn farthest_m(a: &[Vector2<f64>], b: &[Vector2<f64>]) -> f64 {
     let from_a = a.iter().map(|corner| distance_to_polygon(corner, b));
     let from_b = b.iter().map(|corner| distance_to_polygon(corner, a));

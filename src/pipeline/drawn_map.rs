@@ -1,10 +1,10 @@
-//! A route's map as it is drawn, without a service.
+//! A route's map as an occupancy grid, straight from the store.
 
 use crate::ids::RouteId;
-use crate::render::{Decided, Look, MAP_RESOLUTION_M, OccupancyGrid};
+use crate::render::{Decided, MAP_RESOLUTION_M, OccupancyGrid, PosedScan};
 use crate::store::Store;
 
-/// The map of a route as people accepted it; `None` while nothing is in it.
+/// A route's map with its accepted changes; `None` while it is empty.
 ///
 /// # Errors
 /// If the store cannot be read, or a stored scan does not decode.
@@ -19,7 +19,7 @@ pub async fn drawn_map(store: &Store, route: &RouteId) -> anyhow::Result<Option<
     if scans.is_empty() {
         return Ok(None);
     }
-    let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {
+    let scans = scans.iter().map(|(stamp, map_from_base, scan)| PosedScan {
         stamp: *stamp,
         map_from_base: *map_from_base,
         scan,
@@ -28,6 +28,6 @@ pub async fn drawn_map(store: &Store, route: &RouteId) -> anyhow::Result<Option<
         accepted: &accepted,
         pending: &pending,
     };
-    let grid = OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M);
+    let grid = OccupancyGrid::from_posed_scans(scans, decided, MAP_RESOLUTION_M);
     Ok(Some(grid))
 }

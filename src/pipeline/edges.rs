@@ -1,13 +1,14 @@
-//! One job of edges: what it names, which of its batches hang together with the map, and the
+//! One job of edges: the nodes that it names, which of its batches are connected to the map, and the
 //! computation.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::Context;
 
-use super::process::{conclude, count_added};
+use super::added::{Added, AddedEdge, AddedNode, count_added};
+use super::process::conclude;
 use super::refusal::{Processed, Refusal};
-use super::result::{Added, AddedEdge, AddedNode, Origin, outcome_of};
+use super::result::{Origin, outcome_of};
 use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::NodeId;
@@ -16,16 +17,16 @@ use crate::mapping::{End, GivenEdge, GivenGraph, GivenNode, NotAttached, RouteMa
 use crate::model::BatchStatus;
 use crate::store::{BatchOutcome, ClaimedJob, Store, StoreError};
 
-/// The batches of a job of edges, with what is known of the nodes that they name.
+/// The batches of a job of edges, and the known ones of the nodes that they name.
 pub(super) struct EdgeJob {
     origins: Vec<Origin>,
     uploads: Vec<UploadedEdges>,
-    /// Nodes of the vehicle's earlier batches, by its names for them.
+    /// Nodes of the vehicle's earlier batches, by the vehicle's names for them.
     known: BTreeMap<String, NodeId>,
 }
 
 impl EdgeJob {
-    /// Decodes the job's bodies; nothing is known yet.
+    /// Decodes the job's bodies; [`EdgeJob::look_up`] finds the known nodes.
     ///
     /// # Errors
     /// If a journalled body cannot be decoded.
@@ -47,7 +48,7 @@ impl EdgeJob {
         })
     }
 
-    /// Looks up which of the names stand for nodes already.
+    /// Looks up which of the names belong to stored nodes.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -82,7 +83,7 @@ impl EdgeJob {
         edges.flat_map(|edge| [&edge.from, &edge.to])
     }
 
-    /// The batches that can never be used, and why: they bring a node that was brought before.
+    /// The batches that can never be merged, and why: they declare a node that exists already.
     fn refused(&self) -> BTreeMap<usize, String> {
         let mut refused = BTreeMap::new();
         let mut brought: BTreeSet<&str> = self.known.keys().map(String::as_str).collect();
@@ -102,10 +103,10 @@ impl EdgeJob {
     }
 }
 
-/// What keeps some batches out of the map, by their places.
+/// Why batches are not merged, by their index.
 type Waiting = BTreeMap<usize, String>;
 
-/// Takes the job's batches into the map: those that hang together with it, whichever came first.
+/// Merges those of the job's batches that are connected to the map, in whatever order they came.
 ///
 /// # Errors
 /// If the graph refuses an edge; the workspace is lost then.
@@ -122,8 +123,7 @@ pub(super) fn process_edges(
         node_sources,
         edge_sources,
     } = Joined::of(edges, &selected, &workspace.map);
-    // What has scans was measured by itself, and what others brought is theirs: edges alone move
-    // neither.
+    // Uploaded edges must not move nodes with scans, nor those of other vehicles.
     let vehicle = edges.origins.last().map(|origin| &origin.vehicle_id);
     let before = PosesBefore::of(&workspace.map, workspace.max_shift_m, |keyframe| {
         keyframe.scan.is_none() && workspace.vehicles.get(&keyframe.trip) == vehicle
@@ -168,7 +168,7 @@ pub(super) fn process_edges(
     Ok(Processed::Taken(Box::new(concluded)))
 }
 
-/// What becomes of each batch, given what keeps some of them out, for good or for now.
+/// The outcome of each batch: refused for good, waiting, or merged.
 fn outcomes(origins: &[Origin], refused: &Waiting, waiting: &Waiting) -> Vec<BatchOutcome> {
     let outcomes = origins.iter().enumerate().map(|(k, origin)| {
         let (status, reason) = match (refused.get(&k), waiting.get(&k)) {
@@ -184,8 +184,8 @@ fn outcomes(origins: &[Origin], refused: &Waiting, waiting: &Waiting) -> Vec<Bat
     outcomes.collect()
 }
 
-/// The batches that hang together with the map, and what keeps the others out: leaves out what
-/// names or hangs on nothing until nothing of that kind is left.
+/// The batches that are connected to the map, and why the others are not. Batches that name unknown nodes or
+/// are not connected are left out until none is left.
 fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usize>, Waiting) {
     let mut waiting = Waiting::new();
     loop {
@@ -199,7 +199,7 @@ fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usi
             let joined = Joined::of(edges, &selected, map);
             for node in map.untied(&joined.graph) {
                 let (k, name) = &joined.node_sources[node];
-                let reason = format!("node {name} hangs on nothing: no edge ties it to the map");
+                let reason = format!("node {name} is not connected: no edge ties it to the map");
                 left_out.entry(*k).or_insert(reason);
             }
         }
@@ -211,7 +211,7 @@ fn select(edges: &EdgeJob, mut selected: Vec<usize>, map: &RouteMap) -> (Vec<usi
     }
 }
 
-/// The batches in the order of arrival, but each after those that bring what it names.
+/// The batches in the order of arrival, but each after those that declare the nodes it names.
 fn in_order(edges: &EdgeJob, mut left: Vec<usize>, map: &RouteMap) -> Vec<usize> {
     let mut ordered = Vec::with_capacity(left.len());
     let mut brought: BTreeSet<&str> = BTreeSet::new();
@@ -236,7 +236,7 @@ fn brought_by<'a>(edges: &'a EdgeJob, selected: &'a [usize]) -> impl Iterator<It
     nodes.map(|node| node.name.as_str())
 }
 
-/// Which node a batch names that is not there.
+/// The first unknown node that a batch names.
 fn missing(edges: &EdgeJob, k: usize, brought: &BTreeSet<&str>, map: &RouteMap) -> Option<String> {
     let vehicle = &edges.origins[k].vehicle_id;
     let own_nodes = edges.uploads[k].nodes.iter();
@@ -259,14 +259,14 @@ fn missing(edges: &EdgeJob, k: usize, brought: &BTreeSet<&str>, map: &RouteMap) 
 /// Some batches as one graph.
 struct Joined {
     graph: GivenGraph,
-    /// Of each node its batch and what the vehicle calls it.
+    /// The batch of each node, and the vehicle's name for it.
     node_sources: Vec<(usize, String)>,
-    /// Of each edge its batch.
+    /// The batch of each edge.
     edge_sources: Vec<usize>,
 }
 
 impl Joined {
-    /// Edges with an end that is nowhere are left out.
+    /// Joins the batches; edges with an unknown end are left out.
     fn of(edges: &EdgeJob, selected: &[usize], map: &RouteMap) -> Self {
         let mut joined = Self {
             graph: GivenGraph::default(),

@@ -1,4 +1,4 @@
-//! What workers and decisions share: the store, the maps in memory, the threads, the turns.
+//! What workers and decisions share: the store, the maps in memory, the threads, a lock for each route.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,7 +13,7 @@ use super::workspace::Workspaces;
 use crate::ids::RouteId;
 use crate::store::Store;
 
-/// Cheap to clone.
+/// Store, maps in memory, threads and locks; cheap to clone.
 #[derive(Clone)]
 pub(super) struct Engine {
     pub store: Store,
@@ -27,7 +27,7 @@ impl Engine {
     /// An engine with as many threads as there are cores.
     ///
     /// # Errors
-    /// If the threads cannot be had.
+    /// If the threads cannot be started.
     pub fn new(store: &Store, options: PipelineOptions) -> anyhow::Result<Self> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(Self::threads())
@@ -43,7 +43,7 @@ impl Engine {
         })
     }
 
-    /// How many computations run side by side.
+    /// How many computations run in parallel.
     pub fn threads() -> usize {
         std::thread::available_parallelism().map_or(1, usize::from)
     }
@@ -56,7 +56,7 @@ impl Engine {
         let (sender, receiver) = oneshot::channel();
         self.pool.spawn(move || {
             let outcome = catch_unwind(AssertUnwindSafe(work));
-            // A receiver that is gone was cut off at shutdown: a job is claimed again.
+            // The receiver is gone at shutdown; its job is claimed again at the next start.
             let _ = sender.send(outcome);
         });
         match receiver.await.context("the worker thread is gone")? {
@@ -65,24 +65,24 @@ impl Engine {
         }
     }
 
-    /// Waits for one's turn with a route's map, first come, first served. The store's fence keeps
-    /// results apart all the same; this keeps them from being computed for nothing.
+    /// Locks a route's map, first come, first served. The store would refuse the second of two results
+    /// anyway; this saves computing it.
     pub async fn turn(&self, route: &RouteId) -> OwnedMutexGuard<()> {
         self.turns.of(route).lock_owned().await
     }
 }
 
-/// The time, as exactly as the store keeps it.
+/// The current time in the store's precision.
 pub(super) fn now() -> Timestamp {
     as_kept(Timestamp::now())
 }
 
-/// A time as exactly as the store keeps it: the same before and after it was stored.
+/// A time in the store's precision (microseconds): the same before and after it was stored.
 pub(super) fn as_kept(time: Timestamp) -> Timestamp {
     Timestamp::from_microsecond(time.as_microsecond()).unwrap_or(time)
 }
 
-/// Who may change which route's map.
+/// One lock for each route.
 #[derive(Default)]
 struct Turns {
     by_route: Mutex<BTreeMap<RouteId, Arc<tokio::sync::Mutex<()>>>>,

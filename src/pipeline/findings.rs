@@ -9,7 +9,7 @@ use super::workspace::Workspace;
 use crate::change::{Detector, Finding};
 use rule::Rule;
 
-pub(super) use rule::Observed;
+pub(super) use rule::Detected;
 
 /// The rule of a detector.
 fn rule_of(detector: Detector) -> &'static dyn Rule {
@@ -24,13 +24,13 @@ fn rule_of(detector: Detector) -> &'static dyn Rule {
 ///
 /// # Errors
 /// If the graph refuses an id; the workspace is lost then.
-pub(super) fn observed(workspace: &mut Workspace) -> anyhow::Result<Observed> {
-    rule_of(workspace.detector).observed(workspace)
+pub(super) fn detect_in_scans(workspace: &mut Workspace) -> anyhow::Result<Detected> {
+    rule_of(workspace.detector).detect_in_scans(workspace)
 }
 
 /// What the scans say where every place is judged anew; nothing is mended.
-pub(super) fn observed_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
-    rule_of(workspace.detector).observed_everywhere(workspace)
+pub(super) fn detect_everywhere(workspace: &mut Workspace) -> Vec<Finding> {
+    rule_of(workspace.detector).detect_everywhere(workspace)
 }
 
 /// All findings that stand, those of the scans among them.

@@ -1,15 +1,17 @@
-//! From the journal to the map: workers that claim a batch, load its route, compute, and save
-//! everything that came of it in one transaction.
+//! From the journal to the map: workers claim a job, load its route, compute, and save everything that
+//! follows from it in one transaction. Decisions about alerts, removals and releases do the same without a
+//! job.
 //!
-//! A job is never worked on inside a transaction. What a worker computed is refused by the store
-//! if its lease was lost or the route has moved on; then it is dropped and computed anew. What
-//! people decide about alerts takes the same way, without a job.
+//! No transaction is open while a job is computed. The store refuses the result if the worker has lost its
+//! lease or the route's revision has changed; it is then computed again.
 //!
-//! Knows nothing of HTTP or SQL. Begin with `process` in `process.rs`, which computes one job.
+//! Must not know HTTP or SQL. Begin with `process` in `process.rs`: one batch in ten steps.
 
 mod accept;
+mod added;
 mod alert_id;
 mod alerts;
+mod archive;
 mod calibrate;
 mod clock;
 mod clock_faults;
@@ -33,11 +35,11 @@ mod residuals;
 mod result;
 mod retention;
 mod saved;
-mod settle;
 mod several;
 mod shift;
 mod stage;
 mod suspects;
+mod trip_start;
 mod vehicles;
 mod watch;
 mod worker;
@@ -59,21 +61,21 @@ use tokio_util::sync::CancellationToken;
 use crate::store::Store;
 use engine::Engine;
 
-/// A pipeline that runs.
+/// A running pipeline.
 pub struct Pipeline {
     /// Takes decisions about alerts.
     pub decisions: Decisions,
-    /// Takes long work on.
+    /// Accepts long-running operations.
     pub operations: Operations,
-    /// Workers; they end soon after the pipeline is told to stop.
+    /// Workers and periodic tasks; they end soon after `stopping` is cancelled.
     pub tasks: Vec<JoinHandle<()>>,
 }
 
-/// Starts the pipeline's workers on the current runtime. They end soon after `stopping` is
-/// cancelled; a batch under way is finished first, unless the drain time ends before it.
+/// Starts the pipeline's tasks on the current runtime. They end soon after `stopping` is cancelled; a batch
+/// that is being processed is finished first, unless the drain time ends before.
 ///
 /// # Errors
-/// If the threads cannot be had.
+/// If the worker threads cannot be started.
 pub fn start(
     store: &Store,
     options: PipelineOptions,

@@ -1,4 +1,4 @@
-//! The task that carries out long work that somebody asked for, one operation after the other.
+//! The task that carries out long-running operations, one after the other.
 
 use std::sync::Arc;
 
@@ -18,23 +18,23 @@ use crate::store::{
 /// How long after a failure of the store an operation is tried again.
 const PAUSE: std::time::Duration = std::time::Duration::from_secs(1);
 
-/// Takes long work on; cheap to clone.
+/// Accepts long-running operations; cheap to clone.
 #[derive(Clone)]
 pub struct Operations {
     store: Store,
-    asked: Arc<Notify>,
+    queued: Arc<Notify>,
 }
 
 impl Operations {
     pub(super) fn new(store: &Store) -> Self {
         Self {
             store: store.clone(),
-            asked: Arc::new(Notify::new()),
+            queued: Arc::new(Notify::new()),
         }
     }
 
-    /// Notes an operation on one route or (`None`) on several. It is carried out after those that were
-    /// asked for before, also if the service stops meanwhile.
+    /// Queues an operation on one route or (`None`) on several. It is carried out after those queued before,
+    /// and resumed after a restart of the service.
     ///
     /// # Errors
     /// [`StoreError::UnknownRoute`].
@@ -46,7 +46,7 @@ impl Operations {
     ) -> Result<OperationId, StoreError> {
         let id = OperationId(Uuid::now_v7());
         self.store.ask_for(id, route, request, by, now()).await?;
-        self.asked.notify_one();
+        self.queued.notify_one();
         Ok(id)
     }
 
@@ -56,7 +56,7 @@ impl Operations {
             match self.store.next_operation().await {
                 Ok(Some(operation)) => self.carry_out_one(&decisions, &operation, &stopping).await,
                 Ok(None) => tokio::select! {
-                    () = self.asked.notified() => {}
+                    () = self.queued.notified() => {}
                     () = stopping.cancelled() => {}
                 },
                 Err(error) => {
@@ -99,8 +99,8 @@ impl Operations {
     }
 }
 
-/// Carries decisions out and ends their operation. If the service stops in between, what was carried out
-/// stands, and is found `already_done` when the operation is resumed.
+/// Carries out decisions and ends their operation. If the service stops in between, what was carried out
+/// stands, and is `already_done` when the operation is resumed.
 async fn decide(
     decisions: &Decisions,
     id: OperationId,

@@ -7,15 +7,14 @@ use crate::mapping::{ACTIVE_STRETCHES, FIRST_STRETCHES};
 /// How much a pipeline keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PipelineOptions {
-    /// Memory for maps between their batches, bytes. Maps that are worked on come on top of it: one
-    /// for each core.
+    /// Memory for maps that are not being worked on, bytes. Up to one map for each core comes on top.
     pub map_memory_bytes: usize,
-    /// So many of the newest stretches of drives stay in a route's map; of older ones the
-    /// references, and what alerts rest on that wait for a decision, …
-    pub active_stretches: usize,
-    /// … and of every place what so many stretches drove there, the oldest.
-    pub first_stretches: usize,
-    /// How long the bodies of merged batches are kept after they were processed; `None` for ever.
+    /// How many of the newest trip segments stay active. Of older ones only references and the evidence of
+    /// pending alerts do, …
+    pub active_segments: usize,
+    /// … and at every place the scans of this many of the first segments.
+    pub first_segments: usize,
+    /// How long the bodies of merged batches are kept after processing; `None` for ever.
     pub keep_bodies: Option<Duration>,
     /// How long the scans between archived keyframes are kept after their batch was processed; `None` for
     /// ever.
@@ -26,8 +25,8 @@ impl Default for PipelineOptions {
     fn default() -> Self {
         Self {
             map_memory_bytes: 1 << 30,
-            active_stretches: ACTIVE_STRETCHES,
-            first_stretches: FIRST_STRETCHES,
+            active_segments: ACTIVE_STRETCHES,
+            first_segments: FIRST_STRETCHES,
             keep_bodies: None,
             keep_trajectories: None,
         }

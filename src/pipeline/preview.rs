@@ -1,13 +1,14 @@
-//! What accepting an alert would change: computed as accepting is, and taken back.
+//! What accepting an alert would change: accepted in memory, and undone.
 
 use std::collections::BTreeSet;
 
-use super::accept::{Undo, grid_of, take_back, take_in};
+use super::accept::{accept_change, grid_of, max_displacement_m, poses_of, undo_change};
 use super::decide::{DecisionError, Decisions, is_allowed, of_computation};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus};
+use crate::geometry::Pose2;
 use crate::ids::{AlertId, EdgeId};
-use crate::render::{CellChanges, MAP_RESOLUTION_M, cell_changes};
+use crate::render::{DifferingCells, MAP_RESOLUTION_M, differing_cells};
 use crate::store::AlertRecord;
 
 /// What accepting an alert would change.
@@ -18,7 +19,7 @@ pub struct Preview {
     /// The version of the map that would begin.
     pub map_version_next: i64,
     /// Cells of the map's picture that would change.
-    pub cells: CellChanges,
+    pub cells: DifferingCells,
     /// Edge of a cell, metres.
     pub resolution_m: f64,
     /// Closures that would be retired, ascending.
@@ -33,20 +34,20 @@ pub struct Preview {
 }
 
 impl Decisions {
-    /// What accepting an alert would change now; changes nothing. Waits for the route's batch under
-    /// way. It costs what accepting costs: one solve of the sub-graphs touched, two drawings of the map.
+    /// What accepting an alert would change now; changes nothing. Waits for the batch that the route is
+    /// processing. Costs as much as accepting: one solve of the sub-graphs touched, two drawings of the map.
     ///
     /// # Errors
     /// [`DecisionError::NotAllowed`] if the alert cannot be accepted.
     pub async fn preview(&self, id: AlertId) -> Result<Preview, DecisionError> {
         let own = self.clone();
-        // Once begun it is finished, so that the map is put back whoever goes away.
-        let task = tokio::spawn(async move { own.look_ahead(id).await });
+        // A task of its own: the map is put back even if the caller goes away.
+        let task = tokio::spawn(async move { own.compute_preview(id).await });
         task.await
             .map_err(|error| DecisionError::Failed(error.into()))?
     }
 
-    async fn look_ahead(&self, id: AlertId) -> Result<Preview, DecisionError> {
+    async fn compute_preview(&self, id: AlertId) -> Result<Preview, DecisionError> {
         let (store, workspaces) = (&self.engine.store, &self.engine.workspaces);
         let alert = store.alert(id).await?.ok_or(DecisionError::UnknownAlert)?;
         let route = alert.route_id.clone();
@@ -71,7 +72,8 @@ impl Decisions {
 
 fn compute(mut workspace: Workspace, alert: AlertRecord) -> (Workspace, Preview) {
     let before = grid_of(&workspace);
-    let (_, undo) = take_in(&mut workspace, &alert);
+    let poses_before: Vec<Pose2> = poses_of(&workspace.map).collect();
+    let (_, undo) = accept_change(&mut workspace, &alert);
     let alerts = workspace.alerts.clone();
     workspace.replace_alert(&AlertRecord {
         status: AlertStatus::Accepted,
@@ -81,25 +83,15 @@ fn compute(mut workspace: Workspace, alert: AlertRecord) -> (Workspace, Preview)
     let handed_over: BTreeSet<_> = undo.references.iter().map(|(node, _)| *node).collect();
     let preview = Preview {
         map_version_next: workspace.map_version + 1,
-        cells: cell_changes(&before, &after),
+        cells: differing_cells(&before, &after),
         resolution_m: MAP_RESOLUTION_M,
         edges_retired: undo.retired.clone(),
         nodes_handed_over: handed_over.len(),
-        max_displacement_m: farthest_m(&workspace, &undo),
+        max_displacement_m: max_displacement_m(&workspace.map, &poses_before),
         nodes_reactivated: 0,
         alert,
     };
     workspace.alerts = alerts;
-    take_back(&mut workspace, preview.alert.id, &undo);
+    undo_change(&mut workspace, preview.alert.id, &undo);
     (workspace, preview)
-}
-
-/// How far the farthest node is from where it was.
-fn farthest_m(workspace: &Workspace, undo: &Undo) -> f64 {
-    let graph = workspace.map.graph();
-    let moved = undo.poses.iter().filter_map(|(node, [x, y, _])| {
-        let now = graph.node(*node)?.pose;
-        Some((now.x - x).hypot(now.y - y))
-    });
-    moved.fold(0.0, f64::max)
 }

@@ -1,27 +1,39 @@
-//! A job of which nothing is taken into the map.
+//! A job that leaves the map unchanged.
 
+use super::added::Added;
 use super::engine::Engine;
-use super::result::{Added, Origin, kept_out, of_added};
+use super::result::{Origin, kept_out, of_added};
 use super::workspace::Workspace;
 use crate::ids::VehicleId;
 use crate::model::BatchStatus;
 use crate::store::{BatchOutcome, ClaimedJob, JobResult, Quarantine};
 
-/// What came of a job.
+/// The result of computing a job.
 pub(super) enum Processed {
-    /// The map, and what is to be saved.
+    /// The extended map, and what is to be saved.
     Taken(Box<(Workspace, JobResult)>),
-    /// Nothing: the map stays as it was.
+    /// The map stays as it was.
     Refused(Refusal),
 }
 
-/// What becomes of the batches of a job that changes nothing.
+/// The outcomes of a job's batches of which none was merged.
 pub(super) struct Refusal {
     pub origins: Vec<Origin>,
     pub outcomes: Vec<BatchOutcome>,
 }
 
-/// What becomes of the batches of a job, all of them of one vehicle, which somebody keeps out of the map.
+impl Refusal {
+    /// Quarantines the newest batch alone.
+    pub fn of_newest(origins: Vec<Origin>, reason: &str) -> Self {
+        let newest = &origins[origins.len() - 1..];
+        Self {
+            outcomes: kept_out(newest, BatchStatus::Quarantined, reason),
+            origins,
+        }
+    }
+}
+
+/// The refusal of a job whose vehicle a maintainer keeps out of the map.
 pub(super) fn of_quarantine(
     job: &ClaimedJob,
     vehicle: &VehicleId,
@@ -37,7 +49,7 @@ pub(super) fn of_quarantine(
     }
 }
 
-/// The result of a refused job, on the map as it is stored: the one in memory was tried on.
+/// The result of a refused job, on the map as it is stored: the one in memory was modified.
 ///
 /// # Errors
 /// If the map cannot be loaded.

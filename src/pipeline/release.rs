@@ -1,5 +1,4 @@
-//! Releasing the present version of a map for vehicles: its picture is kept as it is, and the map
-//! goes on as the next version.
+//! Releases the present version of a map to vehicles: its picture is kept, and the next version begins.
 
 use super::accept::picture_of;
 use super::decide::{Decisions, TRIES_MAX};
@@ -8,14 +7,14 @@ use crate::ids::RouteId;
 use crate::model::{Actor, VersionState};
 use crate::store::{Decided, MapVersionRecord, Release, StoreError, VersionRelease};
 
-/// A release that somebody wants.
+/// A requested release.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReleaseOrder {
     /// The route.
     pub route_id: RouteId,
     /// Its present version.
     pub version: i64,
-    /// Whose request it is, for the audit.
+    /// Who sent the request, for the audit.
     pub actor: Actor,
     /// When, by whom and why.
     pub release: VersionRelease,
@@ -33,10 +32,10 @@ pub enum ReleaseError {
     /// There is no map yet.
     #[error("nothing has been merged yet")]
     Empty,
-    /// Batches and decisions came in between again and again.
+    /// Batches and decisions kept changing the route.
     #[error("the route changes too quickly")]
     Busy,
-    /// The store did not take it.
+    /// The store failed or refused the release.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The picture could not be made.
@@ -45,9 +44,8 @@ pub enum ReleaseError {
 }
 
 impl Decisions {
-    /// Releases a route's present version and returns it as it is then; one that is released already
-    /// stays as it is. Waits for the route's batch under way; once begun it is finished, even if
-    /// whoever asked goes away.
+    /// Releases a route's present version and returns it; one that is already released stays as it is. Waits
+    /// for the batch that the route is processing, and is finished even if the caller goes away.
     ///
     /// # Errors
     /// [`ReleaseError`]; nothing has changed then.
@@ -77,7 +75,7 @@ async fn release(engine: &Engine, order: &ReleaseOrder) -> Result<MapVersionReco
     Err(ReleaseError::Busy)
 }
 
-/// Draws the map and writes the release, unless something came in between.
+/// Draws the map and writes the release, unless the route changed meanwhile.
 async fn try_once(engine: &Engine, order: &ReleaseOrder) -> Result<Decided, ReleaseError> {
     let taken = engine.workspaces.take(&engine.store, &order.route_id).await;
     let workspace = taken.map_err(of_computation)?;
@@ -107,7 +105,7 @@ async fn try_once(engine: &Engine, order: &ReleaseOrder) -> Result<Decided, Rele
     Ok(outcome)
 }
 
-/// An error of a computation; the store's own keep their name.
+/// An error of a computation; errors of the store keep their type.
 fn of_computation(error: anyhow::Error) -> ReleaseError {
     match error.downcast::<StoreError>() {
         Ok(error) => ReleaseError::Store(error),

@@ -1,4 +1,4 @@
-//! Taking uploads out of a route.
+//! Removing uploads from a route.
 
 use std::collections::BTreeSet;
 
@@ -6,10 +6,10 @@ use anyhow::{Context, anyhow};
 use jiff::Timestamp;
 
 use super::alerts::{fold_into, take_out_passes};
+use super::archive::{reactivate_named, solve_reactivated};
 use super::engine::Engine;
-use super::findings::{findings, observed_everywhere};
+use super::findings::{detect_everywhere, findings};
 use super::result::changes_of;
-use super::settle::{recall_named, solve_recalled};
 use super::shift::PosesBefore;
 use super::workspace::Workspace;
 use crate::ids::{EdgeId, OperationId, RouteId, TripId};
@@ -17,8 +17,9 @@ use crate::store::{
     OperationRecord, OperationResult, Removable, Removal, RemovalRequest, RemovalResult,
 };
 
-/// How often a removal is computed before what happens in between counts as a failure.
+/// How often a removal is computed again because the route changed meanwhile, before it fails.
 const COMPUTATIONS_MAX: usize = 4;
+
 /// Computes a removal and writes it; a dry run only says what it would do.
 pub(super) async fn remove(
     engine: &Engine,
@@ -34,17 +35,18 @@ pub(super) async fn remove(
     let _turn = engine.turn(route).await;
     for _ in 0..COMPUTATIONS_MAX {
         let removable = store.removable(route, &request.meant).await?;
-        let recalled = recall_named(store, route, &removable.nodes, &removable.edges).await?;
+        let reactivated =
+            reactivate_named(store, route, &removable.nodes, &removable.edges).await?;
         let mut workspace = workspaces.take(store, route).await?;
-        let taking_out = TakingOut {
+        let input = RemovalInput {
             operation: operation.id,
             route: route.clone(),
             request: request.clone(),
             at,
         };
         let computed = engine.compute(move || {
-            solve_recalled(&mut workspace.map, &recalled);
-            take_out(workspace, taking_out, removable)
+            solve_reactivated(&mut workspace.map, &reactivated);
+            take_out(workspace, input, removable)
         });
         let (workspace, removal) = computed.await??;
         if request.dry_run {
@@ -57,26 +59,28 @@ pub(super) async fn remove(
             return Ok(());
         }
     }
-    Err(anyhow!("the route has moved on meanwhile"))
+    Err(anyhow!(
+        "the route kept changing while the removal was computed"
+    ))
 }
 
 /// Which removal it is, and when.
-struct TakingOut {
+struct RemovalInput {
     operation: OperationId,
     route: RouteId,
     request: RemovalRequest,
     at: Timestamp,
 }
 
-/// Takes what is removable out of the map, and asks what is left everywhere anew.
+/// Takes the removable nodes and edges out of the map, and detects changes everywhere in what is left.
 fn take_out(
     mut workspace: Workspace,
-    TakingOut {
+    RemovalInput {
         operation,
         route,
         request,
         at,
-    }: TakingOut,
+    }: RemovalInput,
     removable: Removable,
 ) -> anyhow::Result<(Workspace, Removal)> {
     let Removable { nodes, edges, .. } = &removable;
@@ -86,9 +90,9 @@ fn take_out(
     let base_revision = workspace.revision;
     let stays = |edge: &EdgeId| edges.binary_search(edge).is_err();
     workspace.closures.retain(|closure| stays(&closure.edge_id));
-    workspace.given.retain(stays);
+    workspace.external.retain(stays);
     workspace
-        .settled_closures
+        .archived_closures
         .retain(|closure| stays(&closure.id));
     workspace.calibrations.forget(&removable.trips);
     workspace.clock_faults.forget(&removable.trips);
@@ -100,8 +104,8 @@ fn take_out(
 
     let (mut changed_nodes, changed_edges) = changes_of(&mut workspace);
     changed_nodes.retain(|change| nodes.binary_search(&change.id).is_err());
-    let observed = observed_everywhere(&mut workspace);
-    let found = findings(&workspace, observed);
+    let in_scans = detect_everywhere(&mut workspace);
+    let found = findings(&workspace, in_scans);
     let mut alerts = fold_into(&mut workspace, &route, &found, &[], at);
     take_out_passes(&mut workspace, nodes, at, &mut alerts);
     let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);

@@ -1,4 +1,4 @@
-//! A route's map made anew from its journal of inputs, in a copy of the database.
+//! Rebuilds a route's map from its journal of inputs, in a copy of the database.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ use crate::store::{
 /// Inputs of one read.
 const PAGE: u32 = 256;
 
-/// What went into a map that was made anew.
+/// The inputs of a rebuilt map.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Replayed {
     /// Entries of the journal.
@@ -38,7 +38,7 @@ pub struct Replayed {
     pub versions_left_out: Vec<i64>,
 }
 
-/// Makes a route's map anew. The store is a copy on which no pipeline runs; `on_progress` learns
+/// Rebuilds a route's map. The store is a copy on which no pipeline runs; `on_progress` learns
 /// after each input how many of how many were repeated. `None`: the route's journal begins after
 /// batches that an earlier version processed, and its map is left as it is.
 ///

@@ -1,4 +1,4 @@
-//! What the residuals of closures without scans say: ΔF is the only witness that they have.
+//! Findings from closures that were uploaded as edges, without scans: ΔF is their only evidence.
 
 use std::collections::BTreeMap;
 
@@ -10,41 +10,43 @@ use crate::change::{
 };
 use crate::ids::{EdgeId, VehicleId};
 
-/// A closure that adds less to F hung on nothing else when it came: nothing could contradict it.
-const GROWTH_MIN: f64 = 1e-12;
+/// A closure with a smaller ΔF closed no cycle when it came: nothing could contradict it.
+const DELTA_F_MIN: f64 = 1e-12;
 
 /// The places that closures without scans contradict.
 ///
-/// Each sub-graph's are tested one after the other at [`RESIDUAL_FALSE_ALARM_RATE`], from where
-/// their mean has settled; those before are the baseline. The route's own rate is one of alerts per
-/// lap, and does not bear on single closures.
+/// Those of each sub-graph are tested one after the other at [`RESIDUAL_FALSE_ALARM_RATE`] once their mean
+/// has converged; those before are the baseline. The route's own rate counts alerts per lap, and does not
+/// apply to single closures.
 pub(super) fn by_residuals(workspace: &Workspace) -> Vec<Finding> {
-    if workspace.given.is_empty() {
+    if workspace.external.is_empty() {
         return Vec::new();
     }
-    let settled = workspace.settled_closures.iter();
-    let settled: BTreeMap<EdgeId, &VehicleId> = settled
+    let archived = workspace.archived_closures.iter();
+    let archived: BTreeMap<EdgeId, &VehicleId> = archived
         .filter(|closure| closure.given)
         .map(|closure| (closure.id, &closure.vehicle_id))
         .collect();
     let mut judged = Vec::new();
     for samples in workspace.closures_by_subgraph().into_values() {
-        let given = |sample: &ClosureSample| {
+        let external = |sample: &ClosureSample| {
             let id = sample.edge_id;
-            workspace.given.contains(&id) || settled.contains_key(&id)
+            workspace.external.contains(&id) || archived.contains_key(&id)
         };
-        let contradictable = |sample: &ClosureSample| sample.delta_f > GROWTH_MIN;
+        let contradictable = |sample: &ClosureSample| sample.delta_f > DELTA_F_MIN;
         let samples = samples.into_iter();
-        let samples: Vec<_> = samples.filter(|s| given(s) && contradictable(s)).collect();
-        judged.extend(judge(workspace, &settled, &samples));
+        let samples: Vec<_> = samples
+            .filter(|s| external(s) && contradictable(s))
+            .collect();
+        judged.extend(judge(workspace, &archived, &samples));
     }
     residual_runs(&judged)
 }
 
-/// The closures of a sub-graph that came after its baseline, and are in the map.
+/// Judges the closures of a sub-graph that came after its baseline and are in the map.
 fn judge(
     workspace: &Workspace,
-    settled: &BTreeMap<EdgeId, &VehicleId>,
+    archived: &BTreeMap<EdgeId, &VehicleId>,
     samples: &[ClosureSample],
 ) -> Vec<JudgedClosure> {
     let params = workspace.detector.series_params();
@@ -52,9 +54,9 @@ fn judge(
         return Vec::new();
     };
     let residuals = samples.iter().map(|sample| VehicleResidual {
-        vehicle: match settled.get(&sample.edge_id) {
+        vehicle: match archived.get(&sample.edge_id) {
             Some(vehicle) => Some(*vehicle),
-            None => driver_of(workspace, sample.edge_id),
+            None => vehicle_of(workspace, sample.edge_id),
         },
         residual: sample.delta_f,
     });
@@ -66,7 +68,7 @@ fn judge(
         .collect()
 }
 
-fn driver_of(workspace: &Workspace, edge: EdgeId) -> Option<&VehicleId> {
+fn vehicle_of(workspace: &Workspace, edge: EdgeId) -> Option<&VehicleId> {
     let edge = workspace.map.graph().edge(edge)?;
     let newer = workspace.map.keyframe(edge.from.max(edge.to))?;
     workspace.vehicles.get(&newer.trip)
@@ -85,6 +87,6 @@ fn judged(workspace: &Workspace, id: EdgeId, p_value: f64) -> Option<JudgedClosu
         stamp: keyframe.stamp,
         trip: (keyframe.trip.clone(), keyframe.trip_order),
         p_value,
-        told: p_value < RESIDUAL_FALSE_ALARM_RATE,
+        flagged: p_value < RESIDUAL_FALSE_ALARM_RATE,
     })
 }

@@ -1,5 +1,4 @@
-//! A route's residual series as people read them: from the closures that the pipeline's own series
-//! are read from, and by the same rule.
+//! A route's residual series for the API: from the same closures and by the same rule as the pipeline's own.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +12,7 @@ use crate::store::{
     AcceptedChange, SeriesClosure, SeriesClosures, Store, StoreError, SubgraphSums,
 };
 
-/// What of a closure a measurement takes.
+/// The residual of a closure by a measurement.
 fn residual_of(measurement: ResidualMeasurement, closure: &SeriesClosure) -> Option<f64> {
     match measurement {
         ResidualMeasurement::Robust => Some(closure.delta_f),
@@ -21,21 +20,21 @@ fn residual_of(measurement: ResidualMeasurement, closure: &SeriesClosure) -> Opt
     }
 }
 
-/// How many closures sums hold, and what these add up to.
-fn sum_of(measurement: ResidualMeasurement, sums: &SubgraphSums) -> Left {
+/// The number and the sum of closures in some sums.
+fn sum_of(measurement: ResidualMeasurement, sums: &SubgraphSums) -> LeftOut {
     let (closures, total) = match measurement {
         ResidualMeasurement::Robust => (sums.closures, sums.delta_f),
         ResidualMeasurement::AllPoints => (sums.scan_closures, sums.all_points),
     };
-    Left {
+    LeftOut {
         closures: usize::try_from(closures).unwrap_or(0),
         total,
     }
 }
 
-/// Closures that are counted in a series and not shown in it.
+/// Closures that count in a series without being entries.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Left {
+struct LeftOut {
     closures: usize,
     total: f64,
 }
@@ -47,8 +46,8 @@ pub struct ResidualReading {
     pub subgraph_id: Option<i64>,
     /// Which residuals.
     pub measurement: ResidualMeasurement,
-    /// The series. Where closures have left the active graph that it does not show, `n`, `total`
-    /// and `mean` of the entries after them count them.
+    /// The series. Archived closures that are not entries count in `n`, `total` and `mean` of the entries after
+    /// them.
     pub series: ResidualSeries,
     /// The probability of an all-points residual this large without a change (of a closure that
     /// came as an edge: of such a ΔF), calibrated by the closures of its vehicle before it.
@@ -64,8 +63,7 @@ pub struct Residuals {
 }
 
 impl Residuals {
-    /// The closures as they stand now; where one of `accepted` changes was taken in, those made
-    /// before it do not count.
+    /// Loads the closures. At the places of `accepted` changes, closures made before the acceptance do not count.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -82,8 +80,8 @@ impl Residuals {
         })
     }
 
-    /// The series of a sub-graph, or of the whole route. Of closures that have left the active
-    /// graph only the first [`crate::store::SETTLED_CLOSURES_MAX`] of the route are entries.
+    /// The series of a sub-graph, or of the whole route. Of archived closures only the first
+    /// [`crate::store::SETTLED_CLOSURES_MAX`] of the route are entries.
     pub fn read(
         &self,
         subgraph_id: Option<i64>,
@@ -95,7 +93,7 @@ impl Residuals {
             ResidualMeasurement::Robust => robust,
             ResidualMeasurement::AllPoints => self.series(subgraph_id, measurement),
         };
-        self.count_what_left(subgraph_id, measurement, &mut series);
+        self.add_left_out(subgraph_id, measurement, &mut series);
         ResidualReading {
             subgraph_id,
             measurement,
@@ -118,12 +116,12 @@ impl Residuals {
         Some(reading)
     }
 
-    /// What a sub-graph's robust series has settled at: its entries count only what they show.
+    /// A sub-graph's robust series over its entries alone, without the archived closures that are not entries.
     pub fn settled(&self, subgraph_id: i64) -> ResidualSeries {
         self.series(Some(subgraph_id), ResidualMeasurement::Robust)
     }
 
-    /// The closures of a sub-graph that its baseline counts.
+    /// The closures in the baseline of a sub-graph.
     fn counted(&self, subgraph_id: Option<i64>) -> impl Iterator<Item = &SeriesClosure> {
         self.closures.closures.iter().filter(move |closure| {
             is_within(closure, subgraph_id)
@@ -142,9 +140,13 @@ impl Residuals {
         residual_series(&samples, &self.detector.series_params())
     }
 
-    /// Of a series that has settled after so many closures those are the baseline, and of the later
-    /// ones those that are not flagged; before, all are.
-    fn p_values(&self, subgraph_id: Option<i64>, settled: Option<usize>) -> BTreeMap<EdgeId, f64> {
+    /// The p-values of the closures. The first `converged_at` of them are the baseline, to which later ones are
+    /// added unless flagged; all are, if the series has not converged.
+    fn p_values(
+        &self,
+        subgraph_id: Option<i64>,
+        converged_at: Option<usize>,
+    ) -> BTreeMap<EdgeId, f64> {
         let closures: Vec<&SeriesClosure> = self.counted(subgraph_id).collect();
         let residuals: Vec<VehicleResidual<&VehicleId>> = closures
             .iter()
@@ -153,7 +155,7 @@ impl Residuals {
                 residual: closure.all_points_residual.unwrap_or(closure.delta_f),
             })
             .collect();
-        let baseline = settled.unwrap_or(residuals.len());
+        let baseline = converged_at.unwrap_or(residuals.len());
         let p_values = p_values_in_order(&residuals, baseline, RESIDUAL_FALSE_ALARM_RATE);
         let known = closures.iter().zip(p_values);
         known
@@ -161,8 +163,8 @@ impl Residuals {
             .collect()
     }
 
-    /// Counts what has left and is not shown at the place where it is left out.
-    fn count_what_left(
+    /// Adds the archived closures that are not entries to the sums of the entries after them.
+    fn add_left_out(
         &self,
         subgraph_id: Option<i64>,
         measurement: ResidualMeasurement,
@@ -178,16 +180,16 @@ impl Residuals {
         }
     }
 
-    /// The closures that are not shown, and the last one before them.
+    /// The archived closures that are not entries, and the last archived entry before them.
     fn left_out(
         &self,
         subgraph_id: Option<i64>,
         measurement: ResidualMeasurement,
-    ) -> Option<(EdgeId, Left)> {
+    ) -> Option<(EdgeId, LeftOut)> {
         let sums = self.closures.archive.iter();
         let sums = sums.filter(|(id, _)| subgraph_id.is_none() || **id == subgraph_id);
         let all = sums.map(|(_, sums)| sum_of(measurement, sums));
-        let all = all.fold(Left::default(), |a, b| Left {
+        let all = all.fold(LeftOut::default(), |a, b| LeftOut {
             closures: a.closures + b.closures,
             total: a.total + b.total,
         });
@@ -200,7 +202,7 @@ impl Residuals {
         let shown_total: f64 = shown.iter().map(|value| value.max(0.0)).sum();
         let closures = all.closures.checked_sub(shown.len()).filter(|n| *n > 0)?;
         let total = (all.total - shown_total).max(0.0);
-        Some((last, Left { closures, total }))
+        Some((last, LeftOut { closures, total }))
     }
 }
 

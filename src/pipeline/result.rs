@@ -1,14 +1,13 @@
-//! What a job changed, as the store takes it.
-
-use std::collections::BTreeMap;
+//! The result of a job in the form in which the store saves it.
 
 use anyhow::Context;
 
+use super::added::{Added, AddedEdge, AddedNode};
 use super::saved::{changed_edges, changed_nodes, count_known, edges_of, nodes_of};
 use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
 use crate::graph::{Edge, PoseGraph};
-use crate::ids::{BatchId, EdgeId, NodeId, TripId, VehicleId};
+use crate::ids::{BatchId, NodeId, TripId, VehicleId};
 use crate::mapping::{Closure, RouteMap};
 use crate::model::BatchStatus;
 use crate::scan::encode_scan;
@@ -17,7 +16,7 @@ use crate::store::{
     IntermediateRecord, JobResult, NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
 };
 
-/// A batch that takes part in a job.
+/// A batch of a job.
 #[derive(Clone)]
 pub(super) struct Origin {
     pub batch_id: BatchId,
@@ -35,40 +34,7 @@ impl Origin {
     }
 }
 
-/// What a job added to the map, each with the place of its batch in `origins`.
-#[derive(Default)]
-pub(super) struct Added {
-    pub nodes: BTreeMap<NodeId, AddedNode>,
-    pub edges: BTreeMap<EdgeId, AddedEdge>,
-    /// Scans between keyframes: the keyframe, and the place among its own.
-    pub intermediate: Vec<(NodeId, usize)>,
-}
-
-impl Added {
-    /// Whether the map is as it was.
-    pub fn is_nothing(&self) -> bool {
-        self.nodes.is_empty() && self.edges.is_empty() && self.intermediate.is_empty()
-    }
-}
-
-/// A new node.
-pub(super) struct AddedNode {
-    pub origin: usize,
-    /// What the vehicle calls it.
-    pub client_id: Option<String>,
-}
-
-/// A new edge.
-#[derive(Clone, Copy)]
-pub(super) struct AddedEdge {
-    pub origin: usize,
-    /// What a closure added to F.
-    pub delta_f: Option<f64>,
-    /// For closures between scans.
-    pub closure: Option<ClosureRecord>,
-}
-
-/// A batch's end, with nothing added.
+/// The outcome of a batch that added nothing.
 pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
     BatchOutcome {
         batch_id: origin.batch_id.clone(),
@@ -80,7 +46,7 @@ pub(super) fn outcome_of(origin: &Origin, status: BatchStatus) -> BatchOutcome {
     }
 }
 
-/// The end of batches that all stay out of the map for one reason.
+/// The outcomes of batches that stay out of the map for one reason.
 pub(super) fn kept_out(origins: &[Origin], status: BatchStatus, reason: &str) -> Vec<BatchOutcome> {
     let outcomes = origins.iter().map(|origin| BatchOutcome {
         reason: Some(reason.to_owned()),
@@ -89,7 +55,7 @@ pub(super) fn kept_out(origins: &[Origin], status: BatchStatus, reason: &str) ->
     outcomes.collect()
 }
 
-/// Notes whose the trips of a job are.
+/// Remembers the vehicles of a job's trips.
 pub(super) fn name_vehicles(workspace: &mut Workspace, origins: &[Origin]) {
     for origin in origins {
         let (trip, vehicle) = (origin.trip_id.clone(), origin.vehicle_id.clone());
@@ -97,11 +63,10 @@ pub(super) fn name_vehicles(workspace: &mut Workspace, origins: &[Origin]) {
     }
 }
 
-/// The result of what was added, without its outcomes; the workspace's record of what is saved is
-/// brought up to date.
+/// The result of what was added, without outcomes. Updates the workspace's record of what is saved.
 ///
 /// # Errors
-/// If a scan cannot be encoded, or something new has no batch.
+/// If a scan cannot be encoded, or a new node or edge belongs to no batch.
 pub(super) fn of_added(
     workspace: &mut Workspace,
     job: &ClaimedJob,
@@ -116,7 +81,7 @@ pub(super) fn of_added(
     let new_nodes = nodes_now[old_nodes..].iter().enumerate();
     let new_nodes = new_nodes.map(|(k, state)| {
         let new = added.nodes.get(&state.id);
-        let new = new.with_context(|| format!("node {} is of no batch", state.id))?;
+        let new = new.with_context(|| format!("node {} belongs to no batch", state.id))?;
         node_record(
             &workspace.map,
             &origins[new.origin],
@@ -128,7 +93,7 @@ pub(super) fn of_added(
     let new_edges = edges_now[old_edges..].iter().enumerate();
     let new_edges = new_edges.map(|(k, state)| {
         let new = added.edges.get(&state.id);
-        let new = new.with_context(|| format!("edge {} is of no batch", state.id))?;
+        let new = new.with_context(|| format!("edge {} belongs to no batch", state.id))?;
         let graph = workspace.map.graph();
         let edge = &graph.edges()[old_edges + k];
         anyhow::Ok(edge_record(graph, edge, &origins[new.origin], new, state))
@@ -161,16 +126,16 @@ pub(super) fn of_added(
         })
     });
     workspace.closures.extend(closures);
-    let given = added.edges.iter();
-    let given = given.filter(|(_, new)| new.delta_f.is_some() && new.closure.is_none());
-    workspace.given.extend(given.map(|(edge, _)| *edge));
+    let external = added.edges.iter();
+    let external = external.filter(|(_, new)| new.delta_f.is_some() && new.closure.is_none());
+    workspace.external.extend(external.map(|(edge, _)| *edge));
     workspace.saved_nodes = nodes_now;
     workspace.saved_edges = edges_now;
     Ok(result)
 }
 
-/// What has changed since the workspace was last saved, no node or edge being new; its record of
-/// what is saved is brought up to date.
+/// The nodes and edges that have changed since the workspace was last saved; none may be new. Updates the
+/// workspace's record of what is saved.
 pub(super) fn changes_of(workspace: &mut Workspace) -> (Vec<NodeChange>, Vec<EdgeChange>) {
     let nodes_now = nodes_of(&workspace.map);
     let edges_now = edges_of(&workspace.map);
@@ -220,7 +185,7 @@ fn intermediate_record(
 ) -> anyhow::Result<NewIntermediate> {
     let keyframe = map.keyframe(node_id);
     let scan = keyframe.and_then(|keyframe| keyframe.intermediate.get(place));
-    let scan = scan.with_context(|| format!("scan {place} behind node {node_id} is not there"))?;
+    let scan = scan.with_context(|| format!("node {node_id} has no intermediate scan {place}"))?;
     Ok(NewIntermediate {
         node_id,
         place: u32::try_from(place)?,
@@ -259,7 +224,7 @@ fn edge_record(
     }
 }
 
-/// What the store keeps of two matched scans.
+/// What the store keeps of a match of two scans.
 pub(super) fn closure_record(closure: &Closure) -> ClosureRecord {
     ClosureRecord {
         all_points_measurement: closure.all_points_measurement,

@@ -1,4 +1,4 @@
-//! The tasks that delete bodies of uploads, and what lies between keyframes, when their time is over.
+//! The tasks that delete bodies of uploads, and the scans between keyframes, after their retention.
 
 use std::time::Duration;
 
@@ -7,20 +7,20 @@ use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
 
-/// How often old bodies are looked for.
-const LOOK: Duration = Duration::from_secs(60);
-/// How often all old batches are gone through for what lies between their keyframes.
+/// How often old bodies are searched for.
+const POLL: Duration = Duration::from_secs(60);
+/// How often all old batches are searched for scans between their keyframes.
 const PASS: Duration = Duration::from_secs(60 * 60);
-/// Between two steps: uploads and results go first.
+/// Pause between two steps: uploads and results go first.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Deletes the bodies of batches merged longer ago than `kept`, a few at a time, until it is told
-/// to stop.
+/// Deletes the bodies of batches merged longer ago than `kept`, a few at a time, until `stopping` is
+/// cancelled.
 pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: CancellationToken) {
     loop {
         let pause = match Timestamp::now().checked_sub(kept) {
             Ok(before) => delete_some(&store, before).await,
-            Err(_) => LOOK,
+            Err(_) => POLL,
         };
         let stopped = tokio::time::timeout(pause, stopping.cancelled()).await;
         if stopped.is_ok() {
@@ -30,7 +30,7 @@ pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: Cancel
 }
 
 /// Deletes the scans between archived keyframes of batches merged longer ago than `kept`, a few batches at
-/// a time, until it is told to stop. Each pass goes through all of them: a node may be archived late.
+/// a time, until `stopping` is cancelled. Each pass goes through all of them: a node may be archived late.
 pub(super) async fn delete_trajectories(store: Store, kept: Duration, stopping: CancellationToken) {
     let mut after = 0;
     loop {
@@ -61,7 +61,7 @@ async fn delete_some_trajectories(store: &Store, before: Timestamp, after: i64) 
     }
 }
 
-/// Returns when to look again.
+/// Returns the pause before the next step.
 async fn delete_some(store: &Store, before: Timestamp) -> Duration {
     match store.delete_bodies(before).await {
         Ok(deleted) if deleted.bodies > 0 => {
@@ -69,10 +69,10 @@ async fn delete_some(store: &Store, before: Timestamp) -> Duration {
             metrics::counter!("mapshift_bodies_deleted_bytes_total").increment(deleted.bytes);
             PAUSE
         }
-        Ok(_) => LOOK,
+        Ok(_) => POLL,
         Err(error) => {
             tracing::warn!(%error, "old bodies could not be deleted");
-            LOOK
+            POLL
         }
     }
 }

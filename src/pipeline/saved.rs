@@ -1,9 +1,9 @@
-//! What the store has of a map, beside the map as it is: only what differs is written.
+//! Differences between a map and its saved state: only these are written.
 
 use crate::mapping::RouteMap;
 use crate::store::{EdgeChange, NodeChange};
 
-/// The part of every node that a solve changes, by id.
+/// The columns of every node that a solve may change, by id.
 pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
     let graph = map.graph();
     let with_keyframes = graph.nodes().iter().zip(map.keyframes());
@@ -20,7 +20,7 @@ pub(super) fn nodes_of(map: &RouteMap) -> Vec<NodeChange> {
     nodes.collect()
 }
 
-/// The part of every edge that a solve changes, by id.
+/// The columns of every edge that a solve may change, by id.
 pub(super) fn edges_of(map: &RouteMap) -> Vec<EdgeChange> {
     let graph = map.graph();
     let blocks = graph.blocks();
@@ -33,7 +33,7 @@ pub(super) fn edges_of(map: &RouteMap) -> Vec<EdgeChange> {
     edges.collect()
 }
 
-/// How many of what is there now was there before: new ids are larger than all before them.
+/// How many of the present items were saved before; new ids are larger than all earlier ones.
 pub(super) fn count_known<T, I: Ord>(saved: &[T], now: &[T], id: impl Fn(&T) -> I) -> usize {
     match saved.last() {
         Some(last) => now.partition_point(|item| id(item) <= id(last)),
@@ -41,7 +41,7 @@ pub(super) fn count_known<T, I: Ord>(saved: &[T], now: &[T], id: impl Fn(&T) -> 
     }
 }
 
-/// Nodes that were saved otherwise, and those that have left the map.
+/// Nodes that differ from their saved state, and those that were archived.
 pub(super) fn changed_nodes(saved: &[NodeChange], now: &[NodeChange]) -> Vec<NodeChange> {
     let mut now = now.iter().peekable();
     let change = |saved: &NodeChange| match now.next_if(|now| now.id == saved.id) {
@@ -54,7 +54,7 @@ pub(super) fn changed_nodes(saved: &[NodeChange], now: &[NodeChange]) -> Vec<Nod
     saved.iter().filter_map(change).collect()
 }
 
-/// Edges that were saved otherwise. Those that have left the map stay as they are.
+/// Edges that differ from their saved state. Nothing is written for archived ones.
 pub(super) fn changed_edges(saved: &[EdgeChange], now: &[EdgeChange]) -> Vec<EdgeChange> {
     let mut now = now.iter().peekable();
     let change = |saved: &EdgeChange| {

@@ -11,17 +11,17 @@ use crate::ids::RouteId;
 use crate::model::DecisionResult;
 use crate::store::{AlertRecord, DecisionOutcome, DecisionRequest, DecisionsRequest, StoreError};
 
-/// What has become of an order that accepts: the version of the map that began with it, or why not.
+/// The outcome of an acceptance: the version of the map that began with it, or why it was refused.
 type Accepted = Result<i64, DecisionError>;
 
 impl Decisions {
-    /// Carries decisions out, each or not, and says what became of each, in their order: first those that
-    /// accept nothing, one after the other, then those that accept, route by route. What is accepted on
-    /// one route makes one version of its map. Once begun it is finished, even if whoever asked goes away.
+    /// Carries out several decisions and returns the outcome of each, in their order. Decisions other than
+    /// acceptances come first, one after the other, then acceptances, route by route: all of one route make
+    /// one version of its map. It is finished even if the caller goes away.
     ///
     /// # Errors
-    /// [`StoreError`] if the store fails meanwhile. What was carried out stands: the same decisions once
-    /// more are answered [`DecisionResult::AlreadyDone`].
+    /// [`StoreError`] if the store fails meanwhile. What was carried out stands: repeated, these
+    /// decisions are answered [`DecisionResult::AlreadyDone`].
     pub async fn decide_all(
         &self,
         request: DecisionsRequest,
@@ -54,7 +54,7 @@ impl Decisions {
             outcomes.insert(place, outcome(&order, decided)?);
         }
         for (_, mut group) in accepting {
-            // As they are stored.
+            // In the order in which the store keeps them.
             group.sort_by_key(|(_, order)| order.alert_id);
             let (places, orders): (Vec<usize>, Vec<Order>) = group.into_iter().unzip();
             let accepted = self.accept_together(&orders).await?;
@@ -65,7 +65,7 @@ impl Decisions {
         Ok(outcomes.into_values().collect())
     }
 
-    /// The order of a decision about an alert of a route, or what has become of it already.
+    /// The order for a decision and the route of its alert, or the outcome if it is already clear.
     async fn order(
         &self,
         request: &DecisionsRequest,
@@ -105,16 +105,16 @@ impl Decisions {
         Ok(Ok((order, alert.route_id)))
     }
 
-    /// Accepts alerts of one route, those that are as they were seen, as one version of its map.
+    /// Accepts those alerts of one route that have not changed, as one version of its map.
     pub(super) async fn accept_together(
         &self,
         orders: &[Order],
     ) -> Result<Vec<Accepted>, StoreError> {
-        let mut settled: BTreeMap<usize, Accepted> = BTreeMap::new();
+        let mut outcomes: BTreeMap<usize, Accepted> = BTreeMap::new();
         for _ in 0..TRIES_MAX {
             let (mut places, mut alerts): (Vec<usize>, Vec<AlertRecord>) = Default::default();
             for (place, order) in orders.iter().enumerate() {
-                if settled.contains_key(&place) {
+                if outcomes.contains_key(&place) {
                     continue;
                 }
                 match self.decidable(order).await {
@@ -124,7 +124,7 @@ impl Decisions {
                     }
                     Err(DecisionError::Store(error)) => return Err(error),
                     Err(refused) => {
-                        settled.insert(place, Err(refused));
+                        outcomes.insert(place, Err(refused));
                     }
                 }
             }
@@ -134,21 +134,21 @@ impl Decisions {
             let own: Vec<Order> = places.iter().map(|place| orders[*place].clone()).collect();
             match self.change_map(&own, alerts).await {
                 Ok(Some(changed)) => {
-                    settled.extend(places.iter().map(|place| (*place, Ok(changed.map_version))));
+                    outcomes.extend(places.iter().map(|place| (*place, Ok(changed.map_version))));
                 }
                 Ok(None) => {}
                 Err(DecisionError::Store(error)) => return Err(error),
                 Err(failed) => {
                     let cause = format!("{:#}", anyhow::Error::new(failed));
                     let failed = || DecisionError::Failed(anyhow::anyhow!(cause.clone()));
-                    settled.extend(places.iter().map(|place| (*place, Err(failed()))));
+                    outcomes.extend(places.iter().map(|place| (*place, Err(failed()))));
                 }
             }
         }
         let places = 0..orders.len();
-        let settled =
-            places.map(|place| settled.remove(&place).unwrap_or(Err(DecisionError::Busy)));
-        Ok(settled.collect())
+        let outcomes =
+            places.map(|place| outcomes.remove(&place).unwrap_or(Err(DecisionError::Busy)));
+        Ok(outcomes.collect())
     }
 }
 

@@ -1,5 +1,5 @@
-//! How far a job moves what was mapped before it: more than its route allows, and nothing of it is
-//! taken into the map.
+//! How far a job moves what was mapped before it. A job that moves it farther than the route allows is
+//! refused.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use crate::ids::NodeId;
 use crate::mapping::{Keyframe, RouteMap};
 use crate::store::NodeChange;
 
-/// A pose may move by so many of its standard deviations: that is no news to it.
+/// A pose may always move by this many of its standard deviations.
 const SIGMAS: f64 = 3.0;
 
 /// Where nodes were before a job, in the order of the graph.
@@ -31,8 +31,8 @@ pub(super) struct Shift {
 }
 
 impl PosesBefore {
-    /// The nodes of a map that a job is about to extend, but for those that it may move anywhere; the
-    /// others by `shift_max_m`.
+    /// The nodes of a map before a job, without those that it `may_move` anywhere. The others may move by
+    /// `shift_max_m`.
     pub fn of(map: &RouteMap, shift_max_m: f64, may_move: impl Fn(&Keyframe) -> bool) -> Self {
         let nodes = map.keyframes().iter().zip(map.graph().nodes());
         let kept = nodes.filter(|(keyframe, _)| !may_move(keyframe));
@@ -44,7 +44,7 @@ impl PosesBefore {
         Self(kept.collect())
     }
 
-    /// The same; poses that are not certain may move as far as they are uncertain. `known` is by id.
+    /// The same, but uncertain poses may move by [`SIGMAS`] standard deviations. `known` is sorted by id.
     #[must_use]
     pub fn within_sigmas(mut self, known: &[NodeChange]) -> Self {
         for before in &mut self.0 {
@@ -58,7 +58,7 @@ impl PosesBefore {
         self
     }
 
-    /// Of the nodes that have moved farther since than they may the one that has moved farthest.
+    /// Of the nodes that have moved farther than allowed, the one that moved farthest.
     pub fn too_far(&self, map: &RouteMap) -> Option<Shift> {
         let moved = self.moved(map);
         let too_far = moved.filter(|(before, shift)| shift.distance_m > before.shift_max_m);
@@ -66,13 +66,13 @@ impl PosesBefore {
         too_far.max_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
     }
 
-    /// How far the node that has moved farthest since has moved, metres.
+    /// The largest displacement of a node, metres.
     pub fn farthest_m(&self, map: &RouteMap) -> f64 {
         let distances_m = self.moved(map).map(|(_, shift)| shift.distance_m);
         distances_m.fold(0.0, f64::max)
     }
 
-    /// How the nodes that are still there have moved since.
+    /// The displacement of each node that is still in the map.
     fn moved(&self, map: &RouteMap) -> impl Iterator<Item = (&PoseBefore, Shift)> {
         self.0.iter().filter_map(|before| {
             let now = map.graph().node(before.node)?.pose;

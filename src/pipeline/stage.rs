@@ -8,8 +8,8 @@ use crate::model::Stage;
 /// laps).
 const LAPS_MIN: usize = 2;
 
-/// A route is monitored once the reference has been driven at least twice and the specific
-/// function f of one of its sub-graphs has converged; it stays monitored.
+/// A route is monitored once its reference has been driven at least twice and the specific function f of
+/// one of its sub-graphs has converged. It then stays monitored.
 pub(super) fn stage_of(workspace: &Workspace) -> Stage {
     if workspace.stage == Stage::Monitoring || laps(workspace) < LAPS_MIN {
         return workspace.stage;
@@ -31,7 +31,7 @@ fn laps(workspace: &Workspace) -> usize {
     workspace.map.keyframes().len() / references(workspace).max(1)
 }
 
-/// Nodes that later laps are tied to.
+/// How many reference nodes the map has.
 pub(super) fn references(workspace: &Workspace) -> usize {
     let keyframes = workspace.map.keyframes().iter();
     keyframes.filter(|keyframe| keyframe.reference).count()

@@ -1,4 +1,4 @@
-//! Which vehicles of a route are suspected, by what their trips say.
+//! Which vehicles of a route are suspected, by the calibrations of their trips.
 
 use std::collections::BTreeSet;
 
@@ -7,10 +7,10 @@ use crate::calibration::{Change, Quantity, VehicleCalibration, VehicleFault};
 use crate::change::{Suspect, Tier};
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
 
-/// A fault that no change makes plain is this many standard errors from none: enough trips say it.
+/// Significance of a fault that was there from the first trip on, in standard errors.
 const LASTING_SIGNIFICANCE: f64 = 5.0;
 
-/// A fault with what it rests on.
+/// A fault with its evidence.
 struct Shown {
     fault: VehicleFault,
     /// The trips that show it, by lidar: name, newest scan, scans.
@@ -21,10 +21,10 @@ struct Shown {
     significance: f64,
 }
 
-/// The vehicles whose mount, wheels or beams have changed within the trips that are weighed, are far
-/// off and another way in each trip, or show what no correction mends. One that is off, always alike,
-/// is corrected, and not among them. Where several vehicles find the map too large or too small by
-/// about as much, its makers' ranges are off, and none of them is suspected for it.
+/// The vehicles whose mount, wheels or beams have changed within the trips considered, differ from trip to
+/// trip, or have an error that no correction removes. A constant error is corrected, and not suspected.
+/// Where several vehicles find the map too large or too small by about the same factor, the vehicles that
+/// made the map have wrong ranges, and none is suspected for it.
 pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
     let vehicles = calibrations.vehicles();
     vehicles
@@ -34,16 +34,16 @@ pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
 
 fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> {
     let lidars = calibrations.lidars_of(vehicle).enumerate();
-    let shown = lidars.flat_map(|(place, (lidar, words))| {
-        let calibration = VehicleCalibration::of(words.to_vec());
+    let shown = lidars.flat_map(|(place, (lidar, trips))| {
+        let calibration = VehicleCalibration::of(trips.to_vec());
         let mut shown = shown_by(lidar, &calibration);
         shown.extend(misfit(calibrations, vehicle, lidar, &calibration));
         if is_of_map(calibrations, vehicle, &calibration) {
             shown.retain(|shown| shown.fault.quantity != Some(Quantity::RangeScale));
         }
-        // Wheels are off alike, whichever lidar says it.
-        let is_told = |shown: &Shown| shown.fault.quantity.is_some_and(|q| q.is_of_wheels());
-        shown.retain(|shown| place == 0 || !is_told(shown));
+        // Errors of the wheels do not depend on the lidar: report them once.
+        let is_of_wheels = |shown: &Shown| shown.fault.quantity.is_some_and(|q| q.is_of_wheels());
+        shown.retain(|shown| place == 0 || !is_of_wheels(shown));
         shown
     });
     let mut shown: Vec<Shown> = shown.collect();
@@ -69,8 +69,8 @@ fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> 
     })
 }
 
-/// Whether the scale of ranges that a lidar's trips show beside the map is shown by another
-/// vehicle's too: as large, or half as large, and as sure.
+/// Whether another vehicle shows the same error of range scale relative to the map: at least half as large,
+/// and as certain.
 fn is_of_map(
     calibrations: &Calibrations,
     vehicle: &VehicleId,
@@ -82,15 +82,15 @@ fn is_of_map(
     };
     let others = calibrations.vehicles().filter(|other| *other != vehicle);
     let mut lidars = others.flat_map(|other| calibrations.lidars_of(other));
-    lidars.any(|(_, words)| {
-        let other = VehicleCalibration::of(words.to_vec()).uncorrected();
+    lidars.any(|(_, calibrations)| {
+        let other = VehicleCalibration::of(calibrations.to_vec()).uncorrected();
         let other = other.get(&Quantity::RangeScale).copied();
         other.is_some_and(|other| other.value / own >= 0.5)
     })
 }
 
-/// A lidar whose scans do not fit the map, while those of other vehicles do: if theirs do not either, the
-/// map is wrong, or the world has changed.
+/// A lidar whose scans do not fit the map while those of other vehicles do. If theirs do not fit either, the
+/// map is wrong or the world has changed.
 fn misfit(
     calibrations: &Calibrations,
     vehicle: &VehicleId,
@@ -101,7 +101,7 @@ fn misfit(
     let others = calibrations.vehicles().filter(|other| *other != vehicle);
     let mut newest = others
         .flat_map(|other| calibrations.lidars_of(other))
-        .filter_map(|(_, words)| words.last()?.calibration.map_fit);
+        .filter_map(|(_, calibrations)| calibrations.last()?.calibration.map_fit);
     if newest.any(|fit| fit.fails()) {
         return None;
     }
@@ -119,7 +119,7 @@ fn names(trips: &BTreeSet<&(TripId, StampNs, usize)>) -> Vec<TripId> {
     names.into_iter().cloned().collect()
 }
 
-/// What one lidar's trips show.
+/// The faults that one lidar's trips show.
 fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Shown> {
     let changes = calibration.changes().into_iter();
     let mut shown: Vec<Shown> = changes
@@ -141,7 +141,7 @@ fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Sh
     shown
 }
 
-/// What all trips since one show, without a change that made it plain.
+/// A fault that all trips since `first` show, without a change among them.
 fn lasting(calibration: &VehicleCalibration, fault: VehicleFault, first: usize) -> Shown {
     Shown {
         fault,
@@ -182,14 +182,14 @@ mod tests {
     use crate::calibration::{Estimate, MapFit, TripCalibration};
     use crate::store::TripCalibrationRecord;
 
-    fn route(words: &[TripCalibration]) -> Calibrations {
+    fn route(calibrations: &[TripCalibration]) -> Calibrations {
         let mut all = Calibrations::default();
-        put(&mut all, "v", words);
+        put(&mut all, "v", calibrations);
         all
     }
 
-    fn put(all: &mut Calibrations, vehicle: &str, words: &[TripCalibration]) {
-        for (k, calibration) in words.iter().enumerate() {
+    fn put(all: &mut Calibrations, vehicle: &str, calibrations: &[TripCalibration]) {
+        for (k, calibration) in calibrations.iter().enumerate() {
             all.put(&TripCalibrationRecord {
                 trip_id: TripId::new(format!("{vehicle}{k:02}")).unwrap(),
                 vehicle_id: VehicleId::new(vehicle).unwrap(),
@@ -204,25 +204,29 @@ mod tests {
     }
 
     #[test]
-    fn what_never_fits_is_told_unless_others_do_not_either() {
-        let words = |near, closed| {
+    fn what_never_fits_is_suspected_unless_others_do_not_either() {
+        let calibrations = |near, closed| {
             let word = TripCalibration {
                 map_fit: Some(MapFit { near, closed }),
                 ..TripCalibration::default()
             };
             vec![word; 2]
         };
-        assert_eq!(suspects(&route(&words(100, 0)[..1])), [], "one trip alone");
-        let mut all = route(&words(100, 0));
-        put(&mut all, "maker", &words(0, 0));
-        put(&mut all, "sound", &words(100, 90));
-        let told = suspects(&all);
-        let [suspect] = told.as_slice() else {
-            panic!("{told:?}");
+        assert_eq!(
+            suspects(&route(&calibrations(100, 0)[..1])),
+            [],
+            "one trip alone"
+        );
+        let mut all = route(&calibrations(100, 0));
+        put(&mut all, "maker", &calibrations(0, 0));
+        put(&mut all, "sound", &calibrations(100, 90));
+        let found = suspects(&all);
+        let [suspect] = found.as_slice() else {
+            panic!("{found:?}");
         };
         assert_eq!((suspect.vehicle.as_str(), suspect.trips.len()), ("v", 2));
         assert!(suspect.faults[0].text.contains("of 100 keyframes"));
-        put(&mut all, "w", &words(100, 1));
+        put(&mut all, "w", &calibrations(100, 1));
         assert_eq!(suspects(&all), [], "the map is wrong, or all has changed");
     }
 
@@ -238,14 +242,14 @@ mod tests {
     }
 
     #[test]
-    fn a_knock_is_told_once_and_until_the_vehicle_is_known_anew() {
-        let mut words = vec![yaw(0.05), yaw(0.051), yaw(0.049), yaw(0.05)];
-        assert_eq!(suspects(&route(&words)), [], "off, always alike");
+    fn a_knock_is_suspected_once_and_until_the_vehicle_is_known_anew() {
+        let mut calibrations = vec![yaw(0.05), yaw(0.051), yaw(0.049), yaw(0.05)];
+        assert_eq!(suspects(&route(&calibrations)), [], "off, always alike");
         for count in 1..=6 {
-            words.push(yaw(-0.01));
-            let told = suspects(&route(&words));
-            let [suspect] = told.as_slice() else {
-                panic!("{count}: {told:?}");
+            calibrations.push(yaw(-0.01));
+            let found = suspects(&route(&calibrations));
+            let [suspect] = found.as_slice() else {
+                panic!("{count}: {found:?}");
             };
             assert_eq!((suspect.trips.len(), suspect.faults.len()), (count, 1));
             assert_eq!(suspect.tier == Tier::Confirmed, count > 1);
@@ -260,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn beams_that_are_off_are_told_and_not_corrected() {
+    fn beams_that_are_off_are_suspected_and_not_corrected() {
         let estimate = Estimate {
             value: -0.04,
             sigma: 0.006,
@@ -270,15 +274,15 @@ mod tests {
             ..TripCalibration::default()
         };
         assert_eq!(suspects(&route(&vec![word.clone(); 3])), []);
-        let told = suspects(&route(&vec![word; 4]));
-        let fault = &told[0].faults[0];
+        let found = suspects(&route(&vec![word; 4]));
+        let fault = &found[0].faults[0];
         assert!(fault.text.contains("off by -4.00"), "{fault:?}");
-        assert!(told[0].displacement().at_range_m(5.0) > 0.4);
+        assert!(found[0].displacement().at_range_m(5.0) > 0.4);
     }
 
     #[test]
-    fn ranges_too_short_are_told_of_one_vehicle_and_not_of_a_fleet() {
-        let words = |value| {
+    fn ranges_too_short_are_suspected_of_one_vehicle_and_not_of_a_fleet() {
+        let calibrations = |value| {
             let estimate = Estimate {
                 value,
                 sigma: 0.002,
@@ -289,41 +293,43 @@ mod tests {
             };
             vec![word; 4]
         };
-        let mut all = route(&words(0.03));
-        put(&mut all, "sound", &words(0.001));
-        put(&mut all, "other-way", &words(-0.03));
-        let told = suspects(&all);
-        assert_eq!(told.len(), 2, "{told:?}");
-        let text = &told[1].faults[0].text;
+        let mut all = route(&calibrations(0.03));
+        put(&mut all, "sound", &calibrations(0.001));
+        put(&mut all, "other-way", &calibrations(-0.03));
+        let found = suspects(&all);
+        assert_eq!(found.len(), 2, "{found:?}");
+        let text = &found[1].faults[0].text;
         assert!(
             text.contains("the scale of the ranges is off by 3.00"),
             "{text}"
         );
-        put(&mut all, "w", &words(0.025));
-        let told = suspects(&all);
-        let left: Vec<&str> = told.iter().map(|one| one.vehicle.as_str()).collect();
+        put(&mut all, "w", &calibrations(0.025));
+        let found = suspects(&all);
+        let left: Vec<&str> = found.iter().map(|one| one.vehicle.as_str()).collect();
         assert_eq!(left, ["other-way"]);
     }
 
     #[test]
-    fn what_no_correction_mends_is_told_from_its_first_trip_on() {
+    fn what_no_correction_mends_is_suspected_from_its_first_trip_on() {
         let slips = TripCalibration {
             faults: vec!["wheels slip".to_owned()],
             ..TripCalibration::default()
         };
-        let mut words = vec![yaw(0.0); 2];
-        words.extend(vec![slips; 3]);
-        assert_eq!(suspects(&route(&words)), []);
-        words.push(words[4].clone());
-        let told = suspects(&route(&words));
-        assert_eq!(told[0].faults[0].text, "wheels slip");
-        assert_eq!((told[0].trips.len(), told[0].since), (4, StampNs(20)));
-        assert_eq!((told[0].until, told[0].scans), (None, 600));
+        let mut calibrations = vec![yaw(0.0); 2];
+        calibrations.extend(vec![slips; 3]);
+        assert_eq!(suspects(&route(&calibrations)), []);
+        calibrations.push(calibrations[4].clone());
+        let found = suspects(&route(&calibrations));
+        assert_eq!(found[0].faults[0].text, "wheels slip");
+        assert_eq!((found[0].trips.len(), found[0].since), (4, StampNs(20)));
+        assert_eq!((found[0].until, found[0].scans), (None, 600));
         let loose: Vec<_> = [0.06, -0.05, 0.05, -0.06].map(yaw).into();
-        let told = suspects(&route(&loose));
+        let found = suspects(&route(&loose));
         assert!(
-            told[0].faults[0].text.contains("differs from trip to trip"),
-            "{told:?}"
+            found[0].faults[0]
+                .text
+                .contains("differs from trip to trip"),
+            "{found:?}"
         );
     }
 }

@@ -1,6 +1,7 @@
 //! Alerts and decisions through the store, with findings made by hand.
 
 mod accepting;
+mod archiving;
 mod bench;
 mod clocks;
 mod corrections;
@@ -9,5 +10,4 @@ mod edges;
 mod folding;
 mod memory;
 mod preview;
-mod settling;
 mod several;

@@ -1,4 +1,4 @@
-//! What a route's vehicles' trips say of them, and what is corrected for it.
+//! Calibrations of a route's vehicles, trip by trip, and the corrections that follow from them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,58 +14,59 @@ use crate::mapping::{Drive, DriveScan, Keyframe};
 use crate::scan::{LaserScan, Lidar};
 use crate::store::TripCalibrationRecord;
 
-/// The newest trips' words by vehicle and lidar, the oldest first, as they come from the store.
+/// The newest trips' calibrations by vehicle and lidar, the oldest first, exactly as stored.
 #[derive(Debug, Default)]
 pub(super) struct Calibrations {
     by_lidar: BTreeMap<(VehicleId, Option<LidarId>), Vec<CalibratedTrip>>,
 }
 
 impl Calibrations {
-    /// What the store has.
+    /// Calibrations from the store.
     pub fn of(records: Vec<TripCalibrationRecord>) -> Self {
         let mut all = Self::default();
         for record in records {
-            let word = record.own();
+            let trip = record.own();
             let lidar = (record.vehicle_id, record.lidar);
-            all.by_lidar.entry(lidar).or_default().push(word);
+            all.by_lidar.entry(lidar).or_default().push(trip);
         }
         all
     }
 
-    /// Adds a word that is about to be stored, in the place of an earlier one of its trip; numbers
-    /// are those that come back from the store.
+    /// Adds a calibration that is about to be stored, and replaces an earlier one of its trip. Numbers are
+    /// rounded as by the store.
     ///
     /// # Errors
     /// If it has no JSON.
     pub fn put(&mut self, record: &TripCalibrationRecord) -> anyhow::Result<()> {
-        let mut word = record.own();
-        let stored = serde_json::to_string(&word.calibration);
-        let stored = stored.context("a trip's word on its vehicle has no JSON")?;
-        word.calibration = serde_json::from_str(&stored)?;
+        let mut trip = record.own();
+        let stored = serde_json::to_string(&trip.calibration);
+        let stored = stored.context("a calibration cannot be written as JSON")?;
+        trip.calibration = serde_json::from_str(&stored)?;
         let lidar = (record.vehicle_id.clone(), record.lidar.clone());
-        let words = self.by_lidar.entry(lidar).or_default();
-        words.retain(|other| other.trip != word.trip);
-        words.push(word);
-        words.sort_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
-        words.drain(..words.len().saturating_sub(TRIPS_MAX));
+        let calibrations = self.by_lidar.entry(lidar).or_default();
+        calibrations.retain(|other| other.trip != trip.trip);
+        calibrations.push(trip);
+        calibrations.sort_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
+        calibrations.drain(..calibrations.len().saturating_sub(TRIPS_MAX));
         Ok(())
     }
 
-    /// The newest of a vehicle's trips that has said something.
+    /// The newest of a vehicle's calibrated trips.
     pub fn newest_trip(&self, vehicle: &VehicleId) -> Option<&TripId> {
-        let words = self
+        let calibrations = self
             .lidars_of(vehicle)
-            .filter_map(|(_, words)| words.last());
-        let newest = words.max_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
+            .filter_map(|(_, calibrations)| calibrations.last());
+        let newest = calibrations.max_by(|a, b| (a.stamp, &a.trip).cmp(&(b.stamp, &b.trip)));
         Some(&newest?.trip)
     }
 
-    /// Forgets what some trips said.
+    /// Forgets the calibrations of some trips.
     pub fn forget(&mut self, trips: &[TripId]) {
-        for words in self.by_lidar.values_mut() {
-            words.retain(|word| !trips.contains(&word.trip));
+        for calibrations in self.by_lidar.values_mut() {
+            calibrations.retain(|trip| !trips.contains(&trip.trip));
         }
-        self.by_lidar.retain(|_, words| !words.is_empty());
+        self.by_lidar
+            .retain(|_, calibrations| !calibrations.is_empty());
     }
 
     /// The lidars of a vehicle by name.
@@ -76,24 +77,24 @@ impl Calibrations {
         let from = (vehicle.clone(), None);
         let lidars = self.by_lidar.range(from..);
         let lidars = lidars.take_while(move |((of, _), _)| of == vehicle);
-        lidars.map(|((_, lidar), words)| (lidar.as_ref(), words.as_slice()))
+        lidars.map(|((_, lidar), calibrations)| (lidar.as_ref(), calibrations.as_slice()))
     }
 
-    /// The vehicles that have said something, by name.
+    /// The vehicles with calibrated trips, by name.
     pub fn vehicles(&self) -> impl Iterator<Item = &VehicleId> {
         let mut last = None;
         let vehicles = self.by_lidar.keys().map(|(vehicle, _)| vehicle);
         vehicles.filter(move |vehicle| last.replace(*vehicle) != Some(*vehicle))
     }
 
-    /// About how much memory it takes, bytes.
+    /// Approximate size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
-        WORD_BYTES * self.by_lidar.values().map(Vec::len).sum::<usize>()
+        CALIBRATION_BYTES * self.by_lidar.values().map(Vec::len).sum::<usize>()
     }
 
-    /// What is corrected for a trip that begins now: all that its vehicle's trips up to now are sure
-    /// of. `before` is what was corrected in the newest trip that has said something, and `primary`
-    /// the lidar that says how the wheels err.
+    /// The corrections of a trip that begins now: every quantity of which its vehicle's earlier trips are
+    /// certain. `before` are the corrections of the newest calibrated trip, `primary` is the lidar that
+    /// estimates the errors of the wheels.
     pub fn corrections_for(
         &self,
         vehicle: &VehicleId,
@@ -102,8 +103,10 @@ impl Calibrations {
         begins: (&TripId, StampNs),
     ) -> TripCorrections {
         let lidars = self.lidars_of(vehicle);
-        let of_lidars = lidars.flat_map(|(lidar, words)| {
-            let sure = VehicleCalibration::of(words.to_vec()).sure().into_iter();
+        let of_lidars = lidars.flat_map(|(lidar, calibrations)| {
+            let sure = VehicleCalibration::of(calibrations.to_vec())
+                .sure()
+                .into_iter();
             sure.filter(move |(quantity, _)| !quantity.is_of_wheels() || lidar == primary)
                 .map(move |(quantity, estimate)| {
                     let known = before.find(lidar, quantity).filter(|known| {
@@ -121,26 +124,25 @@ impl Calibrations {
     }
 }
 
-/// A trip's word on one lidar.
-const WORD_BYTES: usize = 1_500;
+/// Size of a trip's calibration of one lidar, bytes.
+const CALIBRATION_BYTES: usize = 1_500;
 
-/// The lidar that says how the wheels of a drive err: the first of the vehicle's.
+/// The lidar that estimates the errors of the wheels: the vehicle's first.
 pub(super) fn primary_of(drive: &Drive) -> Option<&LidarId> {
     let first = drive.scans.iter().min_by_key(|scan| scan.lidar.place);
     first.and_then(|scan| scan.lidar.name.as_ref())
 }
 
-/// A drive as the map takes it: seen by lidars as they truly are. Odometry stays as it was sent,
-/// with what the wheels err beside it.
+/// The scans of a trip with corrected lidars. Odometry stays as sent; the corrections of the wheels are attached.
 pub(super) fn corrected(drive: Drive, corrections: &TripCorrections) -> Drive {
     if corrections.applied().is_empty() {
         return drive;
     }
     let scans = drive.scans.into_iter().map(|scan| {
         let of_lidar = corrections.of_lidar(scan.lidar.name.as_ref());
-        match seen_truly(&scan.scan, &of_lidar) {
+        match corrected_scan(&scan.scan, &of_lidar) {
             Some(seen) => DriveScan { scan: seen, ..scan },
-            // There is no such lidar: its beams would go round more than once.
+            // No valid lidar: its beams would cover more than a full turn.
             None => scan,
         }
     });
@@ -151,7 +153,7 @@ pub(super) fn corrected(drive: Drive, corrections: &TripCorrections) -> Drive {
     }
 }
 
-fn seen_truly(scan: &LaserScan, corrections: &Corrections) -> Option<LaserScan> {
+fn corrected_scan(scan: &LaserScan, corrections: &Corrections) -> Option<LaserScan> {
     if *corrections == Corrections::default() {
         return Some(scan.clone());
     }
@@ -170,8 +172,8 @@ pub(super) fn as_stated(scan: &LaserScan, corrections: &Corrections) -> Option<L
     LaserScan::from_ticks(Arc::new(stated), scan.ticks()).ok()
 }
 
-/// Where the base is that the stated mount of a keyframe's lidar would give, seen from the one that
-/// the map has by the corrected mount. The identity where nothing is corrected.
+/// `base_from_stated`: the pose of the base by the stated mount of a keyframe's lidar, in the base by the
+/// corrected mount. The identity where nothing is corrected.
 pub(super) fn base_from_stated(
     keyframe: &Keyframe,
     corrections: &TripCorrections,
@@ -244,18 +246,18 @@ mod tests {
             }
         }
         // The wheels are the vehicle's, and corrected once.
-        let told = before.applied().iter().map(|one| {
+        let applied = before.applied().iter().map(|one| {
             let lidar = one.lidar.as_ref().unwrap().to_string();
             (lidar, one.quantity, one.since_trip.to_string())
         });
-        let told: Vec<_> = told.collect();
+        let applied: Vec<_> = applied.collect();
         let expected = [
             ("front", Quantity::MountYaw),
             ("front", Quantity::WayScale),
             ("rear", Quantity::MountYaw),
         ];
         let expected = expected.map(|(l, q)| (l.to_owned(), q, "new-4".to_owned()));
-        assert_eq!(told, expected);
+        assert_eq!(applied, expected);
         assert!((before.applied()[0].estimate.value - 0.03).abs() < 1e-9);
         assert_eq!(
             all.newest_trip(&VehicleId::new("b").unwrap())
@@ -272,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_those_that_come_back_from_the_store() {
+    fn calibrations_are_those_that_come_back_from_the_store() {
         let mut kept = Calibrations::default();
         let mut restored = Vec::new();
         for trip in 0..30 {
@@ -306,13 +308,13 @@ mod tests {
             .with(Quantity::MountYaw, 0.03)
             .with(Quantity::MountX, -0.05)
             .with(Quantity::BeamSpacing, 0.02);
-        let seen = seen_truly(&sent, &corrections).unwrap();
+        let seen = corrected_scan(&sent, &corrections).unwrap();
         assert_ne!(seen.lidar(), sent.lidar());
         let back = as_stated(&seen, &corrections).unwrap();
         assert_eq!(back.ticks(), sent.ticks());
         let off = back.lidar().mount.between(&sent.lidar().mount).log();
         assert!(off.norm() < 1e-12);
         let none = Corrections::default();
-        assert_eq!(seen_truly(&sent, &none).unwrap(), sent);
+        assert_eq!(corrected_scan(&sent, &none).unwrap(), sent);
     }
 }

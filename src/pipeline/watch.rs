@@ -1,4 +1,4 @@
-//! Whether anybody still waits for a job that is computed.
+//! Interrupts a job whose route was deleted, or that takes too long.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,11 +8,11 @@ use tokio::time::{Instant, sleep};
 use crate::solver::Interrupt;
 use crate::store::{ClaimedJob, Store};
 
-/// How often a job under way is looked at.
+/// How often a running job is checked.
 const INTERVAL: Duration = Duration::from_secs(1);
 /// A job may take this long, …
 const TIME_AT_LEAST: Duration = Duration::from_secs(60);
-/// … or so much longer for each kilobyte of its bodies: some hundred times what an honest one takes.
+/// … plus this much for each kilobyte of its bodies: about a hundred times what it usually takes.
 const TIME_PER_KB: Duration = Duration::from_millis(100);
 
 /// Watches over one job.
@@ -23,7 +23,7 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// Interrupts the job when its route is deleted, or when it has taken longer than any honest one.
+    /// Interrupts the job when its route is deleted or its time is over.
     pub async fn keep(self) {
         let deadline = Instant::now() + self.time_max();
         loop {

@@ -1,4 +1,4 @@
-//! Tasks that claim jobs and see them through.
+//! Tasks that claim jobs and process them.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,32 +9,32 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-use super::clock::{are_on_time, steadily_behind_ns};
+use super::archive::{archive, reactivate_named, reactivate_trip, solve_reactivated};
 use super::edges::{EdgeJob, process_edges};
 use super::engine::{Engine, now};
-use super::process::{Known, process};
+use super::process::process;
 use super::refusal::{Processed, of_quarantine, refuse};
 use super::retention::{delete_bodies, delete_trajectories};
-use super::settle::{recall_named, recall_trip, settle, solve_recalled};
+use super::trip_start::known_start;
 use super::watch::Watch;
 use super::workspace::Workspace;
-use crate::ids::{RouteId, TripId, VehicleId};
-use crate::model::{BatchKind, Detector};
+use crate::ids::RouteId;
+use crate::model::BatchKind;
 use crate::solver::Interrupt;
-use crate::store::{Applied, ClaimedJob, JobResult, JournalEntry, Store, StoreError, TripStart};
+use crate::store::{Applied, ClaimedJob, JobResult, Store, StoreError};
 
-/// A worker that is lost gives its route back after this time.
+/// A lost worker's job can be claimed by another one after this time.
 const LEASE: Duration = Duration::from_secs(600);
-/// How often a job is computed before somebody's decisions in between count as a failure.
+/// How often a job is computed again because a decision changed the route meanwhile, before it fails.
 const COMPUTATIONS_MAX: usize = 4;
-/// How often work is looked for without a hint.
-const LOOK: Duration = Duration::from_secs(1);
-/// How often held batches are looked through.
+/// How often workers poll for jobs without being woken.
+const POLL: Duration = Duration::from_secs(1);
+/// How often overdue held batches are released.
 const RELEASE: Duration = Duration::from_secs(5);
 
-/// Starts as many workers as there are cores, the task that releases held batches, and those
-/// that delete old bodies and trajectories. They end soon after `stopping` is cancelled; a batch under way is finished
-/// first, unless the drain time ends before it; then it is claimed again at the next start.
+/// Starts one worker for each core, the task that releases overdue held batches, and those that delete old
+/// bodies and trajectories. They end soon after `stopping` is cancelled. A batch that is being processed is
+/// finished first; if the drain time ends before, it is claimed again at the next start.
 pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHandle<()>> {
     let worker = Worker {
         engine: engine.clone(),
@@ -61,7 +61,7 @@ async fn release_held(store: Store, stopping: CancellationToken) {
         .is_err()
     {
         if let Err(error) = store.release_overdue(Timestamp::now()).await {
-            tracing::warn!(%error, "held batches could not be looked through");
+            tracing::warn!(%error, "overdue held batches could not be released");
         }
     }
 }
@@ -75,7 +75,7 @@ impl Worker {
     async fn run(self, stopping: CancellationToken) {
         while !stopping.is_cancelled() {
             match self.engine.store.claim_job(now(), LEASE).await {
-                Ok(Some(job)) => self.see_through(job, &stopping).await,
+                Ok(Some(job)) => self.process_job(job, &stopping).await,
                 Ok(None) => idle(&self.engine.store, &stopping).await,
                 Err(error) => {
                     tracing::warn!(%error, "no job could be claimed");
@@ -85,7 +85,7 @@ impl Worker {
         }
     }
 
-    async fn see_through(&self, job: ClaimedJob, stopping: &CancellationToken) {
+    async fn process_job(&self, job: ClaimedJob, stopping: &CancellationToken) {
         let (job_id, generation, route) = (job.job_id, job.generation, job.route_id.clone());
         let Err(error) = self.attempt(job).await else {
             return;
@@ -97,8 +97,11 @@ impl Worker {
         let reason = format!("{error:#}");
         let failure = Failure::of(&error);
         tracing::error!(%route, job_id, reason, ?failure, "a batch could not be processed");
-        while let Err(error) = self.hand_back(job_id, generation, &reason, failure).await {
-            tracing::error!(%route, job_id, %error, "nor could that be noted");
+        while let Err(error) = self
+            .record_failure(job_id, generation, &reason, failure)
+            .await
+        {
+            tracing::error!(%route, job_id, %error, "the failure could not be recorded");
             if stopping.is_cancelled() {
                 return;
             }
@@ -106,7 +109,7 @@ impl Worker {
         }
     }
 
-    async fn hand_back(
+    async fn record_failure(
         &self,
         job_id: i64,
         generation: i64,
@@ -121,7 +124,7 @@ impl Worker {
         }
     }
 
-    /// Load, compute, save; anew if somebody's decision came in between.
+    /// Loads, computes and saves; again if a decision changed the route meanwhile.
     async fn attempt(&self, job: ClaimedJob) -> anyhow::Result<()> {
         let job = Arc::new(job);
         let route = &job.route_id;
@@ -136,15 +139,17 @@ impl Worker {
                     return Ok(());
                 }
                 Applied::Stale if self.is_at(route, base_revision).await? => {
-                    return Err(anyhow!("the job is somebody else's by now"));
+                    return Err(anyhow!("another worker has claimed the job meanwhile"));
                 }
                 Applied::Stale => {}
             }
         }
-        Err(anyhow!("the route has moved on meanwhile"))
+        Err(anyhow!(
+            "the route kept changing while the job was computed"
+        ))
     }
 
-    /// Computes a job, and no longer than while somebody waits for it.
+    /// Computes a job, interrupted if its route is deleted or it takes too long.
     async fn compute_watched(
         &self,
         job: &Arc<ClaimedJob>,
@@ -157,7 +162,7 @@ impl Worker {
         };
         let _watching = AbortOnDropHandle::new(tokio::spawn(watch.keep()));
         let computed = compute(&self.engine, job, &interrupt).await;
-        // What was computed to its end may rest on a solve that was broken off.
+        // A result computed to the end may still rest on an interrupted solve.
         match interrupt.is_raised() {
             true => Err(TookTooLong.into()),
             false => computed,
@@ -170,7 +175,7 @@ impl Worker {
     }
 }
 
-/// Loads what a job needs and computes it, after what has settled has left the map.
+/// Loads what a job needs, archives nodes that are no longer needed, and computes the job.
 pub(super) async fn compute(
     engine: &Engine,
     job: &Arc<ClaimedJob>,
@@ -186,13 +191,13 @@ pub(super) async fn compute(
     }
     let processed = match own.batch.kind {
         BatchKind::Scans => {
-            let recalled = recall_trip(store, route, &trip).await?;
+            let reactivated = reactivate_trip(store, route, &trip).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
             workspace.map.heed(interrupt);
             let known = known_start(store, &workspace, job).await?;
             let work = move || {
-                solve_recalled(&mut workspace.map, &recalled);
-                settle(&mut workspace, &trip, &[], &options)?;
+                solve_reactivated(&mut workspace.map, &reactivated);
+                archive(&mut workspace, &trip, &[], &options)?;
                 process(workspace, &kept_job, &known)
             };
             engine.compute(work).await??
@@ -202,12 +207,12 @@ pub(super) async fn compute(
             let mut edges = engine.compute(move || EdgeJob::decode(&decoded)).await??;
             edges.look_up(store, job).await?;
             let named = edges.named_nodes();
-            let recalled = recall_named(store, route, &named, &[]).await?;
+            let reactivated = reactivate_named(store, route, &named, &[]).await?;
             let mut workspace = engine.workspaces.take(store, route).await?;
             workspace.map.heed(interrupt);
             let work = move || {
-                solve_recalled(&mut workspace.map, &recalled);
-                settle(&mut workspace, &trip, &named, &options)?;
+                solve_reactivated(&mut workspace.map, &reactivated);
+                archive(&mut workspace, &trip, &named, &options)?;
                 process_edges(workspace, &kept_job, &edges)
             };
             engine.compute(work).await??
@@ -219,68 +224,19 @@ pub(super) async fn compute(
     }
 }
 
-/// What is known of a job's trip: decided when it began, by what its vehicle's trips had said by then
-/// in the order of the jobs.
-pub(super) async fn known_start(
-    store: &Store,
-    workspace: &Workspace,
-    job: &ClaimedJob,
-) -> Result<Known, StoreError> {
-    let Some(JournalEntry { batch, .. }) = job.entries.last() else {
-        return Ok(Known::Decided {
-            start: TripStart::default(),
-            behind_ns: None,
-        });
-    };
-    let (route, trip, vehicle) = (&job.route_id, &batch.trip_id, &batch.vehicle_id);
-    if let Some(start) = store.trip_start(route, trip).await? {
-        let is_believed = start.clock_ahead_ns == 0 && !workspace.clock_faults.has(trip);
-        let behind_ns = match is_believed && workspace.detector == Detector::Fused {
-            true => found_behind_ns(store, route, vehicle, trip).await?,
-            false => None,
-        };
-        return Ok(Known::Decided { start, behind_ns });
-    }
-    let newest = workspace.calibrations.newest_trip(vehicle);
-    let before = match newest {
-        Some(trip) => store.trip_start(route, trip).await?,
-        None => None,
-    };
-    Ok(Known::Before {
-        corrections: before.unwrap_or_default().corrections,
-        uploads: store.upload_lags(route, vehicle, trip).await?,
-    })
-}
-
-/// How far the clock of a trip that is driven is behind, by its batches so far and the vehicles that are on
-/// time, nanoseconds.
-async fn found_behind_ns(
-    store: &Store,
-    route: &RouteId,
-    vehicle: &VehicleId,
-    trip: &TripId,
-) -> Result<Option<i64>, StoreError> {
-    let own = store.trip_lags(route, trip).await?;
-    let Some(behind_ns) = steadily_behind_ns(&own) else {
-        return Ok(None);
-    };
-    let others = store.lags_of_others(route, vehicle, trip).await?;
-    Ok(Some(behind_ns).filter(|_| are_on_time(&others)))
-}
-
 /// A job was interrupted.
 #[derive(Debug, thiserror::Error)]
 #[error("processing it took far longer than a batch of its size should take, and was broken off")]
 struct TookTooLong;
 
-/// What to do about a job that failed.
+/// What failed, and whether the job is tried again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Failure {
-    /// The store was in the way, and not the batch: it is tried again.
+    /// The store failed, not the batch: the job is tried again.
     OfStore,
-    /// It is tried again, a few times.
+    /// The job is tried again a few times.
     OfBatch,
-    /// Another try would not help.
+    /// Another attempt would not help.
     ForGood,
 }
 
@@ -298,14 +254,14 @@ impl Failure {
 async fn idle(store: &Store, stopping: &CancellationToken) {
     tokio::select! {
         () = store.job_hint() => {}
-        () = tokio::time::sleep(LOOK) => {}
+        () = tokio::time::sleep(POLL) => {}
         () = stopping.cancelled() => {}
     }
 }
 
 async fn pause(stopping: &CancellationToken) {
     tokio::select! {
-        () = tokio::time::sleep(LOOK) => {}
+        () = tokio::time::sleep(POLL) => {}
         () = stopping.cancelled() => {}
     }
 }

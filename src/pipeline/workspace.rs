@@ -19,37 +19,37 @@ use crate::store::{
     NodeWithScan, RouteGraph, SettledClosure, Store,
 };
 
-/// A route's map with what the store has of it.
+/// A route's map, with what the store has saved of it.
 pub(super) struct Workspace {
-    /// The store's revision that the map stands on.
+    /// The store's revision of the map.
     pub revision: i64,
     pub stage: Stage,
-    /// What the map's weighting follows.
+    /// The route's detector; it decides how edges are weighted.
     pub detector: Detector,
-    /// False alerts per lap that are accepted; a lap is as much driven way as the reference is long.
+    /// Accepted false alerts per lap. One lap is a driven distance as long as the reference.
     pub false_alarm_rate: f64,
     /// How far a batch may move what others have mapped, metres.
     pub max_shift_m: f64,
     pub map: RouteMap,
-    /// What the store has of each node, in the order of the graph.
+    /// Each node as it was saved, in the order of the graph.
     pub saved_nodes: Vec<NodeChange>,
-    /// What the store has of each edge, in the order of the graph.
+    /// Each edge as it was saved, in the order of the graph.
     pub saved_edges: Vec<EdgeChange>,
     /// ΔF of every closure in the map, in the order of insertion.
     pub closures: Vec<ClosureSample>,
-    /// Those of them that came as edges, so that no two scans were matched for them.
-    pub given: BTreeSet<EdgeId>,
-    /// The first closures that are not in the map any more, in the order of insertion.
-    pub settled_closures: Vec<SettledClosure>,
-    /// Whose each trip with a node in the map is.
+    /// Those of them that were uploaded as edges, without scans.
+    pub external: BTreeSet<EdgeId>,
+    /// The first of the archived closures, in the order of insertion.
+    pub archived_closures: Vec<SettledClosure>,
+    /// The vehicle of each trip with a node in the map.
     pub vehicles: BTreeMap<TripId, VehicleId>,
     pub map_version: i64,
     /// Every alert of the route, the oldest first.
     pub alerts: Vec<AlertRecord>,
-    /// What the map has taken in, in the order of acceptance: in these regions looks from before
-    /// the change say nothing.
+    /// Accepted changes in the order of acceptance: in their regions, observations from before the change do
+    /// not count.
     pub accepted: Vec<AcceptedChange>,
-    /// What trips say of their vehicles.
+    /// Calibrations of the newest trips.
     pub calibrations: Calibrations,
     /// The trips whose clock is behind.
     pub clock_faults: ClockFaults,
@@ -62,7 +62,7 @@ impl Workspace {
         self
     }
 
-    /// Puts the next revision of an alert in the place of the one before.
+    /// Replaces an alert by its next revision.
     pub fn replace_alert(&mut self, alert: &AlertRecord) {
         if let Some(old) = self.alerts.iter_mut().find(|old| old.id == alert.id) {
             *old = alert.clone();
@@ -87,7 +87,7 @@ impl Workspace {
             graph.next_node_id,
             graph.next_edge_id,
         )
-        .context("the stored graph does not fit together")?;
+        .context("the stored graph is inconsistent")?;
         if !graph.clock_faults.is_empty() {
             map.distrust(graph.clock_faults.iter().map(|fault| fault.trip.clone()));
             map.settle_screen();
@@ -98,10 +98,10 @@ impl Workspace {
                 delta_f: edge.delta_f?,
             })
         });
-        let given = graph.edges.iter();
-        let given = given.filter(|edge| edge.delta_f.is_some() && edge.closure.is_none());
+        let external = graph.edges.iter();
+        let external = external.filter(|edge| edge.delta_f.is_some() && edge.closure.is_none());
         Ok(Self {
-            given: given.map(|edge| edge.id).collect(),
+            external: external.map(|edge| edge.id).collect(),
             revision: graph.revision,
             stage: graph.stage,
             detector: graph.settings.detector,
@@ -111,8 +111,8 @@ impl Workspace {
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
             closures: closures.collect(),
-            settled_closures: graph.settled_closures,
-            vehicles: graph.nodes.iter().map(driver_of).collect(),
+            archived_closures: graph.settled_closures,
+            vehicles: graph.nodes.iter().map(trip_and_vehicle).collect(),
             map_version: graph.map_version,
             alerts: graph.alerts,
             accepted: graph.accepted,
@@ -129,20 +129,19 @@ impl Workspace {
             .collect()
     }
 
-    /// The closures of each block that its residual series counts, in the order of insertion.
+    /// The closures in the residual series of each block, in the order of insertion.
     ///
-    /// Of those that have left the map the first are among them, so that a series begins where it
-    /// began; the later ones are not.
+    /// Of archived closures only the first are among them: a series keeps its beginning.
     pub fn closures_by_subgraph(&self) -> BTreeMap<i64, Vec<ClosureSample>> {
         let subgraphs = self.subgraph_of_edges();
         let mut closures: BTreeMap<i64, Vec<ClosureSample>> = BTreeMap::new();
-        for settled in &self.settled_closures {
-            if let Some(subgraph) = settled.subgraph_id
-                && is_in_baseline(&self.accepted, settled.id, [settled.from, settled.to])
+        for archived in &self.archived_closures {
+            if let Some(subgraph) = archived.subgraph_id
+                && is_in_baseline(&self.accepted, archived.id, [archived.from, archived.to])
             {
                 closures.entry(subgraph).or_default().push(ClosureSample {
-                    edge_id: settled.id,
-                    delta_f: settled.delta_f,
+                    edge_id: archived.id,
+                    delta_f: archived.delta_f,
                 });
             }
         }
@@ -160,7 +159,7 @@ impl Workspace {
         closures
     }
 
-    /// About how much memory it takes, bytes.
+    /// Approximate size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
         let named = |a: &AlertRecord| {
             let evidence = &a.evidence;
@@ -176,19 +175,19 @@ impl Workspace {
             + size_of_val(self.saved_nodes.as_slice())
             + size_of_val(self.saved_edges.as_slice())
             + size_of_val(self.closures.as_slice())
-            + EDGE_ID_BYTES * self.given.len()
-            + size_of_val(self.settled_closures.as_slice())
+            + EDGE_ID_BYTES * self.external.len()
+            + size_of_val(self.archived_closures.as_slice())
             + NAME_BYTES * 2 * self.vehicles.len()
             + self.calibrations.size_bytes()
             + alerts
     }
 }
 
-/// An edge id in a set.
+/// Size of an edge id in a set, bytes.
 const EDGE_ID_BYTES: usize = 16;
-/// A pass by an alert's place with its names.
+/// Size of a pass with its names, bytes.
 const PASS_BYTES: usize = 3 * NAME_BYTES;
-/// A name of a trip or a vehicle.
+/// Size of a name of a trip or a vehicle, bytes.
 const NAME_BYTES: usize = 64;
 
 fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
@@ -213,7 +212,8 @@ fn keyframe_of(record: &NodeWithScan) -> anyhow::Result<Keyframe> {
 
 fn intermediate_of(node: NodeId, record: &IntermediateRecord) -> anyhow::Result<IntermediateScan> {
     let scan = record.scan.as_deref().map(decode_scan).transpose();
-    let scan = scan.with_context(|| format!("a scan behind node {node} cannot be read"))?;
+    let scan =
+        scan.with_context(|| format!("an intermediate scan of node {node} cannot be read"))?;
     Ok(IntermediateScan {
         stamp: record.stamp,
         keyframe_from_base: record.keyframe_from_base,
@@ -226,7 +226,7 @@ fn intermediate_of(node: NodeId, record: &IntermediateRecord) -> anyhow::Result<
     })
 }
 
-fn driver_of(record: &NodeWithScan) -> (TripId, VehicleId) {
+fn trip_and_vehicle(record: &NodeWithScan) -> (TripId, VehicleId) {
     let node = &record.node;
     (node.trip_id.clone(), node.vehicle_id.clone())
 }
@@ -263,10 +263,10 @@ fn edge_change_of(record: &EdgeRecord) -> EdgeChange {
     }
 }
 
-/// The maps between batches. A map is out of here while a worker has it, and never comes back
-/// from a failed attempt.
+/// Maps in memory between jobs. A worker takes a map out, and puts it back only after its result was
+/// committed.
 pub(super) struct Workspaces {
-    /// The one longest unused first.
+    /// The least recently used first.
     kept: Mutex<Vec<Kept>>,
     bytes_max: usize,
 }
@@ -303,7 +303,7 @@ impl Workspaces {
         tokio::task::spawn_blocking(move || Workspace::restore(graph)).await?
     }
 
-    /// Brings a map in memory up to date after a decision that leaves the graph alone.
+    /// Updates a map in memory after a decision that does not change the graph.
     pub fn note_decision(&self, base_revision: i64, alert: &AlertRecord) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let of_route = kept.iter_mut().find(|kept| kept.route == alert.route_id);
@@ -315,8 +315,8 @@ impl Workspaces {
         }
     }
 
-    /// Keeps a map whose changes are committed; those longest unused make room. The last one stays
-    /// however large it is: it was in memory a moment ago.
+    /// Keeps a map whose changes are committed; the least recently used ones make room. The last one stays
+    /// however large it is.
     pub fn put_back(&self, route: RouteId, workspace: Workspace) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain(|other| other.route != route);
@@ -330,10 +330,10 @@ impl Workspaces {
         while total > self.bytes_max && kept.len() > 1 {
             total -= kept.remove(0).bytes;
         }
-        tell(&kept);
+        update_gauges(&kept);
     }
 
-    /// The routes whose maps are here, the one longest unused first.
+    /// The routes whose maps are in memory, the least recently used first.
     #[cfg(test)]
     pub fn held(&self) -> Vec<String> {
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
@@ -344,12 +344,12 @@ impl Workspaces {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let place = kept.iter().position(|kept| kept.route == *route)?;
         let workspace = kept.remove(place).workspace;
-        tell(&kept);
+        update_gauges(&kept);
         Some(workspace)
     }
 }
 
-fn tell(kept: &[Kept]) {
+fn update_gauges(kept: &[Kept]) {
     let bytes: usize = kept.iter().map(|kept| kept.bytes).sum();
     metrics::gauge!("mapshift_maps_in_memory").set(kept.len() as f64);
     metrics::gauge!("mapshift_maps_in_memory_bytes").set(bytes as f64);

@@ -1,4 +1,4 @@
-//! The task that ends zones whose time is over.
+//! The task that ends expired zones.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use tokio_util::sync::CancellationToken;
 use super::engine::now;
 use crate::store::Store;
 
-/// How often it is asked whether a zone's time is over.
+/// How often expired zones are searched for.
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// Ends zones until the service stops.

@@ -11,7 +11,7 @@ mod tests;
 use super::svg_text as text;
 use crate::change::BeamVerdict;
 
-pub use picture::{Curve, EvidencePicture, Look};
+pub use picture::{Curve, EvidencePicture, EvidenceScan};
 use picture::{HEIGHT_PX, MARGIN_PX, WIDTH_PX};
 use place::{Panel, scale_bar};
 use text::{Ink, label, px};
@@ -57,7 +57,7 @@ fn headings(picture: &EvidencePicture<'_>) -> (String, String) {
     (title, subtitle)
 }
 
-/// A text of the model as people begin a line with it: `map_mismatch` as "Map mismatch".
+/// A text of the model as the beginning of a sentence: `map_mismatch` becomes "Map mismatch".
 fn heading(text: &str) -> String {
     let words = text.replace('_', " ");
     let (first, rest) = words.split_at(words.len().min(1));
@@ -73,7 +73,7 @@ fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
     ] {
         panel.open(svg, id);
         panel.draw_region(svg, picture.region);
-        match &picture.looks {
+        match &picture.scans {
             None => panel.draw_tie(svg, picture.tied.as_ref()),
             Some([old, new]) => {
                 panel.draw_points(svg, old, place::OLD);
@@ -94,30 +94,30 @@ fn draw_place(svg: &mut String, picture: &EvidencePicture<'_>) {
         );
         scale_bar(svg, panel);
     }
-    if picture.looks.is_none() {
+    if picture.scans.is_none() {
         let (x, y) = (around.left_px + 12.0, around.top_px + 42.0);
         label(svg, x, y, "There are no scans to compare.", Ink::ON_MAP);
     }
 }
 
-/// Which colours and signs mean what, under the panels.
+/// The legend under the panels.
 fn draw_legend(svg: &mut String, picture: &EvidencePicture<'_>) {
     const OLD_PX: f64 = 567.0;
     const NEW_PX: f64 = 588.0;
     const SIGNS_PX: f64 = 611.0;
-    if let Some([old, new]) = &picture.looks {
-        for (look, colours, when, y) in [
+    if let Some([old, new]) = &picture.scans {
+        for (scan, colours, when, y) in [
             (old, place::OLD, "Old", OLD_PX),
             (new, place::NEW, "New", NEW_PX),
         ] {
             place::dots(svg, [(MARGIN_PX + 6.0, y - 4.0)], colours.plain, 7.0);
-            let contradicting = look.beams.iter();
+            let contradicting = scan.beams.iter();
             let contradicting = contradicting.filter(|b| b.verdict == BeamVerdict::Contradicts);
             let caption = format!(
                 "{when}: {}; {} of {} points contradicted",
-                look.caption,
+                scan.caption,
                 contradicting.count(),
-                look.beams.iter().filter(|b| b.end.is_some()).count(),
+                scan.beams.iter().filter(|b| b.end.is_some()).count(),
             );
             label(svg, MARGIN_PX + 20.0, y, &caption, Ink::PLAIN);
         }

@@ -1,11 +1,11 @@
 //! How two maps of the same route differ, cell by cell, and a picture of it.
 
-use super::{CELLS_MAX, MapImageError, MapRaster};
+use super::{CELLS_MAX, DifferingCells, MapImageError, MapRaster};
 
-/// Which colour a cell has, by what was known of it before and what is known since: unknown, free, occupied.
+/// The colour of a cell in [`PALETTE`], by its occupancy before and now: unknown, free, occupied.
 const COLOUR_OF: [[u8; 3]; 3] = [[0, 7, 5], [8, 1, 3], [6, 4, 2]];
 /// Grey where nothing differs. Vermilion for what is new and blue for what is gone, as in the picture of a
-/// place, which everybody can tell apart; pale where one of the maps knows nothing.
+/// place: colour-blind people can distinguish them. Pale where the cell is unknown in one of the maps.
 const PALETTE: [[u8; 3]; 9] = [
     [222, 222, 222],
     [255, 255, 255],
@@ -17,19 +17,6 @@ const PALETTE: [[u8; 3]; 9] = [
     [253, 238, 227],
     [227, 239, 247],
 ];
-
-/// Cells that differ; each counts once.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct DifferingCells {
-    /// Free before, occupied since.
-    pub to_occupied: u64,
-    /// Occupied before, free since.
-    pub to_free: u64,
-    /// Free or occupied before, unknown since.
-    pub to_unknown: u64,
-    /// Unknown before, free or occupied since.
-    pub from_unknown: u64,
-}
 
 /// How two maps differ.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +30,8 @@ pub struct MapDifference {
 }
 
 impl MapDifference {
-    /// Compares two maps wherever one of them is; outside a map nothing is known. Cells are as large as the
-    /// larger ones of the two, and larger still if the picture had more than [`CELLS_MAX`].
+    /// Compares two maps over the area of both; outside a map everything is unknown. Cells are as large as the
+    /// larger ones of the two, doubled until the picture has at most [`CELLS_MAX`].
     pub fn between(before: &MapRaster<'_>, after: &MapRaster<'_>) -> Self {
         let mut resolution_m = before.resolution_m().max(after.resolution_m());
         let mut frame = frame_of([before, after], resolution_m);
@@ -59,14 +46,14 @@ impl MapDifference {
             cells: DifferingCells::default(),
             bounds_m: None,
         };
-        let [smaller_before, smaller_after] =
+        let [doublings_before, doublings_after] =
             [before, after].map(|map| map.doublings_to(resolution_m));
         let mut differing: Option<Frame> = None;
         for row in (frame.rows[0]..frame.rows[1]).rev() {
             for column in frame.columns[0]..frame.columns[1] {
-                let then = before.rank_at(column, row, smaller_before);
-                let now = after.rank_at(column, row, smaller_after);
-                let colour = COLOUR_OF[usize::from(then)][usize::from(now)];
+                let then = before.occupancy_at(column, row, doublings_before);
+                let now = after.occupancy_at(column, row, doublings_after);
+                let colour = COLOUR_OF[then as usize][now as usize];
                 difference.pixels.push(colour);
                 if then != now {
                     difference.cells.count(then, now);
@@ -121,18 +108,6 @@ impl MapDifference {
 fn packed(pixels: &[u8]) -> u8 {
     let second = pixels.get(1).copied().unwrap_or_default();
     pixels[0] << 4 | second
-}
-
-impl DifferingCells {
-    /// Counts a cell that differs, by the ranks of what was and is known of it.
-    fn count(&mut self, then: u8, now: u8) {
-        match (then, now) {
-            (0, _) => self.from_unknown += 1,
-            (_, 0) => self.to_unknown += 1,
-            (_, 1) => self.to_free += 1,
-            _ => self.to_occupied += 1,
-        }
-    }
 }
 
 /// Columns and rows of cells, each from the first to the one after the last.

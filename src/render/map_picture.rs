@@ -1,6 +1,6 @@
-//! A map's picture in every format that it is offered in.
+//! A map's picture in every format that the API offers.
 
-use super::{Decided, Look, MapImageError, OccupancyGrid, to_pgm, to_png, to_yaml};
+use super::{Decided, MapImageError, OccupancyGrid, PosedScan, to_pgm, to_png, to_yaml};
 
 /// Edge of a cell of a map's picture, metres.
 pub const MAP_RESOLUTION_M: f64 = 0.05;
@@ -19,19 +19,23 @@ pub struct MapPicture {
 }
 
 impl MapPicture {
-    /// Draws looks as [`OccupancyGrid::from_looks`] counts them: the same looks and changes make
-    /// the same bytes.
+    /// Draws scans as [`OccupancyGrid::from_posed_scans`] counts them. The same scans and changes make the
+    /// same bytes.
     ///
     /// # Errors
     /// [`MapImageError`].
     pub fn draw<'a>(
-        looks: impl IntoIterator<Item = Look<'a>>,
+        scans: impl IntoIterator<Item = PosedScan<'a>>,
         decided: Decided<'_>,
     ) -> Result<Self, MapImageError> {
-        Self::of_grid(&OccupancyGrid::from_looks(looks, decided, MAP_RESOLUTION_M))
+        Self::of_grid(&OccupancyGrid::from_posed_scans(
+            scans,
+            decided,
+            MAP_RESOLUTION_M,
+        ))
     }
 
-    /// The picture of what was counted.
+    /// The picture of a grid.
     ///
     /// # Errors
     /// [`MapImageError`].

@@ -1,9 +1,10 @@
-//! Where the map is occupied, free, or never looked at.
+//! Where a map is occupied, free or unknown.
 
 use std::collections::BTreeMap;
 
 use super::cells::for_each_cell_before_end;
-use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, PendingChange, layer_of};
+use super::decided::{Decided, Step, What, steps};
+use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, layer_of};
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::StampNs;
 use crate::scan::{BandView, LaserScan};
@@ -12,14 +13,14 @@ use crate::scan::{BandView, LaserScan};
 pub const CELLS_MAX: usize = 24_000_000;
 /// A cell is occupied if at least this share of the scans that reached it ended in it.
 const OCCUPIED_SHARE_MIN: f64 = 0.15;
-/// Cells around everything that was seen.
+/// Cells around everything that was observed.
 const MARGIN_CELLS: f64 = 8.0;
 /// Marks a cell in which the scan at hand has a return.
 const HIT_MARK: u16 = 1 << 15;
 /// Counters are halved before one of them passes this, which keeps their ratio.
 const COUNT_MAX: u16 = HIT_MARK - 1;
 
-/// What is known of a cell.
+/// Whether something is in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Occupancy {
     /// No beam reached it.
@@ -30,24 +31,15 @@ pub enum Occupancy {
     Occupied,
 }
 
-/// A scan where and when it was taken.
+/// A scan with its pose and time.
 #[derive(Debug, Clone, Copy)]
-pub struct Look<'a> {
-    /// When.
+pub struct PosedScan<'a> {
+    /// When it was taken.
     pub stamp: StampNs,
-    /// Where.
+    /// Where it was taken.
     pub map_from_base: Pose2,
-    /// What was seen.
+    /// The ranges.
     pub scan: &'a LaserScan,
-}
-
-/// What of the looks a map does not show.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Decided<'a> {
-    /// In the region of each, only looks since then count.
-    pub accepted: &'a [AcceptedChange],
-    /// In the region of each, looks since then do not count.
-    pub pending: &'a [PendingChange],
 }
 
 /// A grid over the map frame that counts beams.
@@ -56,8 +48,8 @@ pub struct Decided<'a> {
 /// Where a scan has a return, its other beams add no pass: a beam that grazes a wall does not
 /// wear it away. A beam without a return is evidence of nothing and adds nothing (REP-117).
 ///
-/// Scans of different height bands are counted apart, since one may see under what the other sees:
-/// a cell shows what the band says that has something there, else the one that says most.
+/// Scans of different height bands are counted separately, since one may see under what the other hits. A
+/// cell shows the band in which it is occupied, else the one in which it is free.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OccupancyGrid {
     resolution_m: f64,
@@ -71,8 +63,8 @@ pub struct OccupancyGrid {
 impl OccupancyGrid {
     /// Draws scans, each with its `map_from_base`, into cells of `resolution_m`.
     ///
-    /// Cell borders lie on whole multiples of the resolution, so that grids of the same map lie
-    /// on each other. The resolution is doubled until the grid has at most [`CELLS_MAX`] cells.
+    /// Cell borders are whole multiples of the resolution, so that grids of the same map align. The
+    /// resolution is doubled until the grid has at most [`CELLS_MAX`] cells.
     /// Scans at poses that are not finite are left out. Cost: beams × cells a beam.
     pub fn from_scans<'a>(
         scans: impl IntoIterator<Item = (Pose2, &'a LaserScan)>,
@@ -92,35 +84,40 @@ impl OccupancyGrid {
         layers.reduce(Self::merged).unwrap_or(empty)
     }
 
-    /// As [`OccupancyGrid::from_scans`], in the order of time; in the region of an accepted
-    /// change only looks since then count, in that of a pending one those before it.
-    pub fn from_looks<'a>(
-        looks: impl IntoIterator<Item = Look<'a>>,
+    /// As [`OccupancyGrid::from_scans`], in the order of time. In the region of an accepted change only
+    /// scans since then count, in that of a pending one only those before it.
+    pub fn from_posed_scans<'a>(
+        scans: impl IntoIterator<Item = PosedScan<'a>>,
         decided: Decided<'_>,
         resolution_m: f64,
     ) -> Self {
-        let looks = looks.into_iter();
-        let mut looks: Vec<_> = looks.filter(|l| l.map_from_base.is_finite()).collect();
-        looks.sort_by_key(|look| look.stamp);
+        let scans = scans.into_iter();
+        let mut scans: Vec<_> = scans.filter(|s| s.map_from_base.is_finite()).collect();
+        scans.sort_by_key(|scan| scan.stamp);
         let steps = steps(decided);
-        let scans: Vec<_> = looks.iter().map(|l| (l.map_from_base, l.scan)).collect();
-        let empty = Self::covering(&extent(&scans), resolution_m);
-        let layers = layers_of(looks, |look| look.scan).into_iter();
-        let layers = layers.map(|looks| empty.clone().with_looks(&looks, &steps, decided));
+        let poses: Vec<_> = scans.iter().map(|s| (s.map_from_base, s.scan)).collect();
+        let empty = Self::covering(&extent(&poses), resolution_m);
+        let layers = layers_of(scans, |scan| scan.scan).into_iter();
+        let layers = layers.map(|scans| empty.clone().with_scans(&scans, &steps, decided));
         layers.reduce(Self::merged).unwrap_or(empty)
     }
 
-    /// Draws looks and takes the steps of changes, both in the order of time.
-    fn with_looks(mut self, looks: &[Look<'_>], steps: &[Step<'_>], decided: Decided<'_>) -> Self {
+    /// Draws scans and applies the steps of changes, both in the order of time.
+    fn with_scans(
+        mut self,
+        scans: &[PosedScan<'_>],
+        steps: &[Step<'_>],
+        decided: Decided<'_>,
+    ) -> Self {
         let mut steps = steps.iter().peekable();
         let mut before = vec![Vec::new(); decided.pending.len()];
         let mut returns = Vec::new();
-        for look in looks {
-            while let Some(step) = steps.next_if(|step| step.at.is_some_and(|at| at <= look.stamp))
+        for scan in scans {
+            while let Some(step) = steps.next_if(|step| step.at.is_some_and(|at| at <= scan.stamp))
             {
                 self.take(step, &mut before, decided.accepted);
             }
-            self.draw(&look.map_from_base, look.scan, &mut returns);
+            self.draw(&scan.map_from_base, scan.scan, &mut returns);
         }
         steps.for_each(|step| self.take(step, &mut before, decided.accepted));
         self
@@ -147,7 +144,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// In each cell what that one of two grids has that shows more there.
+    /// The counts, in each cell, of that grid in which it is occupied, else free.
     fn merged(mut self, other: Self) -> Self {
         let shown = |hits: u16, passes: u16| (shown_by(hits, passes), hits, passes);
         for cell in 0..self.hits.len() {
@@ -298,16 +295,15 @@ impl OccupancyGrid {
         self.height
     }
 
-    /// Beams that ended in a cell and beams that went through it; `None` outside the grid.
-    /// Counts of cells that were reached more than 32,767 times are halved, both.
+    /// Beams that ended in a cell (hits) and beams that went through it (passes); `None` outside the grid.
+    /// Beyond 32,767 both counts are halved.
     pub fn counts(&self, column: usize, row: usize) -> Option<(u16, u16)> {
         let inside = column < self.width && row < self.height;
         let cell = row * self.width + column;
         inside.then(|| (self.hits[cell], self.passes[cell]))
     }
 
-    /// What is known of a cell; column 0 is the lowest x, row 0 the lowest y. Outside the grid
-    /// nothing is known.
+    /// The occupancy of a cell; column 0 is the lowest x, row 0 the lowest y. Unknown outside the grid.
     pub fn occupancy(&self, column: usize, row: usize) -> Occupancy {
         match self.counts(column, row) {
             None => Occupancy::Unknown,
@@ -328,44 +324,6 @@ impl OccupancyGrid {
 
 /// A cell with its hits and passes.
 type Counted = (usize, u16, u16);
-
-/// Something that is done to a grid before the looks of a time are drawn; at the end without one.
-struct Step<'a> {
-    at: Option<StampNs>,
-    what: What<'a>,
-}
-
-enum What<'a> {
-    /// Everything in the region of an accepted change goes.
-    Forget(&'a AcceptedChange),
-    /// The region of the pending change of this number is as it is before the change.
-    Remember(usize, &'a PendingChange),
-    /// It becomes that again.
-    Restore(usize),
-}
-
-/// What is done for the changes, in the order of time. What began last ends first, so that changes on
-/// top of each other leave what was there before the first.
-fn steps<'a>(decided: Decided<'a>) -> Vec<Step<'a>> {
-    let forget = decided.accepted.iter().map(|change| Step {
-        at: Some(change.since),
-        what: What::Forget(change),
-    });
-    let mut steps: Vec<Step<'a>> = forget.collect();
-    let mut pending: Vec<_> = decided.pending.iter().enumerate().collect();
-    pending.sort_by_key(|(_, change)| change.since);
-    steps.extend(pending.iter().map(|&(k, change)| Step {
-        at: Some(change.since),
-        what: What::Remember(k, change),
-    }));
-    steps.extend(pending.iter().rev().map(|&(k, change)| Step {
-        at: change.until,
-        what: What::Restore(k),
-    }));
-    // `None` is after all times.
-    steps.sort_by_key(|step| (step.at.is_none(), step.at));
-    steps
-}
 
 /// What hits and passes of a cell show.
 fn shown_by(hits: u16, passes: u16) -> Occupancy {
@@ -429,6 +387,7 @@ fn end_points<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::change::PendingChange;
     use crate::scan::Lidar;
     use std::f64::consts::{FRAC_PI_2, PI};
     use std::sync::Arc;
@@ -445,7 +404,7 @@ mod tests {
         })
     }
 
-    /// A look around from inside the square |x| ≤ 1.025, |y| ≤ 1.025.
+    /// A full scan from inside the square |x| ≤ 1.025, |y| ≤ 1.025.
     fn square_room(lidar: &Arc<Lidar>, beams: usize, at: &Pose2) -> LaserScan {
         let eye = at.compose(&lidar.mount);
         let ranges = (0..beams).map(|k| {
@@ -490,17 +449,17 @@ mod tests {
         // pose is 2 cm off, so that its beams run along inside the wall's cells.
         let beams = 720;
         let lidar = lidar(beams, Pose2::IDENTITY);
-        let look = |at: Pose2| {
+        let scan = |at: Pose2| {
             let ranges = (0..beams).map(|k| {
                 let sin = (at.theta + lidar.beam_angle_rad(k)).sin();
                 (sin > 0.02).then(|| (2.02 - at.y) / sin)
             });
             LaserScan::new(lidar.clone(), ranges).unwrap()
         };
-        let mut scans = vec![(Pose2::IDENTITY, look(Pose2::IDENTITY))];
+        let mut scans = vec![(Pose2::IDENTITY, scan(Pose2::IDENTITY))];
         for k in 0..30 {
             let at = Pose2::new(-4.0 - 0.1 * f64::from(k), 0.0, 0.0);
-            scans.push((Pose2::new(at.x, 0.02, 0.0), look(at)));
+            scans.push((Pose2::new(at.x, 0.02, 0.0), scan(at)));
         }
         let grid = OccupancyGrid::from_scans(scans.iter().map(|(p, s)| (*p, s)), 0.05);
         for k in -15..15 {
@@ -513,12 +472,12 @@ mod tests {
     #[test]
     fn a_passer_by_is_not_drawn_and_no_return_is_not_free() {
         let lidar = lidar(4, Pose2::IDENTITY);
-        // Beams look along −x, −y, +x, +y.
+        // The beams point along −x, −y, +x, +y.
         let empty = LaserScan::new(lidar.clone(), [None, None, Some(5.0), None]).unwrap();
         let person = LaserScan::new(lidar, [None, None, Some(2.0), None]).unwrap();
         let pose = Pose2::new(0.025, 0.025, 0.0);
-        let looks = std::iter::repeat_n((pose, &empty), 20).chain([(pose, &person)]);
-        let grid = OccupancyGrid::from_scans(looks, 0.05);
+        let scans = std::iter::repeat_n((pose, &empty), 20).chain([(pose, &person)]);
+        let grid = OccupancyGrid::from_scans(scans, 0.05);
         let at = |x: f64, y: f64| {
             let (column, row) = grid.cell_at(&Vector2::new(x, y)).unwrap();
             (
@@ -552,8 +511,8 @@ mod tests {
         let pose = Pose2::new(0.025, 0.025, 0.0);
         let under = of_band(Some((0.1, 0.4)), 5.0);
         let top = of_band(Some((0.6, 1.0)), 2.0);
-        let looks = std::iter::repeat_n((pose, &under), 20).chain([(pose, &top)]);
-        let grid = OccupancyGrid::from_scans(looks.clone(), 0.05);
+        let scans = std::iter::repeat_n((pose, &under), 20).chain([(pose, &top)]);
+        let grid = OccupancyGrid::from_scans(scans.clone(), 0.05);
         let at = |grid: &OccupancyGrid, x: f64| {
             let (column, row) = grid.cell_at(&Vector2::new(x, 0.025)).unwrap();
             grid.occupancy(column, row)
@@ -568,13 +527,13 @@ mod tests {
         // Free space is drawn where the band is seen, and no farther.
         assert_eq!(at(&grid, 0.225), Occupancy::Unknown);
         assert_eq!(at(&grid, 4.025), Occupancy::Unknown);
-        let as_looks = looks.map(|(map_from_base, scan)| Look {
+        let posed = scans.map(|(map_from_base, scan)| PosedScan {
             stamp: StampNs(0),
             map_from_base,
             scan,
         });
         assert_eq!(
-            OccupancyGrid::from_looks(as_looks, Decided::default(), 0.05),
+            OccupancyGrid::from_posed_scans(posed, Decided::default(), 0.05),
             grid
         );
     }
@@ -585,10 +544,10 @@ mod tests {
         use crate::ids::{AlertId, EdgeId};
 
         let lidar = lidar(4, Pose2::IDENTITY);
-        let look =
+        let scan =
             |range_m| LaserScan::new(lidar.clone(), [None, None, Some(range_m), None]).unwrap();
-        let (wall, thing) = (look(2.0), look(1.0));
-        let at = |stamp: i64| Look {
+        let (wall, thing) = (scan(2.0), scan(1.0));
+        let at = |stamp: i64| PosedScan {
             stamp: StampNs(stamp),
             map_from_base: Pose2::new(0.025, 0.025, 0.0),
             scan: if (100..200).contains(&stamp) {
@@ -608,12 +567,12 @@ mod tests {
             first_edge_id: EdgeId(1),
         };
         let seen = |stamps: &[i64], changes: &[AcceptedChange]| {
-            let looks = stamps.iter().map(|&stamp| at(stamp));
+            let scans = stamps.iter().map(|&stamp| at(stamp));
             let decided = Decided {
                 accepted: changes,
                 ..Decided::default()
             };
-            let grid = OccupancyGrid::from_looks(looks, decided, 0.05);
+            let grid = OccupancyGrid::from_posed_scans(scans, decided, 0.05);
             [0.525, 1.025, 1.525].map(|x| {
                 let (column, row) = grid.cell_at(&Vector2::new(x, 0.025)).unwrap();
                 grid.counts(column, row).unwrap()
@@ -624,7 +583,7 @@ mod tests {
         assert_eq!(seen(&with_thing, &[]), [(0, 32), (2, 30), (0, 30)]);
         let change = [accepted(100, 2)];
         assert_eq!(seen(&with_thing, &change), [(0, 32), (2, 0), (0, 30)]);
-        // Whatever the order in which looks and changes come.
+        // Whatever the order in which scans and changes come.
         let mut late = with_thing.clone();
         late.reverse();
         assert_eq!(seen(&late, &change), [(0, 32), (2, 0), (0, 30)]);
@@ -644,9 +603,9 @@ mod tests {
     #[test]
     fn a_pending_change_is_not_shown_and_neither_is_what_was_over() {
         let lidar = lidar(4, Pose2::IDENTITY);
-        let look =
+        let scan =
             |range_m| LaserScan::new(lidar.clone(), [None, None, Some(range_m), None]).unwrap();
-        let (wall, thing) = (look(2.0), look(1.0));
+        let (wall, thing) = (scan(2.0), scan(1.0));
         let pending = |since: i64, until: Option<i64>| PendingChange {
             region: [[0.95, -0.1], [1.1, -0.1], [1.1, 0.1], [0.95, 0.1]]
                 .map(Vector2::from)
@@ -656,7 +615,7 @@ mod tests {
         };
         // The thing stands from 100 to 199.
         let seen = |stamps: std::ops::Range<i64>, pending: &[PendingChange]| {
-            let looks = stamps.map(|stamp| Look {
+            let scans = stamps.map(|stamp| PosedScan {
                 stamp: StampNs(stamp),
                 map_from_base: Pose2::new(0.025, 0.025, 0.0),
                 scan: if (100..200).contains(&stamp) {
@@ -669,7 +628,7 @@ mod tests {
                 pending,
                 ..Decided::default()
             };
-            let grid = OccupancyGrid::from_looks(looks, decided, 0.05);
+            let grid = OccupancyGrid::from_posed_scans(scans, decided, 0.05);
             let (column, row) = grid.cell_at(&Vector2::new(1.025, 0.025)).unwrap();
             grid.counts(column, row).unwrap()
         };
@@ -707,8 +666,8 @@ mod tests {
     fn full_counters_keep_their_ratio() {
         let scan =
             LaserScan::new(lidar(4, Pose2::IDENTITY), [None, None, Some(1.0), None]).unwrap();
-        let looks = std::iter::repeat_n((Pose2::new(0.01, 0.01, 0.0), &scan), 70_000);
-        let grid = OccupancyGrid::from_scans(looks, 0.05);
+        let scans = std::iter::repeat_n((Pose2::new(0.01, 0.01, 0.0), &scan), 70_000);
+        let grid = OccupancyGrid::from_scans(scans, 0.05);
         let (column, row) = grid.cell_at(&Vector2::new(1.01, 0.01)).unwrap();
         let (hits, passes) = grid.counts(column, row).unwrap();
         assert!((16_000..=32_767).contains(&hits) && passes == 0);

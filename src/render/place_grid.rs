@@ -1,7 +1,7 @@
-//! What observations of a place hit and missed, cell by cell, before a change and since.
+//! Hits and misses of a place, cell by cell, before a change and since.
 
-use super::Look;
 use super::cells::for_each_cell_before_end;
+use super::{Occupancy, PosedScan};
 use crate::geometry::Vector2;
 use crate::model::PassSide;
 use crate::observation::{Observation, reach_m};
@@ -10,15 +10,15 @@ use crate::observation::{Observation, reach_m};
 const RESOLUTION_M: f64 = 0.05;
 /// Most cells of a place.
 const CELLS_MAX: f64 = 250_000.0;
-/// So much of the surroundings is shown to each side of a region, metres.
+/// Surroundings shown on each side of a region, metres.
 const MARGIN_M: f64 = 2.5;
-/// A cell is occupied if at least this share of the observations that say something hit it.
+/// A cell is occupied if at least this share of its hits and misses are hits.
 const OCCUPIED_SHARE_MIN: f64 = 0.15;
 
 /// A grid round a place that counts observations.
 ///
-/// An observation hits the cells in which its beams end, and misses those that beams went through and none
-/// ended in. A beam without a return says nothing.
+/// An observation hits the cells in which its beams end, and misses those that its beams only went through.
+/// A beam without a return counts for nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaceGrid {
     /// Edge of a cell, metres.
@@ -29,16 +29,16 @@ pub struct PlaceGrid {
     pub width: usize,
     /// Cells along y.
     pub height: usize,
-    /// What was observed before the change.
+    /// Observations before the change.
     pub before: SideCells,
-    /// What was observed since.
+    /// Observations since.
     pub since: SideCells,
 }
 
 /// The cells of one side, row by row from the lowest y.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SideCells {
-    /// Where the lidar was at each observation that says something about the place, map frame, metres.
+    /// Position of the lidar at each observation that hits or misses a cell, map frame, metres.
     pub eyes: Vec<Vector2<f64>>,
     /// Observations that hit each cell.
     pub hits: Vec<u32>,
@@ -46,41 +46,30 @@ pub struct SideCells {
     pub misses: Vec<u32>,
 }
 
-/// What one side says of a cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Said {
-    /// Nothing.
-    Nothing,
-    /// It was missed.
-    Free,
-    /// It was hit.
-    Occupied,
-}
-
 impl SideCells {
-    /// What it says of a cell.
-    pub fn said_of(&self, cell: usize) -> Said {
+    /// The occupancy of a cell by its hits and misses.
+    pub fn occupancy(&self, cell: usize) -> Occupancy {
         let (hits, misses) = (f64::from(self.hits[cell]), f64::from(self.misses[cell]));
         if hits + misses == 0.0 {
-            Said::Nothing
+            Occupancy::Unknown
         } else if hits > 0.0 && hits >= OCCUPIED_SHARE_MIN * (hits + misses) {
-            Said::Occupied
+            Occupancy::Occupied
         } else {
-            Said::Free
+            Occupancy::Free
         }
     }
 }
 
 impl PlaceGrid {
-    /// Whether a side hit a cell or one beside it: a surface on the border of two cells is hit now in one,
-    /// now in the other.
+    /// Whether a cell or one of its neighbours is occupied: a surface on the border of two cells is hit in
+    /// either.
     pub fn is_hit_near(&self, side: &SideCells, cell: usize) -> bool {
         let (column, row) = (cell % self.width, cell / self.width);
         let columns = column.saturating_sub(1)..(column + 2).min(self.width);
         let mut rows = row.saturating_sub(1)..(row + 2).min(self.height);
         rows.any(|row| {
             let mut cells = columns.clone().map(|column| row * self.width + column);
-            cells.any(|cell| side.said_of(cell) == Said::Occupied)
+            cells.any(|cell| side.occupancy(cell) == Occupancy::Occupied)
         })
     }
 
@@ -115,12 +104,15 @@ impl PlaceGrid {
         }
     }
 
-    /// Counts observations, each on its side. Cost: beams × cells a beam.
+    /// Counts scans, each on its side. Cost: beams × cells a beam.
     #[must_use]
-    pub fn with_looks<'a>(mut self, looks: impl IntoIterator<Item = (PassSide, Look<'a>)>) -> Self {
+    pub fn with_scans<'a>(
+        mut self,
+        scans: impl IntoIterator<Item = (PassSide, PosedScan<'a>)>,
+    ) -> Self {
         let mut counted_by = vec![0; self.width * self.height];
-        for (number, (side, look)) in (1..).zip(looks) {
-            let cells = self.touched_by(&look, number, &mut counted_by);
+        for (number, (side, scan)) in (1..).zip(scans) {
+            let cells = self.touched_by(&scan, number, &mut counted_by);
             let Some((hits, misses)) = cells else {
                 continue;
             };
@@ -130,22 +122,22 @@ impl PlaceGrid {
             };
             hits.into_iter().for_each(|cell| side.hits[cell] += 1);
             misses.into_iter().for_each(|cell| side.misses[cell] += 1);
-            let mount = look.scan.lidar().mount;
-            let eye = look.map_from_base.compose(&mount).translation();
+            let mount = scan.scan.lidar().mount;
+            let eye = scan.map_from_base.compose(&mount).translation();
             side.eyes.push(eye);
         }
         self
     }
 
-    /// The cells that an observation hits and those that it misses, each once; `None` if there are none.
+    /// The cells that a scan hits and those that it misses, each once; `None` if there are none.
     fn touched_by(
         &self,
-        look: &Look<'_>,
+        scan: &PosedScan<'_>,
         number: u32,
         counted_by: &mut [u32],
     ) -> Option<(Vec<usize>, Vec<usize>)> {
-        let lidar = look.scan.lidar();
-        let observation = Observation::new(look.scan, &look.map_from_base);
+        let lidar = scan.scan.lidar();
+        let observation = Observation::new(scan.scan, &scan.map_from_base);
         let to_cells = |point: &Vector2<f64>| (point - self.origin) / self.resolution_m;
         let (eye, reach_m) = (observation.eye(), reach_m(lidar));
         let (mut hits, mut misses) = (Vec::new(), Vec::new());
@@ -160,7 +152,7 @@ impl PlaceGrid {
                 count(cell, &mut hits);
             }
         }
-        for beam in 0..look.scan.beam_count() {
+        for beam in 0..scan.scan.beam_count() {
             let Some(end) = observation.end_of(beam) else {
                 continue;
             };
@@ -246,14 +238,14 @@ mod tests {
             (0..5).map(move |k| (side, pose(k), world.scan(&lidar, 1440, &pose(k), || 0.0)))
         });
         let taken: Vec<_> = taken.collect();
-        PlaceGrid::around(&region()).with_looks(taken.iter().map(|(side, map_from_base, scan)| {
+        PlaceGrid::around(&region()).with_scans(taken.iter().map(|(side, map_from_base, scan)| {
             let (stamp, map_from_base) = (StampNs(0), *map_from_base);
-            let look = Look {
+            let scan = PosedScan {
                 stamp,
                 map_from_base,
                 scan,
             };
-            (*side, look)
+            (*side, scan)
         }))
     }
 
@@ -266,15 +258,15 @@ mod tests {
         let grid = seen([&room, &with_box]);
         assert_eq!((grid.before.eyes.len(), grid.since.eyes.len()), (5, 5));
         let near = cell(&grid, 2.03, 1.1);
-        assert_eq!(grid.before.said_of(near), Said::Free);
-        assert_eq!(grid.since.said_of(near), Said::Occupied);
+        assert_eq!(grid.before.occupancy(near), Occupancy::Free);
+        assert_eq!(grid.since.occupancy(near), Occupancy::Occupied);
         assert_eq!((grid.before.hits[near], grid.before.misses[near]), (0, 5));
         let inside = cell(&grid, 2.2, 1.1);
-        assert_eq!(grid.before.said_of(inside), Said::Free);
-        assert_eq!(grid.since.said_of(inside), Said::Nothing);
+        assert_eq!(grid.before.occupancy(inside), Occupancy::Free);
+        assert_eq!(grid.since.occupancy(inside), Occupancy::Unknown);
         let wall = cell(&grid, 4.02, -1.0);
-        assert_eq!(grid.before.said_of(wall), Said::Occupied);
-        assert_eq!(grid.since.said_of(wall), Said::Occupied);
+        assert_eq!(grid.before.occupancy(wall), Occupancy::Occupied);
+        assert_eq!(grid.since.occupancy(wall), Occupancy::Occupied);
         // A cell is counted once for each observation.
         let most = |side: &SideCells| {
             let counts = side.hits.iter().zip(&side.misses);
@@ -289,7 +281,7 @@ mod tests {
         let room = World::default().with_rectangle([-4.0, -2.0], [4.0, 0.6]);
         let grid = seen([&room, &room]);
         let hidden = cell(&grid, 2.2, 1.1);
-        assert_eq!(grid.before.said_of(hidden), Said::Nothing);
+        assert_eq!(grid.before.occupancy(hidden), Occupancy::Unknown);
         let elsewhere = World::default().with_rectangle([-4.0, -0.4], [-0.6, 0.5]);
         assert!(seen([&elsewhere, &room]).before.eyes.is_empty());
     }

@@ -1,9 +1,10 @@
-//! What was observed of a place before a change and since, as one picture: a self-contained SVG without
-//! scripts, fonts or links.
+//! The observations of a place before a change and since, as one self-contained SVG without scripts, fonts
+//! or links.
 
 use std::collections::BTreeSet;
 
-use super::place_grid::{PlaceGrid, Said, SideCells};
+use super::Occupancy;
+use super::place_grid::{PlaceGrid, SideCells};
 use super::svg_text::{Ink, escaped, label, px};
 use crate::geometry::Vector2;
 use crate::model::ShownSide;
@@ -18,7 +19,7 @@ const LINE_PX: f64 = 20.0;
 /// Letters in a line of the summary.
 const LINE_LETTERS: usize = 104;
 
-// Blue and vermilion of Okabe and Ito's palette, which everybody can tell apart.
+// Blue and vermilion of Okabe and Ito's palette, which colour-blind people can distinguish.
 const BEFORE: &str = "#0072b2";
 const SINCE: &str = "#d55e00";
 const BEFORE_PALE: &str = "#9cc3de";
@@ -37,16 +38,16 @@ pub struct PlacePicture<'a> {
     pub title: &'a str,
     /// The same in a sentence.
     pub summary: &'a str,
-    /// What was observed.
+    /// The observations.
     pub grid: &'a PlaceGrid,
     /// A simple polygon round what changed, map frame, metres.
     pub region: &'a [Vector2<f64>],
-    /// Whose observations.
+    /// Which side's observations are drawn.
     pub shown: ShownSide,
 }
 
 /// Draws the picture: 900 pixels wide, light background, y upwards. Its view `#place` is the place alone,
-/// for pages that have the words elsewhere. The same observations make the same bytes.
+/// for pages that have the text elsewhere. The same observations make the same bytes.
 pub fn to_svg(picture: &PlacePicture<'_>) -> String {
     let place = Place::of(picture.grid);
     let height_px = PLACE_TOP_PX + place.height_px + LEGEND_HEIGHT_PX;
@@ -85,30 +86,30 @@ fn lines(sentence: &str) -> Vec<String> {
     lines
 }
 
-/// How a cell is filled; `None` where nothing is known.
+/// How a cell is filled; `None` where it is unknown.
 fn fill_of(grid: &PlaceGrid, shown: ShownSide, cell: usize) -> Option<&'static str> {
-    let (before, since) = (grid.before.said_of(cell), grid.since.said_of(cell));
+    let (before, since) = (grid.before.occupancy(cell), grid.since.occupancy(cell));
     let (before, since) = match shown {
-        ShownSide::Before => (before, Said::Nothing),
-        ShownSide::Since => (Said::Nothing, since),
+        ShownSide::Before => (before, Occupancy::Unknown),
+        ShownSide::Since => (Occupancy::Unknown, since),
         ShownSide::Both => (before, since),
     };
     let is_alone = shown != ShownSide::Both;
     let agrees = |side: &SideCells| !is_alone && grid.is_hit_near(side, cell);
     match (before, since) {
-        (Said::Nothing, Said::Nothing) => None,
-        (Said::Occupied, Said::Occupied) => Some(BOTH),
-        (Said::Occupied, _) if agrees(&grid.since) => Some(BOTH),
-        (_, Said::Occupied) if agrees(&grid.before) => Some(BOTH),
-        (Said::Occupied, Said::Free) => Some(BEFORE),
-        (Said::Free, Said::Occupied) => Some(SINCE),
-        (Said::Occupied, Said::Nothing) if is_alone => Some(BEFORE),
-        (Said::Nothing, Said::Occupied) if is_alone => Some(SINCE),
-        (Said::Occupied, Said::Nothing) => Some(BEFORE_PALE),
-        (Said::Nothing, Said::Occupied) => Some(SINCE_PALE),
-        (Said::Free, Said::Nothing) => Some(FREE_BEFORE),
-        (Said::Nothing, Said::Free) => Some(FREE_SINCE),
-        (Said::Free, Said::Free) => Some(FREE_BOTH),
+        (Occupancy::Unknown, Occupancy::Unknown) => None,
+        (Occupancy::Occupied, Occupancy::Occupied) => Some(BOTH),
+        (Occupancy::Occupied, _) if agrees(&grid.since) => Some(BOTH),
+        (_, Occupancy::Occupied) if agrees(&grid.before) => Some(BOTH),
+        (Occupancy::Occupied, Occupancy::Free) => Some(BEFORE),
+        (Occupancy::Free, Occupancy::Occupied) => Some(SINCE),
+        (Occupancy::Occupied, Occupancy::Unknown) if is_alone => Some(BEFORE),
+        (Occupancy::Unknown, Occupancy::Occupied) if is_alone => Some(SINCE),
+        (Occupancy::Occupied, Occupancy::Unknown) => Some(BEFORE_PALE),
+        (Occupancy::Unknown, Occupancy::Occupied) => Some(SINCE_PALE),
+        (Occupancy::Free, Occupancy::Unknown) => Some(FREE_BEFORE),
+        (Occupancy::Unknown, Occupancy::Free) => Some(FREE_SINCE),
+        (Occupancy::Free, Occupancy::Free) => Some(FREE_BOTH),
     }
 }
 
@@ -180,8 +181,7 @@ impl Place {
         self.draw_scale(svg, picture.grid);
     }
 
-    /// Draws cells in one path a colour, those of a row that lie together as one rectangle; in units of
-    /// cells.
+    /// Draws the cells, one path a colour, with one rectangle for each run of a row; in units of cells.
     fn draw_cells(&self, svg: &mut String, picture: &PlacePicture<'_>) {
         let grid = picture.grid;
         svg.push_str(&format!(
@@ -217,7 +217,7 @@ impl Place {
         svg.push_str("</g>\n");
     }
 
-    /// Draws a dot in each cell from which something was observed.
+    /// Draws a dot in each cell in which a lidar was.
     fn draw_eyes(&self, svg: &mut String, grid: &PlaceGrid, side: &SideCells, colour: &str) {
         let size = Vector2::new(grid.width as f64, grid.height as f64);
         let in_cells = side
@@ -257,7 +257,7 @@ impl Place {
     }
 }
 
-/// Which colours and signs mean what, under the place.
+/// The legend under the place.
 fn legend(svg: &mut String, picture: &PlacePicture<'_>, top_px: f64) {
     let grid = picture.grid;
     let left = [MARGIN_PX, MARGIN_PX + 440.0];
@@ -316,7 +316,7 @@ fn observations(when: &str, side: &SideCells) -> String {
     }
 }
 
-/// Squares and what they stand for.
+/// Squares and what they mean.
 fn key(svg: &mut String, (x_px, y_px): (f64, f64), colours: &[&str], words: &str) {
     for (place, colour) in (0..).zip(colours) {
         svg.push_str(&format!(

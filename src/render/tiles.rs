@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::{MAP_RESOLUTION_M, MapImageError};
+use super::{MAP_RESOLUTION_M, MapImageError, Occupancy};
 
 /// Pixels along the edge of a tile.
 pub const TILE_PIXELS: usize = 256;
@@ -119,7 +119,7 @@ impl<'a> MapRaster<'a> {
             let of_row = &self.pixels[row * self.width..][..self.width];
             let lines = scale.pixels_of(first_row + row as i64, y);
             for column in columns.clone() {
-                let rank = rank(of_row[column]);
+                let rank = occupancy_of(of_row[column]) as u8;
                 if rank == 0 {
                     continue;
                 }
@@ -134,15 +134,15 @@ impl<'a> MapRaster<'a> {
         ranks
     }
 
-    /// By how many doublings cells of this edge are larger than the map's.
+    /// How often the map's cell edge must be doubled to give this one, metres.
     pub(super) fn doublings_to(&self, resolution_m: f64) -> u32 {
         let doublings = (resolution_m / self.resolution_m).log2().round();
         (doublings as u32).min(30)
     }
 
-    /// What is known of a cell that is by so many doublings larger than the map's, counted from the map's
-    /// origin: the highest rank of the map's cells in it.
-    pub(super) fn rank_at(&self, column: i64, row: i64, doublings: u32) -> u8 {
+    /// The occupancy of a cell whose edge is the map's doubled `doublings` times, counted from the map's
+    /// origin: occupied if any of the map's cells in it is, else free if any is.
+    pub(super) fn occupancy_at(&self, column: i64, row: i64, doublings: u32) -> Occupancy {
         let within = |cell: i64, first: i64, cells: usize| {
             let index = |cell: i64| (cell - first).clamp(0, cells as i64) as usize;
             index(cell << doublings)..index((cell + 1) << doublings)
@@ -153,7 +153,8 @@ impl<'a> MapRaster<'a> {
             let of_row = &self.pixels[(self.height - 1 - row) * self.width..];
             &of_row[columns.clone()]
         });
-        greys.map(|grey| rank(*grey)).max().unwrap_or_default()
+        let occupancies = greys.map(|grey| occupancy_of(*grey));
+        occupancies.max().unwrap_or(Occupancy::Unknown)
     }
 
     /// The zoom at which a cell is a pixel; below 0 for a map of very coarse cells.
@@ -169,7 +170,7 @@ impl<'a> MapRaster<'a> {
 struct Scale(i32);
 
 impl Scale {
-    /// Which of a map's cells along one axis lie in a tile, the first of them so many from the origin.
+    /// Which of a map's cells along one axis lie in a tile, the first of them this many from the origin.
     fn cells_of(self, tile: i32, first_cell: i64, cells: usize) -> Range<usize> {
         let pixels = TILE_PIXELS as i64;
         let first = i64::from(tile) * pixels;
@@ -193,12 +194,12 @@ impl Scale {
     }
 }
 
-/// What a grey value of a PGM stands for: 0 unknown, 1 free, 2 occupied.
-fn rank(grey: u8) -> u8 {
+/// What a grey value of a PGM stands for.
+fn occupancy_of(grey: u8) -> Occupancy {
     match grey {
-        0 => 2,
-        254.. => 1,
-        _ => 0,
+        0 => Occupancy::Occupied,
+        254.. => Occupancy::Free,
+        _ => Occupancy::Unknown,
     }
 }
 
@@ -249,7 +250,7 @@ mod tests {
                 return 0;
             }
             let from_above = self.height - 1 - row as usize;
-            rank(self.pixels[from_above * self.width + column as usize])
+            occupancy_of(self.pixels[from_above * self.width + column as usize]) as u8
         }
     }
 

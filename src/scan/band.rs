@@ -4,17 +4,17 @@ use std::cmp::Ordering;
 
 use super::limits::RANGE_MAX_M;
 
-/// Nothing that concerns a vehicle is lower than this, metres above the floor, …
+/// Lowest limit of a band, metres above the floor, …
 pub const BAND_LOWEST_M: f64 = -1.0;
-/// … or higher.
+/// … and highest.
 pub const BAND_HIGHEST_M: f64 = 10.0;
-/// Thinnest band, metres: what is thinner is noise of the ranges and of the vehicle's level.
+/// Thinnest band, metres: thinner ones are within the noise of ranges and of the vehicle's attitude.
 pub const BAND_THINNEST_M: f64 = 0.02;
 
 /// Heights above the floor that a virtual scan is made of. Scans of different bands are different
-/// layers: what one shows is no evidence for or against what another shows.
+/// layers: one is no evidence for or against another.
 ///
-/// Bands are told apart by both their ends, and sorted from the lowest.
+/// Bands are distinguished by both limits, and sorted from the lowest.
 #[derive(Debug, Clone, Copy)]
 pub struct HeightBand {
     /// Lower end, metres above the floor.
@@ -25,24 +25,22 @@ pub struct HeightBand {
 
 /// A band as a lidar sees it.
 ///
-/// A lidar above or below a band sees it only from some distance on, and far away its rays are too
-/// far apart in height. Between the two distances a scan says where the band is free; nearer and
-/// farther than that only what was hit.
+/// A lidar above or below a band sees it only from some distance on, and far away its rays are too far apart in
+/// height. Between the two distances a scan can show that the band is free; elsewhere only hits count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BandView {
     /// The band.
     pub band: HeightBand,
-    /// Nearer to the lidar than this its scans never say that the band is free, metres, on the
-    /// floor.
+    /// Nearest distance at which its scans show the band free, metres along the floor.
     pub clear_from_m: f64,
-    /// Nor farther away than this, metres.
+    /// Farthest such distance, metres.
     pub clear_to_m: f64,
 }
 
-/// What is wrong with a band; the display text teaches the sender.
+/// Why a band is refused; the text explains it to the sender.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum BandError {
-    /// An end is not finite or beyond belief.
+    /// A limit is not finite or not plausible.
     #[error(
         "a band lies within {BAND_LOWEST_M} m and {BAND_HIGHEST_M} m above the floor, not from \
          {from_m} to {to_m}: send metres above the floor, not above the lidar"
@@ -64,7 +62,7 @@ pub enum BandError {
         /// As sent.
         to_m: f64,
     },
-    /// The distances between which free space is told make no sense.
+    /// The distances between which free space is claimed make no sense.
     #[error(
         "clear_from {clear_from_m} must be at least 0 and below clear_to {clear_to_m}, and both at \
          most {RANGE_MAX_M} m: they are distances from the lidar along the floor"
@@ -81,7 +79,7 @@ impl HeightBand {
     /// Checks the ends.
     ///
     /// # Errors
-    /// [`BandError`] if they are not finite, not of this world, or not in order.
+    /// [`BandError`] if they are not finite, not plausible, or not in order.
     pub fn new(from_m: f64, to_m: f64) -> Result<Self, BandError> {
         let heights = BAND_LOWEST_M..=BAND_HIGHEST_M;
         if !heights.contains(&from_m) || !heights.contains(&to_m) {
@@ -100,7 +98,7 @@ impl HeightBand {
 }
 
 impl BandView {
-    /// Of a band that is seen all the way to `range_max_m`.
+    /// A band that is seen from 0 to `range_max_m`.
     pub fn all_the_way(band: HeightBand, range_max_m: f64) -> Self {
         Self {
             band,
@@ -129,7 +127,7 @@ impl BandView {
         Ok(self)
     }
 
-    /// Whether its scans may say that the band is free so far from the lidar, metres.
+    /// Whether its scans can show the band free at this distance from the lidar, metres.
     pub fn is_clear_at(&self, range_m: f64) -> bool {
         (self.clear_from_m..=self.clear_to_m).contains(&range_m)
     }

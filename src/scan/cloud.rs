@@ -1,9 +1,9 @@
 //! Virtual scans of height bands, from the cloud of a 3D lidar.
 //!
-//! A scan of a 2D lidar says two things with each range: something is there, and nothing is before
-//! it. Of a cloud only the first is plain. What a height band is free of follows from the rays: each
-//! passes through the band at one height, over those distances at which it is neither below nor
-//! above it, and ends somewhere. [`BandScanner`] works that out ray by ray.
+//! Each range of a 2D lidar states two things: something is there, and nothing is in front of it. For a height
+//! band of a cloud only the first is obvious. Where the band is free follows from the rays: each passes through
+//! it at one height, over the distances at which it is neither below nor above it. [`BandScanner`] computes
+//! that ray by ray.
 
 mod coverage;
 
@@ -17,8 +17,8 @@ use super::{
 };
 use crate::geometry::{Pose2, Vector2};
 
-/// Rings are evenly spread only on paper: where free space may be told, they lie so much closer
-/// together than they must, as a share.
+/// Margin for rings that are not exactly evenly spaced: free space is claimed only where they are closer
+/// together by this share than necessary.
 const COVERAGE_MARGIN: f64 = 0.8;
 /// A return this far above or below the lidar for each metre beside it is a ray straight up or
 /// down, which says nothing of a direction.
@@ -31,7 +31,7 @@ const SAME_M: f64 = 1e-6;
 pub struct CloudLidar {
     /// `base_from_lidar`, seen from above.
     pub mount: Pose2,
-    /// How high it is above the floor, metres.
+    /// Height above the floor, metres.
     pub height_m: f64,
     /// Elevations of its rings above the horizontal, radians, in any order.
     pub elevations_rad: Vec<f64>,
@@ -40,7 +40,7 @@ pub struct CloudLidar {
     pub beams: usize,
     /// Returns that are nearer than this, along the floor, are no hits, metres; positive.
     pub range_min_m: f64,
-    /// It sees no farther than this, metres.
+    /// Largest range, metres.
     pub range_max_m: f64,
     /// Standard deviation of a range, metres.
     pub range_sigma_m: f64,
@@ -58,7 +58,7 @@ pub enum CloudError {
     /// The virtual scan has no beams, or too many.
     #[error("a virtual scan has 8 to {BEAMS_MAX} beams, not {0}")]
     Beams(usize),
-    /// Nothing nearer than the lidar's own housing can be told apart from no measurement.
+    /// Nothing nearer than the lidar's own housing can be distinguished from no measurement.
     #[error("range_min {0} must be positive: what is nearer than it says nothing")]
     RangeMin(f64),
     /// The least height is not a part of the band.
@@ -137,7 +137,7 @@ impl CloudLidar {
 /// A lidar that is above or below the band sees it only from some distance on; far away its rings
 /// are too far apart. Both distances follow from the rings alone: they are
 /// [`clear_from_m`](BandView::clear_from_m) and [`clear_to_m`](BandView::clear_to_m) of the scans'
-/// lidar. "Free" is proven, and claimed, between them alone; a hit is told wherever it is.
+/// lidar. "Free" is proven, and claimed, between them alone; a hit is reported wherever it is.
 ///
 /// ```
 /// use mapshift::geometry::Pose2;
@@ -177,7 +177,7 @@ pub struct BandScanner {
 }
 
 impl BandScanner {
-    /// For a lidar and a band above the floor. Free space is told where nothing that is higher than
+    /// For a lidar and a band above the floor. Free space is claimed where nothing that is higher than
     /// `least_height_m` within the band can have slipped between the rays, metres.
     ///
     /// # Errors

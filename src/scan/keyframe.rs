@@ -11,11 +11,11 @@ pub struct KeyframeRule {
     pub turn_rad: f64,
 }
 
-/// A vehicle that has moved and turned by less stands: metres, radians.
+/// A vehicle that has moved and turned by less is stationary: metres, radians.
 const STANDING_M: f64 = 0.02;
 const STANDING_RAD: f64 = 0.01;
 
-/// Whether a motion is none.
+/// Whether the vehicle was stationary.
 pub fn is_standing(motion: &Pose2) -> bool {
     motion.translation().norm() <= STANDING_M && motion.theta.abs() <= STANDING_RAD
 }

@@ -8,23 +8,23 @@ use super::{BEAMS_MAX, Lidar};
 ///
 /// Ranges are held as whole ticks of [`Lidar::tick_m`], so that a scan from memory and the same
 /// scan from the store are equal to the bit. A beam without a return is tick 0, an invalid reading
-/// (too near, not a number) the last tick; what either is evidence of, [`Reading`] says.
+/// (too near, not a number) the last tick; see [`Reading`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaserScan {
     lidar: Arc<Lidar>,
-    /// The lidar's, at hand for many ray tests.
+    /// The lidar's tick length, cached for ray tests.
     tick_m: f64,
     ticks: Arc<[u16]>,
 }
 
-/// What one beam says.
+/// The reading of one beam.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reading {
-    /// Something was met at this range, metres.
+    /// A return at this range, metres.
     Range(f64),
-    /// Nothing was met within the lidar's range, or it gave nothing back.
+    /// No return: nothing within the lidar's range, or a surface that reflected nothing.
     NoReturn,
-    /// Nearer than the lidar can measure, or not a number: it says nothing.
+    /// Invalid: nearer than the lidar can measure, or not a number.
     Invalid,
 }
 
@@ -33,11 +33,11 @@ pub const NO_RETURN_TICK: u16 = 0;
 /// The tick of an invalid reading; the longest range is one less.
 pub const INVALID_TICK: u16 = u16::MAX;
 
-/// Two measurements differ by more than so many standard deviations, …
+/// Two measurements differ if they are apart by more than this many standard deviations, …
 const DIFFERENCE_SIGMAS: f64 = 6.0;
 /// … and more than this, metres.
 const DIFFERENCE_MIN_M: f64 = 0.05;
-/// Two scans differ if one beam in so many does.
+/// Two scans differ if one beam in this many does.
 const DIFFERING_ONE_IN: usize = 4;
 
 /// Why a sweep was refused.
@@ -46,7 +46,7 @@ pub enum ScanError {
     /// No beams, or too many.
     #[error("a scan has 1 to {BEAMS_MAX} beams, this one has {0}")]
     BeamCount(usize),
-    /// The beams go round more than once.
+    /// The beams cover more than a full turn.
     #[error(
         "{beams} beams cover {covered_deg:.0}°, more than one turn: is angle_increment right, or did you send degrees?"
     )]
@@ -124,7 +124,7 @@ impl LaserScan {
         self.ticks.len()
     }
 
-    /// What a beam says; a beam that is not there says nothing.
+    /// The reading of a beam; invalid if there is no such beam.
     pub fn reading(&self, beam: usize) -> Reading {
         match self.ticks.get(beam) {
             None | Some(&INVALID_TICK) => Reading::Invalid,
@@ -146,8 +146,7 @@ impl LaserScan {
         (0..self.beam_count()).map(|beam| self.range_m(beam))
     }
 
-    /// All beams as an upload has them, metres: `None` (null) without a return, 0 for one that says
-    /// nothing.
+    /// All beams in the form of an upload, metres: `None` (null) without a return, 0 if invalid.
     pub fn uploaded_ranges_m(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.beam_count()).map(|beam| match self.reading(beam) {
             Reading::Range(range_m) => Some(range_m),
@@ -156,8 +155,8 @@ impl LaserScan {
         })
     }
 
-    /// Whether it was taken from elsewhere than another scan of the lidar, or of another world: a
-    /// quarter of the beams with a measurement in both measures something else.
+    /// Whether it differs from another scan of the lidar: a quarter of the beams measured in both differ. It was
+    /// then taken elsewhere, or the world has changed.
     pub fn differs_from(&self, other: &Self) -> bool {
         let allowed_ticks =
             (DIFFERENCE_SIGMAS * self.lidar.range_sigma_m).max(DIFFERENCE_MIN_M) / self.tick_m;

@@ -7,23 +7,23 @@ use crate::geometry::{Pose2, Vector2};
 /// Range noise assumed where the sender states none, metres.
 pub const RANGE_SIGMA_DEFAULT_M: f64 = 0.01;
 
-/// Beams whose directions are told from one of them.
+/// Beams whose directions are derived from one computed direction.
 const BEAMS_TOGETHER: usize = 32;
 const MOUNT_OFFSET_MAX_M: f64 = 50.0;
-/// No lidar's beams are closer than this; one with the most beams sees an arc of 47°.
+/// Least angle between beams; with it, the most beams cover 47°.
 const ANGLE_INCREMENT_MIN_RAD: f64 = 1e-4;
 
-/// The geometry of a lidar: beam k looks along `angle_min_rad + k · angle_increment_rad` in the
+/// The geometry of a lidar: beam k points along `angle_min_rad + k · angle_increment_rad` in the
 /// lidar frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lidar {
     /// Direction of the first beam, radians, lidar frame.
     pub angle_min_rad: f64,
-    /// Turn from a beam to the next, radians, positive.
+    /// Angle between two beams, radians, positive.
     pub angle_increment_rad: f64,
-    /// Shorter ranges are no measurements, metres.
+    /// Shorter ranges are invalid, metres.
     pub range_min_m: f64,
-    /// Ranges of this length or longer are no measurements, metres.
+    /// Ranges of this length or longer are no returns, metres.
     pub range_max_m: f64,
     /// `base_from_lidar`.
     pub mount: Pose2,
@@ -33,7 +33,7 @@ pub struct Lidar {
     pub band: Option<BandView>,
 }
 
-/// What is wrong with a lidar's geometry; the display text teaches the sender.
+/// Why a lidar's geometry is refused; the text explains it to the sender.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LidarError {
     /// `angle_min` is not an angle.
@@ -98,8 +98,8 @@ impl Lidar {
         Ok(self)
     }
 
-    /// The lidar whose first beam is the last of so many that this one takes clockwise, beginning at
-    /// `angle_min_rad`: the same beams from the other end.
+    /// The counter-clockwise lidar with the same beams as this one, whose `beams` go clockwise from
+    /// `angle_min_rad`.
     #[must_use]
     pub fn counter_clockwise(self, beams: usize) -> Self {
         use std::f64::consts::{PI, TAU};
@@ -120,7 +120,7 @@ impl Lidar {
     /// Unit vectors along the first beams, lidar frame: cosine and sine of
     /// [`Lidar::beam_angle_rad`], to a few units in the last place.
     pub fn beam_directions(&self, count: usize) -> impl Iterator<Item = Vector2<f64>> + '_ {
-        // Sums of two angles out of short lists: most sines and cosines need not be taken.
+        // Angle sums from two short lists: most sines and cosines need not be computed.
         let direction = |angle_rad: f64| Vector2::new(angle_rad.cos(), angle_rad.sin());
         let within = std::array::from_fn::<_, BEAMS_TOGETHER, _>(|k| {
             direction(k as f64 * self.angle_increment_rad)
@@ -137,12 +137,12 @@ impl Lidar {
         })
     }
 
-    /// The heights that its scans are made of; `None` of a lidar that looks along one plane.
+    /// The height band of its scans; `None` for a planar lidar.
     pub fn height_band(&self) -> Option<HeightBand> {
         self.band.map(|view| view.band)
     }
 
-    /// Whether its scans may say that so far from it, metres, nothing stands.
+    /// Whether its scans can show free space at this distance, metres.
     pub fn is_clear_at(&self, range_m: f64) -> bool {
         self.band.is_none_or(|view| view.is_clear_at(range_m))
     }

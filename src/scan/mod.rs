@@ -1,7 +1,7 @@
 //! One sweep of a 2D lidar: the validated scan, its points, its compact form, the keyframe rule; and
 //! virtual ones, of height bands of the clouds of a 3D lidar ([`BandScanner`]).
 //!
-//! Knows nothing of where a scan was taken. Begin with [`LaserScan::new`].
+//! Must not know where a scan was taken. Begin with [`LaserScan::new`].
 
 mod band;
 mod cloud;

@@ -1,4 +1,4 @@
-//! A sweep of a moving lidar as one of a lidar that stood still.
+//! Removes the motion of the lidar from a sweep.
 
 use std::f64::consts::TAU;
 
@@ -6,12 +6,12 @@ use super::laser_scan::{INVALID_TICK, NO_RETURN_TICK};
 use super::{LaserScan, Reading};
 use crate::geometry::{Pose2, direction_rad, wrap_angle};
 
-/// A base that moves by less while a sweep is taken stands: metres and radians.
+/// A base that moves by less during a sweep is stationary: metres and radians.
 const STANDING_M: f64 = 1e-3;
 const STANDING_RAD: f64 = 5e-4;
-/// Between two beams that end no farther apart than this share of their range, or …
+/// Two beams hit one surface if their ends are no farther apart than this share of their range, or …
 const SURFACE_SHARE: f64 = 0.1;
-/// … than this, metres, lies a surface.
+/// … than this, metres.
 const SURFACE_M: f64 = 0.1;
 
 /// In which order the beams of a sweep are taken.
@@ -23,8 +23,7 @@ pub enum SweepOrder {
     LastBeamFirst,
 }
 
-/// A beam after the motion was taken out: the direction it truly had, seen from where the sweep
-/// began, and what it met.
+/// A beam without the motion: its true direction in the frame of the sweep's beginning, and its reading.
 #[derive(Clone, Copy)]
 struct Turned {
     direction_rad: f64,
@@ -32,12 +31,11 @@ struct Turned {
 }
 
 impl LaserScan {
-    /// What a lidar would have seen at the moment when the sweep began, if the base moved by
-    /// `start_from_end` until it ended, at one speed.
+    /// The sweep as it would be from the pose at its beginning, if the base moved by `start_from_end` until its
+    /// end, at constant speed.
     ///
-    /// The end of every beam is moved to where it lies in the frame of that moment, and the beams of
-    /// the result are read off between their neighbours there. Directions that no beam looked into
-    /// say nothing. A lidar that turns faster than it scans is left as it is.
+    /// The end of every beam is transformed into that frame, and the result is interpolated between neighbours.
+    /// Directions without a beam are invalid. A lidar that turns faster than it scans is left as it is.
     #[must_use]
     pub fn undistorted(&self, start_from_end: &Pose2, order: SweepOrder) -> Self {
         let moved_m = start_from_end.translation().norm();
@@ -114,8 +112,8 @@ impl LaserScan {
     }
 }
 
-/// What was met in a direction: between two beams on one surface a range between theirs, else what
-/// the nearer one met. `None` beyond the first and the last.
+/// The reading in a direction: interpolated between two beams on one surface, else that of the nearer beam.
+/// `None` beyond the first and the last.
 fn reading_at(turned: &[Turned], direction_rad: f64, increment_rad: f64) -> Option<Reading> {
     let next = turned.partition_point(|beam| beam.direction_rad < direction_rad);
     let after = turned.get(next);

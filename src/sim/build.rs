@@ -50,7 +50,7 @@ impl Vehicle {
         }
     }
 
-    /// The same vehicle with its lidar turned on its mount, which it does not know.
+    /// The same vehicle with its lidar turned on its mount, without stating so.
     pub fn with_turned_lidar(mut self, turn_rad: f64) -> Self {
         self.lidar.mount_error = Pose2::new(0.0, 0.0, turn_rad);
         self
@@ -92,8 +92,8 @@ mod tests {
         for (seen, turned) in seen.iter().zip(&turned) {
             assert_eq!(seen.odom_from_base, turned.odom_from_base);
             // Two beams on: what is met moves on by two, whatever the noise.
-            let same = (0..358).filter(|&k| seen.struck[k + 2] == turned.struck[k]);
-            let unmoved = (0..358).filter(|&k| seen.struck[k] == turned.struck[k]);
+            let same = (0..358).filter(|&k| seen.hit_objects[k + 2] == turned.hit_objects[k]);
+            let unmoved = (0..358).filter(|&k| seen.hit_objects[k] == turned.hit_objects[k]);
             assert!(same.count() >= 320);
             assert!(unmoved.count() < 358);
         }

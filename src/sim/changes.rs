@@ -1,4 +1,4 @@
-//! Changes of a scene, drawn at random.
+//! Random changes of a scene.
 
 use std::f64::consts::PI;
 
@@ -9,24 +9,23 @@ use super::random::{Purpose, stream};
 use super::{Furniture, Scene, SceneObject, Shape, World};
 use crate::geometry::{Pose2, Vector2};
 
-/// What a vehicle needs on either side of its path, metres.
+/// Clearance of a vehicle on either side of its path, metres.
 const PASSING_M: f64 = 0.5;
-/// Objects stand at most so much farther from the route than they must, metres.
+/// New objects are at most this much farther from the route than they must be, metres.
 const NEAR_ROUTE_M: f64 = 2.0;
 /// Gap between an object and the circle round a new one, metres.
 const GAP_M: f64 = 0.2;
 /// Step along the route at which the clearance is checked, metres.
 const ROUTE_STEP_M: f64 = 0.2;
-/// Radius of somebody who stands, metres.
+/// Radius of a person who stands still, metres.
 const BYSTANDER_RADIUS_M: f64 = 0.25;
-/// Spots that are tried for one object.
+/// Places that are tried for one object.
 const TRIES_MAX: usize = 2_000;
 
-/// Makes changes that are first there in one lap.
+/// Makes changes before one lap.
 ///
-/// What comes stands free, near the route, in sight of it and clear of it: vehicles pass whose
-/// laps stray by the stated path noise. Nothing comes to stand where anything else stands in any
-/// lap.
+/// New objects stand free, near the route and visible from it, and leave room for vehicles whose laps stray by
+/// the stated path noise. They do not overlap any object of any lap.
 #[derive(Debug)]
 pub struct Changes<'a> {
     scene: &'a mut Scene,
@@ -47,19 +46,19 @@ impl<'a> Changes<'a> {
     }
 
     /// Adds objects whose area is `area_share` of the mean area of the scene's original
-    /// free-standing objects. Answers their places in [`Scene::objects`]: fewer than `count` where
+    /// free-standing objects. Returns their indices in [`Scene::objects`]: fewer than `count` where
     /// there is no room for more.
     pub fn add(&mut self, count: usize, area_share: f64) -> Vec<usize> {
         let area_m2 = area_share * self.scene.mean_object_area_m2();
         let mut added = Vec::new();
         for _ in 0..count {
             let shape = random_shape(&mut self.rng, area_m2);
-            added.extend(self.find_spot(&shape).map(|shape| self.push(shape)));
+            added.extend(self.find_place(&shape).map(|shape| self.push(shape)));
         }
         added
     }
 
-    /// Takes away free-standing objects that were there before. Answers their places in
+    /// Takes away free-standing objects that were there before. Returns their indices in
     /// [`Scene::objects`]: fewer than `count` where there are no more.
     pub fn remove(&mut self, count: usize) -> Vec<usize> {
         let mut removed = Vec::new();
@@ -69,14 +68,14 @@ impl<'a> Changes<'a> {
         removed
     }
 
-    /// Moves free-standing objects that were there before to other places. Answers where in
-    /// [`Scene::objects`] each was and is: fewer than `count` where there is no room.
+    /// Moves free-standing objects that were there before to other places. Returns the old and the new index in
+    /// [`Scene::objects`] of each: fewer than `count` where there is no room.
     pub fn displace(&mut self, count: usize) -> Vec<(usize, usize)> {
         let mut moved = Vec::new();
         for _ in 0..count {
             let Some(object) = self.choose() else { break };
             let shape = self.scene.objects[object].shape.clone();
-            if let Some(shape) = self.find_spot(&shape) {
+            if let Some(shape) = self.find_place(&shape) {
                 self.take(object);
                 moved.push((object, self.push(shape)));
             }
@@ -84,29 +83,29 @@ impl<'a> Changes<'a> {
         moved
     }
 
-    /// Lets people stand about, each in one place during this one lap. Answers their places in
+    /// Adds people who stand still during this one lap. Returns their indices in
     /// [`Scene::objects`]: fewer than `count` where there is no room for more.
     pub fn bystanders(&mut self, count: usize) -> Vec<usize> {
         let body = Shape::Round {
             centre: Vector2::zeros(),
             radius_m: BYSTANDER_RADIUS_M,
         };
-        let mut standing = Vec::new();
+        let mut bystanders = Vec::new();
         for _ in 0..count {
-            if let Some(body) = self.find_spot(&body) {
+            if let Some(body) = self.find_place(&body) {
                 let object = self.push(body);
                 self.scene.objects[object].until_lap = Some(self.lap + 1);
-                standing.push(object);
+                bystanders.push(object);
             }
         }
-        standing
+        bystanders
     }
 
     /// Puts furniture no farther than `beside_m` from where vehicles may drive. Answers the places of
     /// its parts in [`Scene::objects`]; `None` where there is no room.
     pub fn furnish(&mut self, furniture: Furniture, beside_m: f64) -> Option<Vec<usize>> {
         let near = (0..TRIES_MAX).find_map(|_| {
-            let outline = self.find_spot(&furniture.outline(&Pose2::IDENTITY))?;
+            let outline = self.find_place(&furniture.outline(&Pose2::IDENTITY))?;
             let steps = (self.scene.route.length_m() / ROUTE_STEP_M).ceil() as usize;
             let way_m = |k: usize| {
                 let at = self.scene.route.pose_at(k as f64 * ROUTE_STEP_M);
@@ -148,26 +147,26 @@ impl<'a> Changes<'a> {
         self.scene.objects.len() - 1
     }
 
-    /// The shape at a random spot where it may stand.
-    fn find_spot(&mut self, shape: &Shape) -> Option<Shape> {
+    /// The shape at a random place where it may stand.
+    fn find_place(&mut self, shape: &Shape) -> Option<Shape> {
         let all = World::new(self.scene.objects.iter().map(|o| o.shape.clone()));
-        (0..TRIES_MAX).find_map(|_| self.try_spot(&all, shape))
+        (0..TRIES_MAX).find_map(|_| self.try_place(&all, shape))
     }
 
-    fn try_spot(&mut self, all: &World, shape: &Shape) -> Option<Shape> {
+    fn try_place(&mut self, all: &World, shape: &Shape) -> Option<Shape> {
         let (middle, reach_m) = shape.bounding_circle();
         let way_m = self.rng.random_range(0.0..self.scene.route.length_m());
         let vehicle = self.scene.route.pose_at(way_m);
         let side = if self.rng.random() { 1.0 } else { -1.0 };
         let farther_m = self.rng.random_range(0.0..reach_m + NEAR_ROUTE_M);
         let aside = Vector2::new(0.0, side * (self.clearance_m + farther_m));
-        let spot = vehicle.transform(&aside);
-        let to_spot = Pose2::new(spot.x, spot.y, self.rng.random_range(-PI..PI));
-        let is_free = is_in_sight(all, &vehicle.translation(), &spot)
+        let place = vehicle.transform(&aside);
+        let map_from_place = Pose2::new(place.x, place.y, self.rng.random_range(-PI..PI));
+        let is_free = is_visible(all, &vehicle.translation(), &place)
             && all
                 .shapes()
-                .all(|s| s.distance_to(&spot) >= reach_m + GAP_M);
-        let placed = shape.moved(&to_spot.compose(&Pose2::new(-middle.x, -middle.y, 0.0)));
+                .all(|s| s.distance_to(&place) >= reach_m + GAP_M);
+        let placed = shape.moved(&map_from_place.compose(&Pose2::new(-middle.x, -middle.y, 0.0)));
         (is_free && self.lets_pass(&placed)).then_some(placed)
     }
 
@@ -181,9 +180,9 @@ impl<'a> Changes<'a> {
     }
 }
 
-/// No spot inside of something, or behind a wall, is in sight of the route.
-fn is_in_sight(world: &World, eye: &Vector2<f64>, spot: &Vector2<f64>) -> bool {
-    let way = spot - eye;
+/// Whether a place is visible from the route: not inside an object, nor behind a wall.
+fn is_visible(world: &World, eye: &Vector2<f64>, place: &Vector2<f64>) -> bool {
+    let way = place - eye;
     let hit = world.cast(eye, &way.normalize());
     hit.is_none_or(|hit| hit.range_m > way.norm())
 }

@@ -1,4 +1,4 @@
-//! Laps as a vehicle records them.
+//! Simulated trips: laps as a vehicle records them.
 
 use std::ops::Range;
 
@@ -11,27 +11,27 @@ use super::{LapWorld, Route, Scene, SimCloudLidar, SimLidar, Vehicle, World};
 use crate::geometry::Pose2;
 use crate::scan::{BandScanner, ScanError};
 
-/// A scan with the truth beside it.
+/// A scan with the truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimScan {
-    /// Seconds since the drive began.
+    /// Seconds since the trip began.
     pub time_s: f64,
     /// The scene's lap, 0 for its first.
     pub lap: usize,
-    /// Where the vehicle truly was: `map_from_base`.
+    /// True pose: `map_from_base`.
     pub map_from_base: Pose2,
-    /// Where its odometry had it: starts at the identity.
+    /// Pose by odometry, which starts at the identity.
     pub odom_from_base: Pose2,
-    /// Metres, `None` for no return; 0 for a beam of a virtual scan that says nothing.
+    /// Metres, `None` for no return; 0 for an invalid beam of a virtual scan.
     pub ranges_m: Vec<Option<f64>>,
-    /// What each beam met, by its place in [`Scene::objects`]; `None` for no return or a person.
-    pub struck: Vec<Option<usize>>,
+    /// The object that each beam hit, by its index in [`Scene::objects`]; `None` for no return or a person.
+    pub hit_objects: Vec<Option<usize>>,
 }
 
 /// Drives `laps` laps without a break in a world that stays as it is.
 ///
-/// The path of a lap depends on the seed and the lap's number alone; a world with another
-/// object in it leaves path, odometry and the noise of the other beams as they were.
+/// The path of a lap depends on the seed and the lap's number alone; another object in the world does not
+/// change path, odometry or the noise of other beams.
 pub fn drive(
     world: &World,
     route: &Route,
@@ -47,16 +47,15 @@ impl Scene {
     /// Drives laps of the scene without a break: one odometry frame, one clock.
     ///
     /// The path of a lap depends on the seed and the lap's number alone, and lap 0 keeps to the
-    /// route; what is changed in the scene leaves path, odometry and the noise of the other beams
-    /// as they were.
+    /// route; a change of the scene does not change path, odometry or the noise of other beams.
     pub fn drive(&self, vehicle: &Vehicle, laps: Range<usize>, seed: u64) -> Vec<SimScan> {
         let from_lap = laps.start;
         let ranges = stream(seed, Purpose::Ranges { from_lap });
         self.drive_with(vehicle, &vehicle.lidar, laps, seed, ranges)
     }
 
-    /// What another lidar of the vehicle sees on the same drive, at the same moments. `number`
-    /// tells the noise of several such lidars apart.
+    /// The scans of another lidar of the vehicle on the same trip, at the same moments. `number` gives each
+    /// such lidar its own noise.
     pub fn drive_of_companion(
         &self,
         vehicle: &Vehicle,
@@ -100,18 +99,18 @@ impl Scene {
             let beams = lidar.scan(cast, &at.map_from_base, errors, &mut ranges);
             scans.push(SimScan {
                 ranges_m: beams.iter().map(|beam| Some(beam.as_ref()?.0)).collect(),
-                struck: beams.iter().map(|beam| beam.as_ref()?.1).collect(),
+                hit_objects: beams.iter().map(|beam| beam.as_ref()?.1).collect(),
                 ..at
             });
         });
         scans
     }
 
-    /// As [`Scene::drive`], with a 3D lidar of which a gateway makes virtual scans: the drive of each
-    /// scanner, all of one cloud at each moment. What a beam met is not known.
+    /// As [`Scene::drive`], with a 3D lidar from whose clouds a gateway makes virtual scans: the trip of each
+    /// scanner. The objects that beams hit are not known.
     ///
     /// # Errors
-    /// [`ScanError`] if a scanner's beams do not fit its lidar; they do.
+    /// [`ScanError`] if a scanner's beams do not fit its lidar, which does not happen.
     pub fn drive_bands(
         &self,
         vehicle: &Vehicle,
@@ -143,14 +142,14 @@ impl Scene {
         refused.map_or(Ok(drives), Err)
     }
 
-    /// Goes along the route: `look` is called wherever a scan is taken, with a scan that has seen
-    /// nothing yet, and the people around.
+    /// Drives along the route and calls `take_scan` at each scan, with a scan without ranges and the people
+    /// around.
     fn travel(
         &self,
         vehicle: &Vehicle,
         laps: Range<usize>,
         seed: u64,
-        mut look: impl FnMut(SimScan, &World),
+        mut take_scan: impl FnMut(SimScan, &World),
     ) {
         let from_lap = laps.start;
         let mut odometry = stream(seed, Purpose::Odometry { from_lap });
@@ -179,9 +178,9 @@ impl Scene {
                     map_from_base,
                     odom_from_base,
                     ranges_m: Vec::new(),
-                    struck: Vec::new(),
+                    hit_objects: Vec::new(),
                 };
-                look(at.clone(), &people);
+                take_scan(at.clone(), &people);
                 last = Some(at);
             }
         }
@@ -274,10 +273,10 @@ mod tests {
         let scans = drive(&hall.world, &hall.route, &vehicle, 1, 4);
         for pair in scans.windows(2) {
             let truth = pair[0].map_from_base.between(&pair[1].map_from_base);
-            let told = pair[0].odom_from_base.between(&pair[1].odom_from_base);
+            let reported = pair[0].odom_from_base.between(&pair[1].odom_from_base);
             let way = |p: &Pose2| p.translation().norm();
-            assert!((way(&told) / way(&truth) - 1.02).abs() < 1e-9);
-            assert!((told.theta - truth.theta).abs() < 1e-9);
+            assert!((way(&reported) / way(&truth) - 1.02).abs() < 1e-9);
+            assert!((reported.theta - truth.theta).abs() < 1e-9);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A lidar that looks into a simulated world.
+//! A lidar in a simulated world.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,8 +8,7 @@ use super::random::normal;
 use crate::geometry::{Pose2, Vector2};
 use crate::scan::Lidar;
 
-/// How high lidars look along unless they say otherwise, metres above the floor: as safety scanners
-/// do.
+/// Default height of the scan plane, metres above the floor: that of safety scanners.
 pub(super) const PLANE_M: f64 = 0.2;
 
 /// A lidar with its faults.
@@ -19,14 +18,14 @@ pub struct SimLidar {
     pub geometry: Lidar,
     /// Beams of a scan.
     pub beams: usize,
-    /// Height of the plane that it looks along above the floor, metres.
+    /// Height of its scan plane above the floor, metres.
     pub height_m: f64,
-    /// Share of the beams that give no return though something is there.
+    /// Share of the beams that lose their return.
     pub dropout_rate: f64,
     /// `mount_from_lidar`: where the lidar truly sits, seen from where `geometry` has it. The
     /// identity unless the vehicle is faulty.
     pub mount_error: Pose2,
-    /// What the scans of a lap have in common.
+    /// The errors that the scans of a lap have in common.
     pub pass_errors: PassErrors,
 }
 
@@ -99,8 +98,7 @@ impl SimLidar {
         let mut met: Vec<_> = (0..self.beams).map(met).collect();
         errors.disturb(&mut met, self.geometry.angle_increment_rad, rng);
         let measured = |met: Option<(f64, T)>| {
-            // Drawn for every beam, so that a change in the world leaves the noise of the
-            // other beams as it was.
+            // Drawn for every beam: a change of the world does not change the noise of other beams.
             let noise_m = normal(rng, self.geometry.range_sigma_m);
             let dropped = rng.random::<f64>() < self.dropout_rate;
             let (true_range_m, what) = met?;

@@ -1,9 +1,8 @@
-//! Errors that the scans of one lap share.
+//! Errors that all scans of one lap have in common.
 //!
-//! On recordings an observation that is wrong is seldom wrong alone: the lidar's plane stands a
-//! little askew that day, its ranges are a little long, and edges and grazing walls fool every
-//! scan from the same side. A simulator whose noise is drawn anew for each beam knows nothing of
-//! that.
+//! In recordings errors are correlated: the lidar's plane is slightly tilted that day, its ranges are slightly
+//! long, and edges and grazing walls deceive every scan from the same side. Independent noise for each beam
+//! does not model that.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -16,10 +15,10 @@ const EDGE_M: f64 = 0.1;
 /// A beam grazes a surface if the cosine of its angle to the normal is less.
 const GRAZING_COSINE: f64 = 0.2;
 
-/// How much the scans of a lap err together. Each lap draws its own values.
+/// Magnitudes of the common errors. Each lap draws its own values.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PassErrors {
-    /// Standard deviation of what a lap adds to every range, metres.
+    /// Standard deviation of a lap's range bias, metres.
     pub range_bias_sigma_m: f64,
     /// Standard deviation of the turn of the lidar on its mount, radians.
     pub heading_sigma_rad: f64,
@@ -36,7 +35,7 @@ pub struct PassErrors {
 }
 
 impl PassErrors {
-    /// None: every beam errs for itself alone.
+    /// No common errors: those of all beams are independent.
     pub const NONE: Self = Self {
         range_bias_sigma_m: 0.0,
         heading_sigma_rad: 0.0,
@@ -46,10 +45,10 @@ impl PassErrors {
         grazing_dropout_rate: 0.0,
     };
 
-    /// Chosen so that passes contradict each other as much together as on recordings, and about
-    /// half as often: with more the map itself goes wrong, which on recordings it does not. Tilt and
-    /// lean are larger than those of a real vehicle, since they stand for causes that are not
-    /// modelled. `docs/explanation/detection.md` says how far that goes.
+    /// Chosen so that contradictions between passes are as correlated as in recordings, and about half as
+    /// frequent: with more the map itself becomes wrong, which it does not in recordings. Tilt and lean are
+    /// larger than those of a real vehicle, since they represent causes that are not modelled. See
+    /// `docs/explanation/detection.md`.
     pub const AS_RECORDED: Self = Self {
         range_bias_sigma_m: 0.01,
         heading_sigma_rad: 0.003,
@@ -82,7 +81,7 @@ impl PassErrors {
     }
 }
 
-/// What one lap has drawn.
+/// The errors of one lap.
 #[derive(Debug, Clone)]
 pub(super) struct LapErrors {
     errors: PassErrors,

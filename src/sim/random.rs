@@ -7,8 +7,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::geometry::Vector2;
 
-/// What a stream of random numbers is for: streams of one seed are independent of each other, so
-/// that a change of one leaves the others as they are.
+/// The purpose of a stream of random numbers. Streams of one seed are independent of each other: a change in
+/// one does not change the others.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Purpose {
     World,

@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 use super::random::in_disc;
 use crate::geometry::{Pose2, Vector2, wrap_angle};
 
-/// Way between two independent offsets of a noisy path, metres.
+/// Distance between two independent offsets of a noisy path, metres.
 const OFFSET_SPACING_M: f64 = 4.0;
 /// Step over which a noisy path's direction is taken, metres.
 const DIRECTION_STEP_M: f64 = 0.05;
 
-/// A closed way through a world, driven in the order of its corners.
+/// A closed path through a world, driven in the order of its corners.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Route {
     pieces: Vec<Piece>,
@@ -72,7 +72,7 @@ impl Route {
         self.length_m
     }
 
-    /// Where a vehicle is that has driven `way_m` from the start, looking along the route.
+    /// The pose after `way_m` from the start, facing along the route.
     pub fn pose_at(&self, way_m: f64) -> Pose2 {
         let mut left_m = way_m.rem_euclid(self.length_m);
         for piece in &self.pieces {
@@ -93,13 +93,13 @@ impl Route {
         path_noise_m: f64,
         rng: &mut ChaCha8Rng,
     ) -> Vec<Pose2> {
-        let stretches = ((self.length_m / OFFSET_SPACING_M).round() as usize).max(2);
-        let mut offsets = vec![Vector2::zeros(); stretches + 1];
-        for offset in &mut offsets[1..stretches] {
+        let segments = ((self.length_m / OFFSET_SPACING_M).round() as usize).max(2);
+        let mut offsets = vec![Vector2::zeros(); segments + 1];
+        for offset in &mut offsets[1..segments] {
             *offset = in_disc(rng, path_noise_m);
         }
         let position = |way_m: f64| {
-            let place = way_m / self.length_m * stretches as f64;
+            let place = way_m / self.length_m * segments as f64;
             self.pose_at(way_m).translation() + blend(&offsets, place)
         };
         let count = (self.length_m / spacing_m).floor().max(1.0) as usize;

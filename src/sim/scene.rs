@@ -4,22 +4,21 @@ use super::lidar::PLANE_M;
 use super::{Hall, Hit, Route, Shape, World};
 use crate::geometry::Vector2;
 
-/// What is larger belongs to a building, metres from its middle.
+/// Larger shapes are parts of buildings, metres from their centre.
 const LOOSE_REACH_MAX_M: f64 = 2.5;
-/// What is thinner belongs to something else (a wall, a door, the leg of a rack), metres from its
-/// middle to its line.
+/// Thinner shapes are parts of others (a wall, a door, the leg of a rack), metres from centre to outline.
 const LOOSE_DEPTH_MIN_M: f64 = 0.1;
 
-/// Something that stands in a scene during some laps.
+/// An object of a scene during some laps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneObject {
     /// Its outline, map frame.
     pub shape: Shape,
     /// The first lap that has it.
     pub from_lap: usize,
-    /// The first lap that has it no more; `None` if it stays.
+    /// The first lap without it; `None` if it stays.
     pub until_lap: Option<usize>,
-    /// Between which heights above the floor it is, metres.
+    /// Its heights above the floor, from and to, metres.
     pub heights_m: (f64, f64),
 }
 
@@ -29,22 +28,22 @@ const FROM_FLOOR_UP_M: (f64, f64) = (0.0, f64::INFINITY);
 /// A route through a world whose objects come and go between laps, and people who walk there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// The way of a lap.
+    /// The route of a lap.
     pub route: Route,
     /// Walls and objects.
     pub objects: Vec<SceneObject>,
     /// People near the route in every lap.
     pub walkers: usize,
-    /// Where they walk, together with the drive's seed.
+    /// Seed of their paths, together with the trip's.
     pub seed: u64,
 }
 
-/// A scene as it stands in one lap, without people.
+/// A scene in one lap, without people.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LapWorld {
-    /// What stands there.
+    /// The objects of the lap.
     pub world: World,
-    /// The place in [`Scene::objects`] of each of the world's shapes.
+    /// The index in [`Scene::objects`] of each of the world's shapes.
     pub objects: Vec<usize>,
 }
 
@@ -64,12 +63,12 @@ impl SceneObject {
         self.heights_m.0 <= height_m && height_m <= self.heights_m.1
     }
 
-    /// Whether it stands there in a lap.
+    /// Whether it is there in a lap.
     pub fn is_there(&self, lap: usize) -> bool {
         self.from_lap <= lap && self.until_lap.is_none_or(|until| lap < until)
     }
 
-    /// Whether it can be taken away by itself: neither part of a building nor of a rack.
+    /// Whether it can be removed by itself: not a part of a building or a rack.
     pub fn stands_free(&self) -> bool {
         let (middle, reach_m) = self.shape.bounding_circle();
         reach_m <= LOOSE_REACH_MAX_M && self.shape.distance_to(&middle) >= LOOSE_DEPTH_MIN_M
@@ -77,7 +76,7 @@ impl SceneObject {
 }
 
 impl Scene {
-    /// A scene in which these shapes stand for ever and nobody walks.
+    /// A scene with these shapes in all laps, without people.
     pub fn lasting(route: Route, shapes: impl IntoIterator<Item = Shape>, seed: u64) -> Self {
         Self {
             route,
@@ -92,7 +91,7 @@ impl Scene {
         Self::lasting(hall.route.clone(), hall.world.shapes().cloned(), seed)
     }
 
-    /// The mean area of what stands free in the first lap, square metres; 0 if nothing does.
+    /// The mean area of the free-standing objects of the first lap, square metres; 0 without any.
     pub fn mean_object_area_m2(&self) -> f64 {
         let original = self.objects.iter().filter(|o| o.is_there(0));
         let areas: Vec<f64> = original
@@ -102,12 +101,12 @@ impl Scene {
         areas.iter().sum::<f64>() / areas.len().max(1) as f64
     }
 
-    /// What stands there in a lap, as most lidars see it.
+    /// The objects of a lap at the usual height of lidars.
     pub fn world(&self, lap: usize) -> LapWorld {
         self.world_at(lap, PLANE_M)
     }
 
-    /// What stands there in a lap, as a level plane at a height above the floor, metres, cuts it.
+    /// The objects of a lap, cut by a level plane at a height above the floor, metres.
     pub fn world_at(&self, lap: usize, height_m: f64) -> LapWorld {
         let there = |k: &usize| {
             let object = &self.objects[*k];
@@ -120,8 +119,8 @@ impl Scene {
 }
 
 impl LapWorld {
-    /// How far a ray runs among the objects and `people`, metres, and the scene's object that it
-    /// meets: `None` for a person.
+    /// The range of a ray among the objects and `people`, metres, and the scene's object that it hits: `None`
+    /// for a person.
     pub(super) fn cast(
         &self,
         people: &World,

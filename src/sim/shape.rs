@@ -1,4 +1,4 @@
-//! What stands in a world: outlines and round columns, as a horizontal cut shows them.
+//! Obstacles as a horizontal cut shows them: outlines and round columns.
 
 use std::f64::consts::PI;
 
@@ -30,7 +30,7 @@ impl Shape {
         Self::Outline(corners.into())
     }
 
-    /// How far a ray runs until it meets the shape, metres; `direction` is a unit vector.
+    /// The range at which a ray hits the shape, metres; `direction` is a unit vector.
     pub fn distance_along(&self, origin: &Vector2<f64>, direction: &Vector2<f64>) -> Option<f64> {
         match self {
             Self::Outline(corners) => sides(corners)
@@ -61,7 +61,7 @@ impl Shape {
         crossings
     }
 
-    /// How far a point is from the shape's line, metres.
+    /// The distance of a point from the shape's outline, metres.
     pub fn distance_to(&self, point: &Vector2<f64>) -> f64 {
         match self {
             Self::Outline(corners) => sides(corners)
@@ -71,11 +71,11 @@ impl Shape {
         }
     }
 
-    /// Whether a point lies within the shape's line.
+    /// Whether a point is within the shape's outline.
     pub fn contains(&self, point: &Vector2<f64>) -> bool {
         match self {
             Self::Outline(corners) => {
-                // Even and odd: how many sides a ray to the right crosses.
+                // Even-odd rule: how many sides a ray to the right crosses.
                 let crossed = sides(corners).filter(|(a, b)| {
                     let share = (point.y - a.y) / (b.y - a.y);
                     (a.y > point.y) != (b.y > point.y) && point.x < a.x + share * (b.x - a.x)
@@ -86,7 +86,7 @@ impl Shape {
         }
     }
 
-    /// What it covers, square metres; of an outline that does not cross itself.
+    /// Its area, square metres; for an outline that does not cross itself.
     pub fn area_m2(&self) -> f64 {
         match self {
             Self::Outline(corners) => {

@@ -93,25 +93,21 @@ fn later_laps_stray_and_are_those_of_a_longer_drive() {
 }
 
 #[test]
-fn what_is_struck_is_where_the_beam_ends() {
+fn what_is_hit_is_where_the_beam_ends() {
     for (name, mut scene) in worlds(5) {
         Changes::new(&mut scene, 1, 0.5, 5).add(4, 0.3);
         Changes::new(&mut scene, 1, 0.5, 6).remove(4);
         let vehicle = vehicle(0.5);
         for scan in scene.drive(&vehicle, 0..2, 5).iter().step_by(7) {
             let map_from_lidar = scan.map_from_base.compose(&vehicle.lidar.geometry.mount);
-            for (k, (range, struck)) in scan.ranges_m.iter().zip(&scan.struck).enumerate() {
-                assert_eq!(
-                    range.is_some(),
-                    struck.is_some(),
-                    "{name}: nobody walks here"
-                );
-                let (Some(range), Some(struck)) = (range, struck) else {
+            for (k, (range, hit)) in scan.ranges_m.iter().zip(&scan.hit_objects).enumerate() {
+                assert_eq!(range.is_some(), hit.is_some(), "{name}: nobody walks here");
+                let (Some(range), Some(hit)) = (range, hit) else {
                     continue;
                 };
                 let (sin, cos) = vehicle.lidar.geometry.beam_angle_rad(k).sin_cos();
                 let end = map_from_lidar.transform(&(Vector2::new(cos, sin) * *range));
-                let object = &scene.objects[*struck];
+                let object = &scene.objects[*hit];
                 assert!(object.is_there(scan.lap), "{name}");
                 assert!(object.shape.distance_to(&end) < 0.06, "{name}: beam {k}");
             }

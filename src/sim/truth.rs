@@ -1,58 +1,58 @@
-//! What has truly changed, and could be seen.
+//! The true changes that scans can show.
 
 use super::{Scene, Shape, SimScan};
 use crate::change::ChangeKind;
 
-/// So many beams of a scan on an object are a look at it.
+/// A scan with this many beams on an object observes it.
 const BEAMS_MIN: usize = 3;
-/// So many looks make an object visible.
-const LOOKS_MIN: usize = 4;
+/// An object with this many observations is visible.
+const OBSERVATIONS_MIN: usize = 4;
 
 /// A change of the world that the scans show.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChangeEvent {
     /// [`ChangeKind::Appeared`] or [`ChangeKind::Disappeared`].
     pub kind: ChangeKind,
-    /// The object, by its place in [`Scene::objects`].
+    /// The object, by its index in [`Scene::objects`].
     pub object: usize,
     /// The first lap after the change.
     pub lap: usize,
-    /// What has come or gone, map frame.
+    /// The shape that appeared or disappeared, map frame.
     pub shape: Shape,
 }
 
 impl Scene {
-    /// The changes between laps of these scans, which may be of several vehicles: an object that
-    /// came and was looked at afterwards, or went and was looked at before, in at least four
-    /// scans with at least three beams each. In the order of the objects.
+    /// The changes between laps of these scans, which may be of several vehicles: an object that appeared and
+    /// was observed afterwards, or that disappeared and was observed before, in at least four scans with at
+    /// least three beams each. In the order of the objects.
     pub fn visible_changes<'a>(
         &self,
         scans: impl IntoIterator<Item = &'a SimScan>,
     ) -> Vec<ChangeEvent> {
-        let mut looks = vec![0_usize; self.objects.len()];
+        let mut observations = vec![0_usize; self.objects.len()];
         let (mut first_lap, mut last_lap) = (usize::MAX, 0);
         for scan in scans {
             first_lap = first_lap.min(scan.lap);
             last_lap = last_lap.max(scan.lap);
             let mut beams = vec![0_usize; self.objects.len()];
-            for &object in scan.struck.iter().flatten() {
+            for &object in scan.hit_objects.iter().flatten() {
                 beams[object] += 1;
                 if beams[object] == BEAMS_MIN {
-                    looks[object] += 1;
+                    observations[object] += 1;
                 }
             }
         }
         let mut events = Vec::new();
-        for (object, (there, &looks)) in self.objects.iter().zip(&looks).enumerate() {
-            // An object is struck only while it is there, so that all looks lie on the one side
-            // of its coming and on the one side of its going.
+        for (object, (there, &observations)) in self.objects.iter().zip(&observations).enumerate() {
+            // An object is hit only while it is there: all its observations are after it appeared and
+            // before it disappeared.
             let came = (ChangeKind::Appeared, Some(there.from_lap));
             let went = (ChangeKind::Disappeared, there.until_lap);
             for (kind, lap) in [came, went] {
                 if let Some(lap) = lap
                     && first_lap < lap
                     && lap <= last_lap
-                    && looks >= LOOKS_MIN
+                    && observations >= OBSERVATIONS_MIN
                 {
                     let shape = there.shape.clone();
                     events.push(ChangeEvent {
@@ -76,20 +76,20 @@ mod tests {
 
     /// The rules read out one by one, from the objects' lines and the beams' ends.
     fn by_brute_force(scene: &Scene, scans: &[SimScan]) -> Vec<(ChangeKind, usize, usize)> {
-        let looks = |object: usize, lap: &dyn Fn(usize) -> bool| {
+        let observations = |object: usize, lap: &dyn Fn(usize) -> bool| {
             let scans = scans.iter().filter(|s| lap(s.lap));
-            let beams = |s: &&SimScan| s.struck.iter().filter(|&&o| o == Some(object)).count();
+            let beams = |s: &&SimScan| s.hit_objects.iter().filter(|&&o| o == Some(object)).count();
             scans.filter(|s| beams(s) >= 3).count()
         };
         let mut events = Vec::new();
         for (k, object) in scene.objects.iter().enumerate() {
             let from = object.from_lap;
-            if scans.iter().any(|s| s.lap < from) && looks(k, &|lap| lap >= from) >= 4 {
+            if scans.iter().any(|s| s.lap < from) && observations(k, &|lap| lap >= from) >= 4 {
                 events.push((ChangeKind::Appeared, k, from));
             }
             if let Some(until) = object.until_lap
                 && scans.iter().any(|s| s.lap >= until)
-                && looks(k, &|lap| lap < until) >= 4
+                && observations(k, &|lap| lap < until) >= 4
             {
                 events.push((ChangeKind::Disappeared, k, until));
             }
@@ -112,8 +112,8 @@ mod tests {
             for laps in [0..3, 1..4, 2..4, 0..2, 0..1] {
                 let scans = scene.drive(&vehicle(0.5), laps.clone(), 3);
                 let events = scene.visible_changes(&scans);
-                let told: Vec<_> = events.iter().map(|e| (e.kind, e.object, e.lap)).collect();
-                assert_eq!(told, by_brute_force(&scene, &scans), "{name} {laps:?}");
+                let reported: Vec<_> = events.iter().map(|e| (e.kind, e.object, e.lap)).collect();
+                assert_eq!(reported, by_brute_force(&scene, &scans), "{name} {laps:?}");
                 let shape = |e: &ChangeEvent| scene.objects[e.object].shape == e.shape;
                 assert!(events.iter().all(shape));
                 if laps == (0..3) {

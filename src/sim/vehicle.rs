@@ -1,4 +1,4 @@
-//! A vehicle and how its odometry errs.
+//! A vehicle and the errors of its odometry.
 
 use rand_chacha::ChaCha8Rng;
 
@@ -9,33 +9,33 @@ use crate::geometry::Pose2;
 /// A vehicle that drives laps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle {
-    /// What it sees with.
+    /// Its lidar.
     pub lidar: SimLidar,
-    /// How its odometry errs.
+    /// The errors of its odometry.
     pub odometry: OdometryError,
     /// How far its laps stray from the route, metres (the paper's ρ). The first lap does not.
     pub path_noise_m: f64,
-    /// Way from a scan to the next, metres.
+    /// Distance between two scans, metres.
     pub scan_spacing_m: f64,
-    /// Metres a second.
+    /// Speed, metres per second.
     pub speed_mps: f64,
 }
 
 /// The errors of wheel odometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OdometryError {
-    /// Share by which every way is overstated.
+    /// Relative error of every distance.
     pub scale: f64,
-    /// Turn that is added to every metre, radians.
+    /// Heading error of every metre, radians.
     pub yaw_drift_rad_per_m: f64,
-    /// Standard deviation of the way after one metre, metres; grows with its square root.
+    /// Standard deviation of the distance after one metre, metres; grows with its square root.
     pub sigma_xy_m: f64,
     /// Standard deviation of the turn after one metre, radians; grows with its square root.
     pub sigma_theta_rad: f64,
 }
 
 impl OdometryError {
-    /// What the wheels say of a true motion.
+    /// A true motion as the wheels measure it.
     pub(super) fn measured(&self, motion: &Pose2, rng: &mut ChaCha8Rng) -> Pose2 {
         let way_m = motion.translation().norm();
         let root = way_m.sqrt();

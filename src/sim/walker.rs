@@ -10,20 +10,20 @@ use crate::geometry::Vector2;
 const SPEED_MPS: f64 = 1.2;
 const BODY_RADIUS_M: f64 = 0.25;
 const LEG_RADIUS_M: f64 = 0.08;
-/// From a walker's middle to a leg's, sideways.
+/// Lateral distance of a leg from a walker's centre, metres.
 const HIP_M: f64 = 0.12;
-/// How far a leg swings to the front and to the back.
+/// Amplitude of a leg, metres.
 const SWING_M: f64 = 0.25;
-/// A walker's middle keeps this far from everything.
+/// Distance of a walker's centre from all objects, metres.
 const CLEARANCE_M: f64 = 0.45;
-/// A walker steps aside for the vehicle.
+/// Distance at which a walker steps aside for the vehicle, metres.
 const MAKE_WAY_M: f64 = 0.8;
-/// How far from the route a walker turns.
+/// Farthest that a walker goes from the route, metres.
 const ASTRAY_M: f64 = 2.5;
-/// How far along the route a walker goes before turning.
+/// Farthest that a walker goes along the route before turning, metres.
 const LEG_ALONG_M: f64 = 8.0;
-/// A walker who turns on the spot more often would seem to stand.
-const STRETCH_MIN_M: f64 = 1.5;
+/// Shortest leg of a walk, metres: with shorter ones a walker would seem to stand still.
+const WALK_MIN_M: f64 = 1.5;
 const TRIES_MAX: usize = 40;
 
 /// The people of one lap.
@@ -35,7 +35,7 @@ pub(super) struct Walkers<'a> {
 
 struct Walker {
     rng: ChaCha8Rng,
-    /// At this sensor's height: two legs, or one body in a long coat.
+    /// Whether the sensor sees two legs, or one body in a long coat.
     on_legs: bool,
     from: Vector2<f64>,
     to: Vector2<f64>,
@@ -48,14 +48,14 @@ impl<'a> Walkers<'a> {
     /// People at random places of the route; `seed` is the drive's.
     pub(super) fn new(scene: &'a Scene, world: &'a World, lap: usize, seed: u64) -> Self {
         let route = &scene.route;
-        // Each vehicle meets other people, in one and the same lap too.
+        // Each vehicle meets other people, even in the same lap.
         let seed = scene.seed ^ seed.rotate_left(32);
         let walkers = (0..scene.walkers).map(|walker| {
             let mut rng = stream(seed, Purpose::Walker { lap, walker });
             let way_m = rng.random_range(0.0..route.length_m());
             Walker {
                 on_legs: rng.random_bool(0.5),
-                from: route.pose_at(way_m - STRETCH_MIN_M).translation(),
+                from: route.pose_at(way_m - WALK_MIN_M).translation(),
                 to: route.pose_at(way_m).translation(),
                 to_way_m: way_m,
                 walked_m: 0.0,
@@ -69,17 +69,17 @@ impl<'a> Walkers<'a> {
         }
     }
 
-    /// Everybody walks on for a time.
+    /// Moves everybody on.
     pub(super) fn walk(&mut self, time_s: f64) {
         for walker in &mut self.walkers {
             walker.walked_m += SPEED_MPS * time_s;
-            // A bound, so that a route on one spot ends as well.
+            // Bounded: a degenerate route must end too.
             for _ in 0..TRIES_MAX {
-                let stretch_m = (walker.to - walker.from).norm();
-                if walker.walked_m < stretch_m {
+                let walk_m = (walker.to - walker.from).norm();
+                if walker.walked_m < walk_m {
                     break;
                 }
-                walker.walked_m -= stretch_m;
+                walker.walked_m -= walk_m;
                 walker.turn(self.route, self.world);
             }
         }
@@ -98,7 +98,7 @@ impl Walker {
         for _ in 0..TRIES_MAX {
             let way_m = self.to_way_m + self.rng.random_range(-LEG_ALONG_M..LEG_ALONG_M);
             let there = route.pose_at(way_m).translation() + in_disc(&mut self.rng, ASTRAY_M);
-            if (there - here).norm() >= STRETCH_MIN_M && is_free(world, &here, &there) {
+            if (there - here).norm() >= WALK_MIN_M && is_free(world, &here, &there) {
                 (self.from, self.to, self.to_way_m) = (here, there, way_m);
                 return;
             }
@@ -216,10 +216,10 @@ mod tests {
                 for (k, (x, y)) in a.ranges_m.iter().zip(&b.ranges_m).enumerate() {
                     if x != y {
                         assert!(y.is_none_or(|y| x.is_none_or(|x| y < x)), "{name}");
-                        assert_eq!(b.struck[k], None, "{name}: a person is no object");
+                        assert_eq!(b.hit_objects[k], None, "{name}: a person is no object");
                         nearer[b.lap] += 1;
                     } else {
-                        assert_eq!(a.struck[k], b.struck[k], "{name}");
+                        assert_eq!(a.hit_objects[k], b.hit_objects[k], "{name}");
                     }
                 }
             }

@@ -19,14 +19,14 @@ struct Bounded {
 /// Where a ray ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// How far it ran, metres.
+    /// Its range, metres.
     pub range_m: f64,
-    /// The shape it met, by its place in [`World::shapes`].
+    /// The shape that it hit, by its index in [`World::shapes`].
     pub shape: usize,
 }
 
 impl World {
-    /// A world in which these shapes stand.
+    /// A world of these shapes.
     pub fn new(shapes: impl IntoIterator<Item = Shape>) -> Self {
         let bounded = shapes.into_iter().map(|shape| {
             let (centre, reach_m) = shape.bounding_circle();
@@ -46,7 +46,7 @@ impl World {
         self.shapes.iter().map(|b| &b.shape)
     }
 
-    /// The first thing that a ray meets; `direction` is a unit vector. Cost: shapes.
+    /// The first hit of a ray; `direction` is a unit vector. Cost: shapes.
     pub fn cast(&self, origin: &Vector2<f64>, direction: &Vector2<f64>) -> Option<Hit> {
         let mut nearest: Option<Hit> = None;
         for (k, bounded) in self.shapes.iter().enumerate() {

@@ -1,12 +1,12 @@
-//! What solving a graph costs, known before it is tried.
+//! The cost of solving a graph, estimated beforehand.
 
 use super::linear::{BlockMatrix, approximate_minimum_degree, operations_to_factor};
 
 /// Unknowns of a pose.
 const POSE_SIZE: usize = 3;
 
-/// How many multiplications one factorisation takes of the equations of a graph with so many nodes
-/// and these edges, as pairs of nodes by their places; `None` if memory runs out.
+/// Number of multiplications of one factorisation of the equations of a graph with this number of nodes
+/// and these edges, as pairs of node indices; `None` if memory runs out.
 pub fn operations_to_solve(nodes: usize, edges: &[(u32, u32)]) -> Option<f64> {
     let order = approximate_minimum_degree(nodes, edges)?;
     let mut matrix = BlockMatrix::<POSE_SIZE>::default();

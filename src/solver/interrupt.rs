@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Tells a computation that nobody waits for what comes of it; shared by all its clones.
+/// Asks a computation to stop, because its result is no longer needed; shared by all its clones.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// From now on what heeds it stops.
+    /// Stops every computation that checks it.
     pub fn raise(&self) {
         self.0.store(true, Ordering::Relaxed);
     }

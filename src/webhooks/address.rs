@@ -2,11 +2,10 @@
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
-/// Where receivers of webhooks may live.
+/// Where receivers of webhooks may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReceiverPolicy {
-    /// On the internet, reached by https: nobody can make the service call what only the
-    /// service's own network reaches.
+    /// On the internet, by https: the service cannot be made to call its own network.
     #[default]
     Public,
     /// In private networks too, also by http.
@@ -17,7 +16,7 @@ impl ReceiverPolicy {
     /// Whether a connection to the address is allowed.
     ///
     /// # Errors
-    /// What the address is, in words.
+    /// A description of the address.
     pub fn check_address(self, address: IpAddr) -> Result<(), &'static str> {
         match (zone_of(address), self) {
             (Zone::Public, _) | (Zone::Private(_), Self::PrivateToo) => Ok(()),
@@ -26,14 +25,14 @@ impl ReceiverPolicy {
     }
 }
 
-/// What lies at an address.
+/// The kind of an address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zone {
-    /// Anyone reaches it.
+    /// Public.
     Public,
     /// A machine of a private network, or this one.
     Private(&'static str),
-    /// Nothing that receives webhooks, or the keys of a cloud's machine.
+    /// Reserved, or a metadata service of a cloud.
     Never(&'static str),
 }
 

@@ -1,5 +1,5 @@
-//! The task that sends what is due: one delivery at a time to each webhook, all webhooks side by
-//! side, so that a slow receiver holds up nobody but itself.
+//! The task that sends due deliveries: one at a time to each webhook, all webhooks in parallel, so that a slow
+//! receiver delays only itself.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,14 +15,14 @@ use super::sender::Sender;
 use crate::ids::WebhookId;
 use crate::store::{Attempt, AttemptEnd, AttemptVerdict, NextDelivery, Store, StoreError};
 
-/// How often the store is asked for what is due.
+/// How often the store is polled for due deliveries.
 const LOOK: Duration = Duration::from_millis(500);
-/// Before a delivery is tried again whose attempt could not be noted.
+/// Pause before a delivery is tried again whose attempt could not be recorded.
 const REST: Duration = Duration::from_secs(5);
-/// For the attempts under way when the service stops; what is cut off is sent again.
+/// Time for running attempts when the service stops; interrupted ones are repeated.
 const GRACE: Duration = Duration::from_secs(2);
 
-/// Sends what is due. Cheap to clone.
+/// Sends due deliveries; cheap to clone.
 #[derive(Clone)]
 pub(super) struct Dispatcher {
     pub store: Store,
@@ -32,14 +32,14 @@ pub(super) struct Dispatcher {
     pub pauses: Vec<Duration>,
 }
 
-/// Attempts under way, and whose they are.
+/// Running attempts by webhook.
 #[derive(Default)]
 struct UnderWay {
     tasks: JoinSet<()>,
     webhooks: HashMap<Id, WebhookId>,
 }
 
-/// Why an attempt came to no end that could be noted.
+/// Why the end of an attempt could not be recorded.
 #[derive(Debug, thiserror::Error)]
 enum AttemptError {
     #[error("there is no message")]
@@ -49,7 +49,7 @@ enum AttemptError {
 }
 
 impl Dispatcher {
-    /// Sends until it is told to stop.
+    /// Sends until `stopping` is cancelled.
     pub async fn run(self, stopping: CancellationToken) {
         let mut under_way = UnderWay::default();
         loop {
@@ -89,7 +89,7 @@ impl Dispatcher {
         }
     }
 
-    /// Reads, sends, and notes what became of it.
+    /// Reads, sends, and records the outcome.
     async fn attempt(&self, next: &NextDelivery) -> Result<(), AttemptError> {
         let Some(message) = message(&self.store, &*self.forms, next).await? else {
             return Ok(());
@@ -129,7 +129,7 @@ fn tell(next: &NextDelivery, end: AttemptEnd, verdict: AttemptVerdict) {
             tracing::debug!(%webhook, delivery, attempts, ?end, outcome, "a webhook was called");
         }
         AttemptVerdict::Failed | AttemptVerdict::Gone => {
-            tracing::warn!(%webhook, delivery, attempts, ?end, outcome, "a webhook was not told");
+            tracing::warn!(%webhook, delivery, attempts, ?end, outcome, "a webhook could not be delivered");
         }
     }
 }
@@ -144,8 +144,7 @@ impl UnderWay {
         self.webhooks.insert(task.id(), webhook);
     }
 
-    /// Waits for the next attempt to end, for ever if none is under way. Loses nothing when it is
-    /// cancelled.
+    /// Waits for the next attempt to end, for ever if none is running. Cancel-safe.
     async fn ended(&mut self) {
         match self.tasks.join_next_with_id().await {
             Some(Ok((id, ()))) => self.forget(id),

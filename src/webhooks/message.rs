@@ -1,4 +1,4 @@
-//! What receivers are sent.
+//! The messages that receivers get.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -10,7 +10,7 @@ use crate::store::{
     VehicleRecord,
 };
 
-/// How the interface shows what events are about: as JSON objects, and where its page does.
+/// How the API shows the subjects of events: as JSON objects, and by URL on the console.
 pub trait Forms: Send + Sync {
     /// An alert.
     ///
@@ -58,7 +58,7 @@ pub(super) enum MessageError {
     Json(#[from] serde_json::Error),
 }
 
-/// What is sent.
+/// A message.
 #[derive(Debug)]
 pub(super) struct Message {
     pub body: String,
@@ -66,8 +66,8 @@ pub(super) struct Message {
     pub alert_revision: Option<i64>,
 }
 
-/// The message of a delivery: what happened, when, and what it is about as that is now, so that an attempt
-/// that comes late never carries an old state. `None` if that was deleted with its route.
+/// The message of a delivery: the event, its time, and its subject in its present state, so that a late attempt
+/// never carries an old state. `None` if the subject was deleted with its route.
 ///
 /// # Errors
 /// [`MessageError`].
@@ -88,7 +88,7 @@ pub(super) async fn message(
     }))
 }
 
-/// What an event is about as it is now, if it is still there; of an alert with its revision.
+/// The subject of an event in its present state, if it still exists; for an alert with its revision.
 async fn data_of(
     store: &Store,
     forms: &dyn Forms,

@@ -14,7 +14,7 @@ const LOOK: Duration = Duration::from_mins(10);
 /// Between two steps: other writes go first.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Deletes old deliveries, some at a time, until it is told to stop.
+/// Deletes old deliveries, some at a time, until `stopping` is cancelled.
 pub(super) async fn delete_old(store: Store, stopping: CancellationToken) {
     loop {
         let pause = delete_some(&store).await;

@@ -1,4 +1,4 @@
-//! One attempt: one POST, of whose answer only the status and `Retry-After` are read.
+//! One attempt: one POST. Of the response only the status and `Retry-After` are read.
 
 use std::error::Error;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ impl From<DeliveryFailure> for Sent {
     }
 }
 
-/// Sends to where the policy allows.
+/// Sends to addresses that the policy allows.
 #[derive(Clone)]
 pub(super) struct Sender {
     client: reqwest::Client,
@@ -40,11 +40,11 @@ pub(super) struct Sender {
 }
 
 impl Sender {
-    /// A sender that gives up on an answer after `timeout`, the look-up of the name included.
-    /// On a system without certificates it trusts nobody, and reaches receivers by http alone.
+    /// A sender with a timeout for the whole call, DNS included.
+    /// Without system certificates it reaches receivers by http only.
     ///
     /// # Errors
-    /// If no client can be had at all.
+    /// If no client can be built.
     pub fn new(policy: ReceiverPolicy, timeout: Duration) -> Result<Self, reqwest::Error> {
         let client = client(policy, timeout).build().or_else(|error| {
             tracing::warn!(
@@ -56,7 +56,7 @@ impl Sender {
         Ok(Self { client, policy })
     }
 
-    /// Sends a body, signed anew: a signature is valid for minutes only.
+    /// Sends a body, signed again: a signature is valid for minutes only.
     pub async fn send(&self, next: &NextDelivery, body: String) -> Sent {
         // Addresses in URLs are never looked up, and the policy may have changed since.
         let Ok(url) = self.policy.parse(&next.url) else {
@@ -88,8 +88,8 @@ impl Sender {
 }
 
 fn client(policy: ReceiverPolicy, timeout: Duration) -> reqwest::ClientBuilder {
-    // A proxy that the environment names would lead past the checks; a redirect, which this client
-    // does not follow, would do so too.
+    // A proxy from the environment would bypass the checks, as would redirects, which this client does not
+    // follow.
     http_client::builder()
         .dns_resolver(Arc::new(GuardedResolver(policy)))
         .no_proxy()
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn failures_are_told_apart() {
+    async fn failures_are_distinguished() {
         let private = ReceiverPolicy::PrivateToo;
         let silent = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}/", silent.local_addr().unwrap());

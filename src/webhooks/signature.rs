@@ -23,7 +23,7 @@ pub fn generate_secret() -> Result<WebhookSecret, getrandom::Error> {
     Ok(WebhookSecret(key))
 }
 
-/// A secret as its holder is told it: `whsec_` and the key in base64.
+/// A secret as its holder receives it: `whsec_` and the key in base64.
 pub fn secret_text(secret: &WebhookSecret) -> String {
     format!("{SECRET_PREFIX}{}", STANDARD.encode(secret.0))
 }

@@ -26,7 +26,7 @@ impl Process {
         Self::started(command).expect("the first line names the address")
     }
 
-    /// The command that starts the service; it listens on 127.0.0.1:8080 unless told otherwise.
+    /// The command that starts the service; it listens on 127.0.0.1:8080 unless stated otherwise.
     pub fn command(data: &Path) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_mapshift"));
         command.args(["serve", "--log", "off", "--data"]).arg(data);

@@ -36,7 +36,7 @@ impl Noise {
     }
 }
 
-/// A lidar of so many degrees that looks ahead from its mount; all round if 360.
+/// A lidar of this many degrees that looks ahead from its mount; all round if 360.
 pub fn lidar(field_of_view_deg: u32, beams: usize, mount: Pose2, range_sigma_m: f64) -> Arc<Lidar> {
     let field_rad = f64::from(field_of_view_deg).to_radians();
     let gaps = if field_of_view_deg == 360 {

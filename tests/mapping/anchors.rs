@@ -110,7 +110,7 @@ fn refused_in_a_hall_of_the_same_walls(begins: &[usize]) -> usize {
 }
 
 #[test]
-fn too_short_a_trip_is_told_so_and_anchored_once_it_is_longer() {
+fn too_short_a_trip_waits_and_is_localised_once_it_is_longer() {
     let (world, route) = workshop();
     let first = Trip::record("first", (&world, &route), &vehicle(), 1, 23);
     let (mut map, _) = map_of(&[&first], 40);

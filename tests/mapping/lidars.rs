@@ -219,7 +219,7 @@ fn what_the_rear_lidar_alone_sees_is_found() {
         let thing_at = scene.objects.len() - 1;
         let mut scans = drive.scans(|_, _| true);
         for (k, scan) in scans.iter_mut().enumerate().filter(|(k, _)| k % 2 == 0) {
-            let struck = &drive.drives[0][k / 2].struck;
+            let struck = &drive.drives[0][k / 2].hit_objects;
             let ranges = scan.scan.ranges_m().enumerate().map(|(beam, range_m)| {
                 let direction_rad = scan.scan.lidar().beam_angle_rad(beam);
                 let sees = struck[beam] == Some(thing_at)

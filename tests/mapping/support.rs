@@ -118,7 +118,7 @@ impl Trip {
         }
     }
 
-    /// Uploads of so many scans; the first one says where the trip starts if `initial_pose` does.
+    /// Uploads of this many scans; the first one says where the trip starts if `initial_pose` does.
     pub fn batches(&self, size: usize, initial_pose: Option<InitialPose>) -> Vec<Drive> {
         let batch = |(k, scans): (usize, &[DriveScan])| Drive {
             wheels: Default::default(),

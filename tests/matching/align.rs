@@ -19,7 +19,7 @@ fn align_scans(old: &LaserScan, new: &LaserScan, start: &Pose2, params: &IcpPara
 }
 
 /// Errors (metres, radians) of robust matches between views 0.3 m and 8° apart, started up to
-/// so many metres and degrees beside the truth.
+/// this many metres and degrees beside the truth.
 fn errors_in_halls(
     (field_of_view_deg, beams, mount): (u32, usize, Pose2),
     (off_m, off_deg): (f64, f64),

@@ -91,7 +91,7 @@ fn small_noise_is_never_believed_beyond_the_floor() {
 }
 
 #[test]
-fn information_is_told_in_the_frame_of_the_base() {
+fn information_is_in_the_frame_of_the_base() {
     // A narrow view of one wall ahead, taken by a base that is turned by 90° in the reference:
     // what is fixed is the way along the base's own x axis … and y, once the base looks aside.
     use mapshift::sim::{Shape, World};

@@ -65,7 +65,7 @@ fn of_two_like_rooms_the_other_one_is_the_rival() {
     assert!(found[0] || found[1], "{hit:?}");
     assert!(score >= 0.9 * hit.score && score <= hit.score, "{hit:?}");
 
-    // Told where it is to within half the way, the other room is out of the question.
+    // If its position is known to within half the distance, the other room is excluded.
     let near = SearchWindow {
         centre: Pose2::new(1.0, 0.0, 0.0),
         half_width_m: 4.0,

@@ -28,7 +28,7 @@ const LAPS: usize = 3;
 const SCANS: usize = 60;
 const SCAN_SPACING_M: f64 = 0.5;
 const PATH_NOISE_M: f64 = 0.3;
-/// Trips of each vehicle before one of them is knocked: so many make it known.
+/// Trips of each vehicle before one of them is knocked: this many make it known.
 const TRIPS_BEFORE: usize = 4;
 const RECOGNISED_WITHIN_BATCHES: usize = 20;
 const MOVED_WITHIN_M: f64 = 0.02;

@@ -126,11 +126,12 @@ async fn sent(uploads: &BTreeMap<String, Vec<Batch>>, faulty_share: f64, tries: 
 fn kept_of(batches: &[Value]) -> Kept {
     let mut kept = Kept::new();
     for batch in batches {
-        let told = ["trip_id", "sequence", "scans", "status"].map(|field| batch[field].to_string());
+        let reported =
+            ["trip_id", "sequence", "scans", "status"].map(|field| batch[field].to_string());
         let of_id = kept
             .entry(batch["id"].as_str().unwrap().to_owned())
             .or_default();
-        of_id.push(told.join(" "));
+        of_id.push(reported.join(" "));
     }
     kept
 }

@@ -55,10 +55,10 @@ async fn io_error(form: Form) -> Finding {
         for &place in &places {
             let uploads = &uploads[..uploads.len().min(place + 10)];
             let outcome = failing_at(call, place, uploads).await;
-            let told = outcome.faults.iter();
+            let reported = outcome.faults.iter();
             finding
                 .faults
-                .extend(told.map(|fault| format!("{call} {place}: {fault}")));
+                .extend(reported.map(|fault| format!("{call} {place}: {fault}")));
             outcomes.push(outcome);
         }
         let count = |of: fn(&Outcome) -> usize| outcomes.iter().map(of).sum::<usize>();
@@ -79,7 +79,7 @@ async fn io_error(form: Form) -> Finding {
     finding
 }
 
-/// A service whose threads fail each at their n-th call, and what is left when it is started anew.
+/// A service whose threads fail each at their n-th call, and what is left when it is restarted.
 async fn failing_at(call: &str, place: usize, uploads: &[Batch]) -> Outcome {
     let directory = TempDir::new().unwrap();
     let data = directory.path().join("data");

@@ -49,8 +49,11 @@ mod drives;
 mod process;
 #[path = "../service/changes/reordering.rs"]
 mod reordering;
+#[path = "../service/changes/reported.rs"]
+#[allow(dead_code, reason = "the tests of the service use more of it")]
+mod reported;
 #[path = "../service/running.rs"]
-#[allow(dead_code, reason = "rows start processes; `told` names it")]
+#[allow(dead_code, reason = "rows start processes; `reported` names it")]
 mod running;
 #[path = "../service/changes/shop.rs"]
 #[allow(dead_code, reason = "the tests of the service use more of it")]
@@ -63,9 +66,6 @@ mod state;
 #[path = "../store/support.rs"]
 #[allow(dead_code, reason = "the tests of the store use more of it")]
 mod support;
-#[path = "../service/changes/told.rs"]
-#[allow(dead_code, reason = "the tests of the service use more of it")]
-mod told;
 
 use std::process::ExitCode;
 

@@ -1,5 +1,5 @@
 //! Trips and graphs that no map can be made of: each batch ends with a status, in time, and nothing
-//! that is told is without end.
+//! that is reported is without end.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -80,7 +80,7 @@ async fn odd_maps(form: Form) -> Finding {
     finding
 }
 
-/// Names, which are routes, and what is sent to them; the largest graph has so many nodes.
+/// Names, which are routes, and what is sent to them; the largest graph has this many nodes.
 fn cases(nodes: usize) -> Vec<(&'static str, Uploads)> {
     let [first, _] = two_vehicles(48);
     let drive = first.batches(SCANS);

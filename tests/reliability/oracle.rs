@@ -25,16 +25,16 @@ pub async fn lost(url: &str, acknowledged: &Acknowledged) -> Vec<String> {
     let mut faults = Vec::new();
     for (route, batch) in acknowledged.iter() {
         let path = format!("/v1/routes/{route}/batches/{}", batch.id);
-        let (status, told) = client.get_any(&path).await;
+        let (status, reported) = client.get_any(&path).await;
         if status != 200 {
             faults.push(format!(
                 "{} of {route} was acknowledged, and is lost: {status}",
                 batch.id
             ));
-        } else if told["status"] == "quarantined" {
+        } else if reported["status"] == "quarantined" {
             faults.push(format!(
                 "{} of {route} is kept out: {}",
-                batch.id, told["reason"]
+                batch.id, reported["reason"]
             ));
         } else {
             let again = gateway.put(route, batch).await.unwrap();

@@ -65,7 +65,7 @@ const MEDIA_TYPES: [&str; 4] = [
     "application/json; charset=utf-16",
     "",
 ];
-/// After so many requests the route is made again, should it have been deleted.
+/// After this many requests the route is made again, should it have been deleted.
 const ROUTE_EVERY: usize = 50;
 
 /// A request that is sent, and the operation that it is one of.
@@ -116,17 +116,17 @@ async fn answers(url: &str, requests: usize, seed: u64) -> (BTreeMap<u16, usize>
         for (name, value) in &attempt.headers {
             request = request.header(*name, value);
         }
-        let told = format!("{} {}", attempt.operation.method, attempt.path);
+        let reported = format!("{} {}", attempt.operation.method, attempt.path);
         match request.body(attempt.body).send().await {
             Ok(answer) => {
                 let status = answer.status().as_u16();
                 *answered.entry(status).or_default() += 1;
                 if status >= 500 || !attempt.operation.statuses.contains(&status) {
-                    faults.push(format!("{told} got {status}"));
+                    faults.push(format!("{reported} got {status}"));
                 }
                 let _ = answer.bytes().await;
             }
-            Err(error) => faults.push(format!("{told} got no answer: {error}")),
+            Err(error) => faults.push(format!("{reported} got no answer: {error}")),
         }
     }
     (answered, faults)

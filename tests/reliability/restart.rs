@@ -32,7 +32,7 @@ const SCAN_BYTES: usize = 720;
 const BODY_BYTES: usize = 100_000;
 const LOG_BODY_BYTES: usize = 4 << 20;
 const LOG: &str = "mapshift.db-wal";
-/// Files that a copy of what a killed process leaves does without: SQLite makes it anew.
+/// Files that a copy of what a killed process leaves does without: SQLite makes it again.
 const INDEX_OF_LOG: &str = "mapshift.db-shm";
 
 async fn restart(form: Form) -> Finding {
@@ -95,7 +95,7 @@ fn noise(bytes: usize, seed: u64) -> Vec<u8> {
     noise
 }
 
-/// A data directory whose one route has so many nodes, each with a scan, closed in order.
+/// A data directory whose one route has this many nodes, each with a scan, closed in order.
 async fn with_scans(scans: i64) -> TempDir {
     let fixture = Fixture::new().await;
     for batch in 0..scans / SCANS_A_BATCH {

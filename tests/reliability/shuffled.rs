@@ -1,4 +1,4 @@
-//! Batches arrive in any order: the map and what is told of changes are the same.
+//! Batches arrive in any order: the map and what is reported of changes are the same.
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -7,9 +7,9 @@ use crate::client::Client;
 use crate::drives::Batch;
 use crate::process::Process;
 use crate::reordering::{difference, laps, reordered, sorted};
+use crate::reported::{ROUTE, alerts};
 use crate::row::{Finding, Form, Row, nothing_in_the_way, run};
 use crate::state::State;
-use crate::told::{ROUTE, alerts};
 
 pub const ROW: Row = Row {
     name: "shuffled",
@@ -32,7 +32,7 @@ async fn shuffled(form: Form) -> Finding {
     let in_order = end_of(&laps.concat()).await;
     let mut finding = Finding::default();
     finding.expect(!in_order.alerts.is_empty(), || {
-        "nothing is told at all".to_owned()
+        "nothing is reported at all".to_owned()
     });
     let (mut farthest_m, mut widest_deg, mut alike) = (0.0_f64, 0.0_f64, 0);
     let seeds = form.choose(2, 100);

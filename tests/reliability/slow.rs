@@ -32,7 +32,7 @@ const CLOSED_AT_LAST: Duration = Duration::from_secs(15);
 const BOMB_WITHIN: Duration = Duration::from_millis(250);
 const HONEST_WITHIN: Duration = Duration::from_millis(100);
 const HONEST_PAUSE: Duration = Duration::from_millis(20);
-/// So many connections come from one address: less than its share.
+/// This many connections come from one address: less than its share.
 const PER_ADDRESS: usize = 250;
 const BOMBS: usize = 64;
 /// Uploads under way of one address: half its share.

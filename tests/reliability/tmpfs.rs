@@ -18,7 +18,7 @@ pub fn obstacle() -> Option<String> {
 }
 
 impl Tmpfs {
-    /// A disk of so many MiB, or why there is none.
+    /// A disk of this many MiB, or why there is none.
     pub fn mount(size_mib: usize) -> Result<Self, String> {
         let directory = TempDir::new().unwrap();
         let mounted = Command::new("mount")

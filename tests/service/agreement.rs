@@ -1,4 +1,4 @@
-//! Everything that is told of one route agrees with everything else.
+//! Everything that is reported of one route agrees with everything else.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,18 +25,18 @@ fn sum(values: &[Value], field: &str) -> f64 {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_told_of_a_map_agrees() {
+async fn what_is_reported_of_a_map_agrees() {
     let service = Running::start().await;
     let client = &service.client;
     client.put_route("line", Value::Null).await;
     let drives = two_vehicles(160);
     let batches: Vec<Vec<Batch>> = drives.iter().map(|d| d.batches(20)).collect();
     client.put_all("line", &interleaved(&batches)).await;
-    let told = client.merged("line").await;
-    assert_eq!(told.len(), 2 * BATCHES_A_DRIVE);
+    let reported = client.merged("line").await;
+    assert_eq!(reported.len(), 2 * BATCHES_A_DRIVE);
 
     let state = State::of(client, "line").await;
-    counts_agree(client, &state, &told).await;
+    counts_agree(client, &state, &reported).await;
     lists_are_the_graph(client, &state).await;
     residuals_are_the_graph(client, &state).await;
     g2o_is_the_graph(client, &state).await;
@@ -46,7 +46,7 @@ async fn what_is_told_of_a_map_agrees() {
     service.stop().await;
 }
 
-async fn counts_agree(client: &Client, state: &State, told: &[Value]) {
+async fn counts_agree(client: &Client, state: &State, reported: &[Value]) {
     let route = client.json(ROUTE).await;
     let counts = &route["counts"];
     let of_kind = |kind: &str| state.edges.iter().filter(|e| e["kind"] == kind).count();
@@ -58,16 +58,16 @@ async fn counts_agree(client: &Client, state: &State, told: &[Value]) {
         state.nodes.len() - 2,
         "one odometry edge a node but for trips' first"
     );
-    assert_eq!(counts["batches"], told.len());
+    assert_eq!(counts["batches"], reported.len());
     assert_eq!(counts["scans"], 2 * 160);
     assert_eq!(counts["vehicles"], 2);
     assert_eq!(counts["nodes"], state.nodes.len());
     assert_eq!(counts["edges"], state.edges.len());
     assert_eq!(counts["loop_closures"], closures);
-    assert_eq!(sum(told, "scans"), 320.0);
-    assert_eq!(sum(told, "nodes_added"), state.nodes.len() as f64);
-    assert_eq!(sum(told, "loop_closures"), closures as f64);
-    for batch in told {
+    assert_eq!(sum(reported, "scans"), 320.0);
+    assert_eq!(sum(reported, "nodes_added"), state.nodes.len() as f64);
+    assert_eq!(sum(reported, "loop_closures"), closures as f64);
+    for batch in reported {
         let of_batch = |value: &&Value| value["batch_id"] == batch["id"];
         let nodes = state.nodes.iter().filter(of_batch).count();
         assert_eq!(batch["nodes_added"], nodes, "{batch}");
@@ -156,21 +156,21 @@ async fn g2o_is_the_graph(client: &Client, state: &State) {
     assert!(read.without_pose.is_empty());
     assert_eq!(read.graph.nodes().len(), state.nodes.len());
     assert_eq!(read.graph.edges().len(), state.edges.len());
-    for (read, told) in read.graph.nodes().iter().zip(&state.nodes) {
-        assert_eq!(told["id"], read.id.0);
+    for (read, reported) in read.graph.nodes().iter().zip(&state.nodes) {
+        assert_eq!(reported["id"], read.id.0);
         // The test's own reader of JSON may miss the last bit of a number.
-        let apart = pose_of(&told["pose"]).between(&read.pose);
+        let apart = pose_of(&reported["pose"]).between(&read.pose);
         assert!(apart.translation().norm() < 1e-12 && apart.theta.abs() < 1e-12);
     }
-    let (cost, told) = (read.graph.cost(), sum(&state.edges, "residual"));
-    assert!(close(cost, told), "{cost} {told}");
+    let (cost, reported) = (read.graph.cost(), sum(&state.edges, "residual"));
+    assert!(close(cost, reported), "{cost} {reported}");
 }
 
 async fn trajectories_are_the_drives(client: &Client, state: &State) {
     for drive in two_vehicles(160) {
         let path = format!("{ROUTE}/trajectories/{}", drive.trip);
-        let told = client.json(&path).await;
-        let poses = told["poses"].as_array().unwrap();
+        let reported = client.json(&path).await;
+        let poses = reported["poses"].as_array().unwrap();
         let of_trip = state.nodes.iter().filter(|n| n["trip_id"] == drive.trip);
         let own: Vec<&Value> = of_trip.collect();
         assert_eq!(poses.len(), own.len());

@@ -159,8 +159,8 @@ async fn an_edge_that_agrees_is_taken_however_sure_it_is() {
     });
     let (status, answer) = client.put_edges("line", "true", &batch).await;
     assert_eq!(status, 202, "{answer}");
-    let told = client.ended("line", "true").await;
-    assert_eq!(told["status"], "merged", "{told}");
+    let reported = client.ended("line", "true").await;
+    assert_eq!(reported["status"], "merged", "{reported}");
     let after = State::of(client, "line").await;
     let (moved_m, _) = after.distance_to(&before);
     assert!(moved_m < 0.02, "{moved_m}");
@@ -234,9 +234,9 @@ async fn another_building_in_the_middle_of_the_map_wears_no_wall_away() {
         ..drive
     };
     client.put_all("line", &drive.batches(24)).await;
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for batch in drive.batches(24) {
-        told.push(ended(client, &batch.id).await);
+        reported.push(ended(client, &batch.id).await);
     }
     assert_eq!(told[3]["flags"], json!(["not_localised"]), "{told:?}");
     assert!(honest.picture.occupied() > 1_000);

@@ -7,9 +7,9 @@ mod order;
 mod picture;
 mod raised;
 mod reordering;
+mod reported;
 mod shop;
-mod told;
 mod webhooks;
 
+pub use reported::{ROUTE, alerts, only};
 pub use shop::Shop;
-pub use told::{ROUTE, alerts, only};

@@ -105,7 +105,7 @@ impl Drive {
         Self::of(vehicle, names, scans, seed as i64)
     }
 
-    /// Scans that a vehicle recorded, so many hours after the first of all drives; it knows where
+    /// Scans that a vehicle recorded, this many hours after the first of all drives; it knows where
     /// it starts.
     pub fn of(
         vehicle: &Vehicle,

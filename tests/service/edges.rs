@@ -32,15 +32,15 @@ async fn started() -> Running {
 /// That the service's graph is at the optimum of the drive's.
 async fn assert_optimal(service: &Running, laps: &Laps) {
     let text = service.client.text("/v1/routes/line/graph.g2o").await;
-    let told = read_g2o(&text).unwrap().graph;
+    let reported = read_g2o(&text).unwrap().graph;
     let mut expected = laps.graph();
     solve(&mut expected, &SolveOptions::default());
-    let (cost, optimum) = (told.cost(), expected.cost());
+    let (cost, optimum) = (reported.cost(), expected.cost());
     assert!(
         (cost - optimum).abs() <= 1e-9 * optimum,
         "{cost} for {optimum}"
     );
-    assert_eq!(told.nodes().len(), expected.nodes().len());
+    assert_eq!(reported.nodes().len(), expected.nodes().len());
     let state = State::of(&service.client, "line").await;
     for node in &state.nodes {
         let k: usize = node["client_id"].as_str().unwrap().parse().unwrap();
@@ -292,7 +292,7 @@ async fn a_restart_in_between_changes_no_bit() {
         by: Pose2::new(0.4, 0.2, 0.0),
     };
     let laps = Laps::drive("agv-1", 9, 5, &displaced);
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for restarts in [false, true] {
         let directory = TempDir::new().unwrap();
         let mut service = Running::start_in(directory.path()).await;
@@ -310,16 +310,16 @@ async fn a_restart_in_between_changes_no_bit() {
                 alert[field] = Value::Null;
             }
         }
-        told.push((State::of(&service.client, "line").await, alerts));
+        reported.push((State::of(&service.client, "line").await, alerts));
         service.stop().await;
     }
     assert!(
-        told[0].0 == told[1].0,
+        reported[0].0 == reported[1].0,
         "{:?}",
-        told[0].0.distance_to(&told[1].0)
+        reported[0].0.distance_to(&reported[1].0)
     );
-    assert_eq!(told[0].1, told[1].1);
-    assert_eq!(told[0].1.as_array().unwrap().len(), 1);
+    assert_eq!(reported[0].1, reported[1].1);
+    assert_eq!(reported[0].1.as_array().unwrap().len(), 1);
 }
 
 /// The alerts after laps of which some closures are off.
@@ -355,23 +355,23 @@ async fn displaced_closures_raise_one_alert_at_their_place() {
         let place_m = (at.translation() - truth[12].translation()).norm();
         assert!(place_m < 3.0, "seed {seed}: {place_m} m off");
         assert!(alert["confidence"].as_f64().unwrap() > 0.9, "{alert}");
-        evidence_is_told(&service, alert).await;
+        evidence_is_reported(&service, alert).await;
         service.stop().await;
     }
 }
 
-async fn evidence_is_told(service: &Running, alert: &Value) {
+async fn evidence_is_reported(service: &Running, alert: &Value) {
     let path = format!("/v1/alerts/{}/evidence", alert["id"].as_str().unwrap());
     let evidence = service.client.json(&path).await;
     assert_eq!(evidence["scans"], json!([]));
     assert_eq!(evidence["edge_id"], alert["residual"]["edge_id"]);
     let entries = evidence["residuals"]["entries"].as_array().unwrap();
-    let told = entries
+    let reported = entries
         .iter()
         .find(|e| e["edge_id"] == evidence["edge_id"])
         .unwrap();
     assert_eq!(
-        (&told["alarm"], told["calibrated_p_value"].is_f64()),
+        (&reported["alarm"], reported["calibrated_p_value"].is_f64()),
         (&json!(true), true)
     );
     let picture = service.client.text(&format!("{path}.svg")).await;

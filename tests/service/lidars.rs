@@ -78,10 +78,10 @@ async fn trips_of_two_lidars_come_in_any_order_and_through_a_restart() {
     let client = &service.client;
     client.put_route("line", Value::Null).await;
     client.put_all("line", &drives.concat()).await;
-    let told = client.merged("line").await;
+    let reported = client.merged("line").await;
     assert!(
-        told.iter().all(|batch| batch["flags"] == json!([])),
-        "{told:?}"
+        reported.iter().all(|batch| batch["flags"] == json!([])),
+        "{reported:?}"
     );
     let (in_order, poses) = all_of(client).await;
     let route = client.route("line").await;

@@ -96,11 +96,11 @@ async fn a_gap_is_waited_for_then_skipped() {
 }
 
 /// That the keyframes of a drive are where the vehicle was.
-fn assert_near_the_truth(drive: &Drive, told: &BTreeMap<Key, Pose2>, within_m: f64) {
+fn assert_near_the_truth(drive: &Drive, reported: &BTreeMap<Key, Pose2>, within_m: f64) {
     let mut compared = 0;
     for scan in &drive.scans {
         let key = (drive.trip.to_owned(), drive.stamp(scan).to_string());
-        if let Some(pose) = told.get(&key) {
+        if let Some(pose) = reported.get(&key) {
             let error_m = (pose.translation() - scan.map_from_base.translation()).norm();
             assert!(error_m < within_m, "{key:?} is off by {error_m} m");
             compared += 1;
@@ -183,14 +183,14 @@ async fn a_trip_without_a_place_is_tried_again_when_the_map_has_grown() {
     }
     assert!(closures > 5, "{closures}");
     client.merged("line").await;
-    let told = State::of(client, "line").await.poses();
+    let reported = State::of(client, "line").await.poses();
     for drive in [first, second_drive] {
-        assert_near_the_truth(&drive, &told, 0.2);
+        assert_near_the_truth(&drive, &reported, 0.2);
     }
     service.stop().await;
 }
 
-/// Sends a drive whose first and third batches are spoiled; hands back what became of the four.
+/// Sends a drive whose first and third batches are spoiled; hands back the outcomes of the four.
 async fn half_spoiled(
     client: &Client,
     trip: &str,
@@ -203,18 +203,18 @@ async fn half_spoiled(
         sent[k] = spoil(&sent[k]);
     }
     client.put_all("line", &sent).await;
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for batch in &sent {
-        told.push(ended(client, &batch.id).await);
+        reported.push(ended(client, &batch.id).await);
     }
-    told
+    reported
 }
 
 fn column(batches: &[Value], field: &str) -> Value {
     batches.iter().map(|batch| batch[field].clone()).collect()
 }
 
-async fn everything_is_told(client: &Client) {
+async fn everything_is_reported(client: &Client) {
     all_numbers_are_finite(client).await;
     for part in [
         "map.png",
@@ -234,15 +234,18 @@ async fn blind_batches_are_driven_by_odometry() {
     let service = with_map(36).await;
     let client = &service.client;
     let [_, drive] = two_vehicles(48);
-    let told = half_spoiled(client, "posed", &drive, blind).await;
+    let reported = half_spoiled(client, "posed", &drive, blind).await;
     let flagged = json!([["empty_scans"], [], ["empty_scans"], []]);
-    assert_eq!(column(&told, "flags"), flagged);
-    assert!(told.iter().all(|b| b["status"] == "merged"), "{told:?}");
+    assert_eq!(column(&reported, "flags"), flagged);
+    assert!(
+        reported.iter().all(|b| b["status"] == "merged"),
+        "{reported:?}"
+    );
 
     let drive = drive.without_pose();
-    let told = half_spoiled(client, "unposed", &drive, blind).await;
-    assert_eq!(column(&told, "flags"), flagged);
-    everything_is_told(client).await;
+    let reported = half_spoiled(client, "unposed", &drive, blind).await;
+    assert_eq!(column(&reported, "flags"), flagged);
+    everything_is_reported(client).await;
     service.stop().await;
 }
 
@@ -253,22 +256,22 @@ async fn wild_batches_are_kept_out() {
     let before = client.text("/v1/routes/line/map.yaml").await;
     let [_, drive] = two_vehicles(48);
     for (trip, drive) in [("posed", drive.clone()), ("unposed", drive.without_pose())] {
-        let told = half_spoiled(client, trip, &drive, wild).await;
+        let reported = half_spoiled(client, trip, &drive, wild).await;
         assert_eq!(
-            column(&told, "status"),
+            column(&reported, "status"),
             json!(["quarantined", "merged", "quarantined", "merged"]),
-            "{told:?}"
+            "{reported:?}"
         );
         assert_eq!(
-            column(&told, "flags"),
+            column(&reported, "flags"),
             json!([["wild_odometry"], ["gap"], ["wild_odometry"], ["gap"]])
         );
         for k in [0, 2] {
-            let reason = told[k]["reason"].as_str().unwrap();
+            let reason = reported[k]["reason"].as_str().unwrap();
             assert!(reason.contains("odometry jumps by"), "{reason}");
         }
     }
-    everything_is_told(client).await;
+    everything_is_reported(client).await;
     let after = client.text("/v1/routes/line/map.yaml").await;
     let resolution = |yaml: &str| {
         yaml.lines()

@@ -46,12 +46,12 @@ async fn eight_gateways_fill_two_routes() {
         let batches = service.client.merged(route).await;
         assert_eq!(batches.len(), VEHICLES.len() * BATCHES);
         let state = State::of(&service.client, route).await;
-        let told = service.client.route(route).await;
+        let reported = service.client.route(route).await;
         let closures = state.edges.iter().filter(|e| e["kind"] == "loop_closure");
         let closures = closures.count();
-        let subgraphs = told["counts"]["subgraphs"].clone();
+        let subgraphs = reported["counts"]["subgraphs"].clone();
         assert_eq!(
-            told["counts"],
+            reported["counts"],
             json!({
                 "batches": batches.len(), "scans": batches.len() * SCANS,
                 "nodes": state.nodes.len(), "edges": state.edges.len(),

@@ -29,16 +29,16 @@ async fn nothing_of_a_quarantined_vehicle_reaches_the_map_until_it_is_released()
     let vehicle = "/v1/routes/line/vehicles/agv-01";
     assert_eq!(client.json(vehicle).await["state"], "trusted");
     let put_out = |note: &str| client.post(format!("{vehicle}/quarantine"), json!({"note": note}));
-    let (status, told) = put_out("its mount is loose").await;
+    let (status, reported) = put_out("its mount is loose").await;
     assert_eq!(
-        (status, &told["state"]),
+        (status, &reported["state"]),
         (200, &json!("quarantined")),
-        "{told}"
+        "{reported}"
     );
     let (_, again) = put_out("another note").await;
-    assert_eq!(again, told, "the first note stays");
+    assert_eq!(again, reported, "the first note stays");
     assert!(
-        told["reasons"][0]
+        reported["reasons"][0]
             .as_str()
             .unwrap()
             .ends_with("its mount is loose")
@@ -51,10 +51,14 @@ async fn nothing_of_a_quarantined_vehicle_reaches_the_map_until_it_is_released()
     assert_eq!(client.route("line").await["counts"]["nodes"], nodes);
     end_as(client, &second.batches(12), "merged").await;
 
-    let (status, told) = client.post(format!("{vehicle}/release"), Value::Null).await;
-    assert_eq!((status, &told["state"]), (200, &json!("suspect")), "{told}");
+    let (status, reported) = client.post(format!("{vehicle}/release"), Value::Null).await;
+    assert_eq!(
+        (status, &reported["state"]),
+        (200, &json!("suspect")),
+        "{reported}"
+    );
     assert!(
-        told["reasons"][0]
+        reported["reasons"][0]
             .as_str()
             .unwrap()
             .starts_with("4 of its newest batches")

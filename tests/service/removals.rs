@@ -135,8 +135,8 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
     for batch in drives[2].batches(24) {
         let renamed = batch.named(&format!("{}-again", batch.id));
         client.put("line", &renamed).await;
-        let told = ended(client, &renamed.id).await;
-        assert_eq!(told["status"], "merged", "{told}");
+        let reported = ended(client, &renamed.id).await;
+        assert_eq!(reported["status"], "merged", "{reported}");
     }
     service.stop().await;
 }
@@ -154,7 +154,7 @@ async fn one_of_fifty_laps_is_taken_out() {
         let trip = format!("lap-{bad}");
         let service = driven(&drives, None).await;
         let client = &service.client;
-        let told = client.batch("line", &format!("{trip}-003")).await;
+        let reported = client.batch("line", &format!("{trip}-003")).await;
         let begun = std::time::Instant::now();
         let done = client.remove("line", json!({"trips": [&trip]})).await;
         let took = begun.elapsed();
@@ -171,7 +171,7 @@ async fn one_of_fifty_laps_is_taken_out() {
         apart_m.sort_by(f64::total_cmp);
         println!(
             "lap {bad} ({}): {} in {took:.1?}, {retried} batches tried again; {} nodes, {} in both, apart by {:.5} m (median), {:.5} m (most)",
-            told["status"],
+            reported["status"],
             done["result"],
             own.len(),
             apart_m.len(),
@@ -205,8 +205,8 @@ async fn the_first_trip_can_go_and_the_map_lives_on() {
     client
         .put_all("line", &lap.without_pose().batches(24))
         .await;
-    let told = client.settled("line", true).await;
-    let last = told.last().unwrap();
+    let reported = client.settled("line", true).await;
+    let last = reported.last().unwrap();
     assert_eq!(last["status"], "merged", "{last}");
     assert!(last["loop_closures"].as_i64().unwrap() > 5, "{last}");
     service.stop().await;
@@ -266,8 +266,8 @@ async fn a_stranger_who_took_a_trips_name_is_removed_and_the_trip_tried_again() 
     let done = client.remove("line", asked).await;
     assert_eq!(done["result"]["batches"], 1, "{done}");
     for batch in &batches {
-        let (status, told) = client.retry("line", &batch.id).await;
-        assert_eq!(status, 202, "{told}");
+        let (status, reported) = client.retry("line", &batch.id).await;
+        assert_eq!(status, 202, "{reported}");
         assert_eq!(ended(client, &batch.id).await["status"], "merged");
     }
     let (status, problem) = client.retry("line", &batches[0].id).await;

@@ -1,4 +1,4 @@
-//! `mapshift replay`: from the journal of what shaped it, a map is made anew to the bit.
+//! `mapshift replay`: from the journal of what shaped it, a map is rebuilt to the bit.
 
 use std::path::Path;
 use std::process::Command;
@@ -21,27 +21,27 @@ async fn live_through_everything(client: &Client) {
     for lap in 0..2 {
         drive(client, &shop, lap).await;
     }
-    let told = only(drive(client, &shop, 2).await);
-    let talked_about = format!("/v1/alerts/{}/comments", told["id"].as_str().unwrap());
+    let reported = only(drive(client, &shop, 2).await);
+    let talked_about = format!("/v1/alerts/{}/comments", reported["id"].as_str().unwrap());
     let comment = json!({"text": "a crate, it seems"});
     assert_eq!(client.post(talked_about, comment).await.0, 201);
     let zone =
         json!({"polygon": [[5.0, 3.0], [8.0, 3.0], [8.0, 5.0], [5.0, 5.0]], "purpose": "mute"});
     let zones = format!("/v1/routes/{ROUTE}/zones");
     assert_eq!(client.post(zones, zone).await.0, 201);
-    let taken_up = client.decide(&told, "acknowledge").await;
+    let taken_up = client.decide(&reported, "acknowledge").await;
     let accepted = client.decide(&taken_up, "accept").await;
     let undone = client.decide(&accepted, "undo").await;
     client
         .put_route(ROUTE, json!({"false_alarm_rate": 0.05}))
         .await;
     drive(client, &shop, 3).await;
-    let told = alerts(client).await;
-    let told = told.iter().find(|alert| alert["id"] == undone["id"]);
+    let reported = alerts(client).await;
+    let reported = reported.iter().find(|alert| alert["id"] == undone["id"]);
     let versions = format!("/v1/routes/{ROUTE}/versions");
     let release = json!({"note": "first one"});
     client.post(format!("{versions}/3/release"), release).await;
-    client.decide(told.unwrap(), "accept").await;
+    client.decide(reported.unwrap(), "accept").await;
     let release = json!({});
     client.post(format!("{versions}/5/release"), release).await;
     client
@@ -64,8 +64,12 @@ async fn live_through_everything(client: &Client) {
     // The first batch never comes: the others are used without it.
     let torn = &shop.lap(5)[1..];
     client.put_all(ROUTE, torn).await;
-    let told = client.settled(ROUTE, true).await;
-    assert!(told.iter().any(|batch| batch["flags"] == json!(["gap"])));
+    let reported = client.settled(ROUTE, true).await;
+    assert!(
+        reported
+            .iter()
+            .any(|batch| batch["flags"] == json!(["gap"]))
+    );
     let removed = client.remove(ROUTE, json!({"trips": ["lap-01"]})).await;
     assert_eq!(removed["status"], "succeeded", "{removed}");
     drive(client, &shop, 6).await;
@@ -111,14 +115,17 @@ async fn a_map_made_anew_is_the_same_to_the_bit() {
 
     // Beside the running service.
     let copy = directory.path().join("copy");
-    let (ended_well, told) = replay(&data, &["--compare", "--into", copy.to_str().unwrap()]);
-    assert!(ended_well && told["comparison"]["same"] == true, "{told}");
-    let none = json!({"to_free": 0, "to_occupied": 0, "to_unknown": 0});
-    assert_eq!(told["cells"], none);
-    assert_eq!(told["decisions_left_out"], json!([]));
-    assert_eq!(told["versions_left_out"], json!([]));
-    assert_eq!(told["without_body"], 0);
-    let (state, told) = (State::of(client, ROUTE).await, alerts(client).await);
+    let (ended_well, reported) = replay(&data, &["--compare", "--into", copy.to_str().unwrap()]);
+    assert!(
+        ended_well && reported["comparison"]["same"] == true,
+        "{reported}"
+    );
+    let none = json!({"to_occupied": 0, "to_free": 0, "to_unknown": 0, "from_unknown": 0});
+    assert_eq!(reported["cells"], none);
+    assert_eq!(reported["decisions_left_out"], json!([]));
+    assert_eq!(reported["versions_left_out"], json!([]));
+    assert_eq!(reported["without_body"], 0);
+    let (state, reported) = (State::of(client, ROUTE).await, alerts(client).await);
     let batches = client
         .list(&format!("/v1/routes/{ROUTE}/batches"), 50)
         .await;
@@ -134,7 +141,7 @@ async fn a_map_made_anew_is_the_same_to_the_bit() {
     let service = Running::start_in(copied.path()).await;
     let client = &service.client;
     assert!(State::of(client, ROUTE).await == state);
-    assert_eq!(alerts(client).await, told);
+    assert_eq!(alerts(client).await, reported);
     let again = client
         .list(&format!("/v1/routes/{ROUTE}/batches"), 50)
         .await;
@@ -143,7 +150,7 @@ async fn a_map_made_anew_is_the_same_to_the_bit() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_does_not_follow_from_the_journal_is_told() {
+async fn what_does_not_follow_from_the_journal_is_reported() {
     let directory = TempDir::new().unwrap();
     let service = Running::start_in(directory.path()).await;
     let client = &service.client;
@@ -159,9 +166,9 @@ async fn what_does_not_follow_from_the_journal_is_told() {
     let data = directory.path().join("data");
 
     execute(&data, "UPDATE nodes SET x = x + 0.25 WHERE node_id = 7").await;
-    let (ended_well, told) = replay(&data, &["--compare"]);
+    let (ended_well, reported) = replay(&data, &["--compare"]);
     assert!(!ended_well);
-    let comparison = &told["comparison"];
+    let comparison = &reported["comparison"];
     let apart = json!({"nodes": {"only_before": 1, "only_now": 1}});
     assert_eq!(
         (&comparison["same"], &comparison["tables"]),
@@ -169,8 +176,11 @@ async fn what_does_not_follow_from_the_journal_is_told() {
     );
     assert_eq!(comparison["poses"]["moved"], 1);
     assert_eq!(comparison["poses"]["max_m"], 0.25);
-    let cells = told["cells"].as_object().unwrap().values();
-    assert!(cells.filter_map(Value::as_u64).sum::<u64>() > 0, "{told}");
+    let cells = reported["cells"].as_object().unwrap().values();
+    assert!(
+        cells.filter_map(Value::as_u64).sum::<u64>() > 0,
+        "{reported}"
+    );
     execute(&data, "UPDATE nodes SET x = x - 0.25 WHERE node_id = 7").await;
     assert!(replay(&data, &["--compare"]).0);
 
@@ -179,19 +189,19 @@ async fn what_does_not_follow_from_the_journal_is_told() {
         "UPDATE batches SET body_kept = 0 WHERE id = 'lap-01-001'",
     )
     .await;
-    let (ended_well, told) = replay(&data, &["--compare"]);
+    let (ended_well, reported) = replay(&data, &["--compare"]);
     assert!(!ended_well);
-    assert_eq!(told["without_body"], 1, "{told}");
+    assert_eq!(reported["without_body"], 1, "{reported}");
 
     execute(
         &data,
         "DELETE FROM inputs WHERE input_key = (SELECT min(input_key) FROM inputs)",
     )
     .await;
-    let (ended_well, told) = replay(&data, &["--compare"]);
-    let error = told["error"].as_str().unwrap();
+    let (ended_well, reported) = replay(&data, &["--compare"]);
+    let error = reported["error"].as_str().unwrap();
     assert!(
         !ended_well && error.contains("begins after its first batches"),
-        "{told}"
+        "{reported}"
     );
 }

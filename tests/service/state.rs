@@ -10,7 +10,7 @@ use crate::client::Client;
 /// Trip and stamp of a keyframe.
 pub type Key = (String, String);
 
-/// A route's graph as it is told.
+/// A route's graph as it is reported.
 #[derive(Debug, PartialEq)]
 pub struct State {
     pub nodes: Vec<Value>,

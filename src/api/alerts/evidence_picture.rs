@@ -14,7 +14,7 @@ use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertProblems;
 use crate::api::types::timestamp;
 use crate::ids::AlertId;
-use crate::render::evidence_svg::{Curve, EvidencePicture, Look, to_svg};
+use crate::render::evidence_svg::{Curve, EvidencePicture, EvidenceScan, to_svg};
 
 /// A picture is opened on its own, too: nothing in it may run or load.
 pub(super) const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
@@ -67,7 +67,7 @@ fn draw(evidence: &Evidence) -> String {
         .map(|looks| looks.each_ref().map(caption));
     let looks = evidence.looks.as_ref().zip(captions.as_ref());
     let looks = looks.map(|([old, new], [of_old, of_new])| {
-        [(old, of_old), (new, of_new)].map(|(look, caption)| Look {
+        [(old, of_old), (new, of_new)].map(|(look, caption)| EvidenceScan {
             caption,
             map_from_base: look.node.pose,
             beams: &look.beams,
@@ -84,7 +84,7 @@ fn draw(evidence: &Evidence) -> String {
         laps: finding.laps,
         views: finding.views,
         confidence: finding.confidence,
-        looks,
+        scans: looks,
         tied: evidence.tied,
         curve: curve.map(|(around, edge)| Curve {
             entries: &around.series.entries,

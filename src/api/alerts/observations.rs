@@ -8,7 +8,7 @@ use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs};
 use crate::model::{ChangeKind, PassSide};
 use crate::observation::REACH_M;
-use crate::render::{Look, PlaceGrid};
+use crate::render::{PlaceGrid, PosedScan};
 use crate::scan::CodecError;
 use crate::store::{AlertRecord, NodeRecord, NodeWithScan, Within};
 
@@ -120,16 +120,16 @@ fn counted(
     for node in nodes {
         scans.extend(node.decoded_scans()?);
     }
-    let looks = scans.iter().filter_map(|(stamp, map_from_base, scan)| {
+    let scans = scans.iter().filter_map(|(stamp, map_from_base, scan)| {
         // What one height band shows is no answer to another.
         let is_comparable = !finding.kind.is_of_state() || finding.is_of(layer_of(scan));
         let side = sides.side_of(*stamp).filter(|_| is_comparable)?;
-        let look = Look {
+        let scan = PosedScan {
             stamp: *stamp,
             map_from_base: *map_from_base,
             scan,
         };
-        Some((side, look))
+        Some((side, scan))
     });
-    Ok(PlaceGrid::around(&finding.region).with_looks(looks))
+    Ok(PlaceGrid::around(&finding.region).with_scans(scans))
 }

@@ -15,7 +15,7 @@ use crate::api::problem_responses::PreviewProblems;
 use crate::change::AlertAction;
 use crate::ids::AlertId;
 use crate::pipeline::Preview;
-use crate::render::CellChanges;
+use crate::render::DifferingCells;
 
 /// Edges that are named.
 const EDGES_MAX: usize = 100;
@@ -55,20 +55,23 @@ pub(in crate::api) struct PreviewBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = CellChanges)]
 struct CellChangesBody {
-    /// Cells that would become free.
-    to_free: usize,
-    /// Cells that would become occupied.
-    to_occupied: usize,
-    /// Cells of which nothing would be known any more.
-    to_unknown: usize,
+    /// Occupied cells that would become free.
+    to_free: u64,
+    /// Free cells that would become occupied.
+    to_occupied: u64,
+    /// Free or occupied cells that would become unknown.
+    to_unknown: u64,
+    /// Unknown cells that would become free or occupied.
+    from_unknown: u64,
 }
 
-impl From<CellChanges> for CellChangesBody {
-    fn from(cells: CellChanges) -> Self {
+impl From<DifferingCells> for CellChangesBody {
+    fn from(cells: DifferingCells) -> Self {
         Self {
             to_free: cells.to_free,
             to_occupied: cells.to_occupied,
             to_unknown: cells.to_unknown,
+            from_unknown: cells.from_unknown,
         }
     }
 }

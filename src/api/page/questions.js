@@ -16,10 +16,10 @@ const P = TEXTS.preview;
 
 /** @param {import("./types").Preview} preview */
 function previewFacts(preview) {
-  const { to_occupied, to_free, to_unknown } = preview.cells;
+  const { to_occupied, to_free, to_unknown, from_unknown } = preview.cells;
   return facts([
     [P.version, String(preview.map_version_next)],
-    [P.cells, P.cellCounts(to_occupied, to_free, to_unknown)],
+    [P.cells, P.cellCounts(to_occupied, to_free, to_unknown, from_unknown)],
     [P.edges, String(preview.edges_retired)],
     [P.nodes, String(preview.nodes_handed_over)],
     [P.moved, P.atMost(preview.max_displacement_m)],

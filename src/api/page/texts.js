@@ -50,7 +50,7 @@ export const TEXTS = {
   acceptSeveralTitle: (/** @type {number} */ count) => "Take " + plural(count, "change", "changes") + " into the map?", acceptSeveralBody: "Those on one route make one new version of its map. You can undo each of them.",
   preview: {
     working: "Working out what it would change …", version: "New version", cells: "Map", edges: "Loop closures retired", nodes: "Keyframes handed over", moved: "Poses move by", precision: "Precision", approximate: (/** @type {number} */ nodes) => "approximate: " + plural(nodes, "archived keyframe is", "archived keyframes are") + " read first",
-    cellCounts: (/** @type {number} */ occupied, /** @type {number} */ free, /** @type {number} */ unknown) => plural(occupied, "cell becomes", "cells become") + " occupied, " + free + " free, " + unknown + " unknown",
+    cellCounts: (/** @type {number} */ occupied, /** @type {number} */ free, /** @type {number} */ unknown, /** @type {number} */ observed) => plural(occupied, "cell becomes", "cells become") + " occupied, " + free + " free, " + unknown + " unknown, " + observed + " newly observed",
     atMost: (/** @type {number} */ metres) => (metres < 0.0005 ? "nothing" : "at most " + (metres * 100).toFixed(1) + " cm"),
   },
   dismissTitle: "Keep the map as it is?", dismissBody: "The same thing at the same place is not raised again while it lasts.", reason: "Reason",

@@ -75,7 +75,7 @@ export interface Preview {
   decision_revision: number;
   nodes_reactivated?: number;
   map_version_next: number;
-  cells: { to_free: number; to_occupied: number; to_unknown: number };
+  cells: { to_free: number; to_occupied: number; to_unknown: number; from_unknown: number };
   edges_retired: number;
   edge_ids: number[];
   nodes_handed_over: number;

@@ -96,7 +96,7 @@ fn a_change_is_raised_once_and_follows_its_finding() {
 }
 
 #[test]
-fn what_a_shift_explains_is_told_elsewhere() {
+fn what_a_shift_explains_is_reported_elsewhere() {
     let mut alerts = Alerts::default();
     let [near, far] = [1.0, 9.0].map(|x| appeared(x, 100, None));
     alerts.fold(&[near, far]);
@@ -106,7 +106,7 @@ fn what_a_shift_explains_is_told_elsewhere() {
     };
     let updates = fold(&alerts.states, std::slice::from_ref(&mismatch));
     let notes: Vec<_> = updates.iter().map(|u| u.steps[0].note.as_deref()).collect();
-    assert_eq!(notes, [Some(TOLD_ELSEWHERE), Some(REFUTED), None]);
+    assert_eq!(notes, [Some(REPORTED_ELSEWHERE), Some(REFUTED), None]);
     assert_eq!(updates[2].state.evidence, mismatch);
 }
 

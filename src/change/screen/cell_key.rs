@@ -1,11 +1,11 @@
-//! The cells that the map is cut into: how they are named, and where they are.
+//! Cells of the screen by index, and their centres.
 
 use crate::geometry::Vector2;
 
 /// Width of a cell, metres.
 pub const CELL_M: f64 = 0.08;
 
-/// A cell, in cells from the map's origin.
+/// Column and row of a cell, counted from the map's origin.
 pub type CellKey = (i32, i32);
 
 /// The cell that holds a point.

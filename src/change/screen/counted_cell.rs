@@ -1,4 +1,4 @@
-//! A cell of the screen, and what each pass has said about it.
+//! A cell of the screen with the hits and misses of each pass.
 
 use super::cell_key::{CELL_M, CellKey, centre_of};
 use crate::change::history::{
@@ -6,26 +6,26 @@ use crate::change::history::{
 };
 use crate::observation::{Cell, Outcome};
 
-/// A cell is counted once so many observations have a hit in it: one alone is noise.
-pub const MAKERS_MIN: u32 = 2;
-/// A pass that says something so often has said all it can.
-const SAID_OFTEN: u32 = 16;
-/// Hits and misses that a cell needs.
+/// A cell is counted once this many observations have a hit in it: one alone is noise.
+pub const HITS_TO_COUNT: u32 = 2;
+/// More equal outcomes of one pass do not change a cell's signature.
+const COUNT_CAP: u32 = 16;
+/// Fewest hits, and fewest misses, of a candidate.
 const ANSWERS_MIN: f64 = 2.0;
-/// How much the share of hits must differ between the two states: the decision wants more.
+/// How much the share of hits must differ between the two states; the decision requires more.
 const CONTRAST_MIN: f64 = 0.5;
-/// A cell is solid to a pass of which a larger share hits it, …
+/// A cell is occupied by a pass with a larger share of hits, …
 const SOLID_SHARE_MIN: f64 = 0.7;
-/// … and free to one of which a smaller share does.
+/// … and free by one with a smaller share.
 const FREE_SHARE_MAX: f64 = 0.3;
 
-/// A pass says much about a cell if it answers so often.
-const TELLING_MIN: u32 = 6;
+/// A pass is clear about a cell with at least this many hits and misses.
+const CLEAR_MIN: u32 = 6;
 
-/// What a cell's passes say, in steps of what matters to a decision.
+/// A hash of a cell's history, in steps that matter to a decision.
 pub type Signature = u64;
 
-/// A span of time of one trip: about a pass. They sort by time.
+/// A span of time of one trip, about a pass; they sort by time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PassKey {
     /// Number of the span.
@@ -34,15 +34,15 @@ pub struct PassKey {
     pub trip: u32,
 }
 
-/// A place that is counted once something was hit in it twice.
+/// A cell of the screen.
 pub struct CountedCell {
     /// Where it is.
     pub key: CellKey,
     /// Observations that have a hit in it.
-    pub makers: u32,
+    pub hit_by: u32,
     /// Whether its history has a change.
     pub candidate: bool,
-    /// What its passes said when it was last judged, if it was touched since.
+    /// Its signature when it was last judged, if it was touched since.
     pub before: Option<Signature>,
     /// Ascending by pass.
     pub passes: Vec<PassCounts>,
@@ -84,12 +84,12 @@ impl PassCounts {
         self.hits + self.misses + self.no_returns == 0
     }
 
-    /// Misses, and no-returns if one is worth so many of them.
+    /// Misses, with each no-return as `no_return_worth` of one.
     fn free(&self, no_return_worth: f64) -> f64 {
         f64::from(self.misses) + no_return_worth * f64::from(self.no_returns)
     }
 
-    /// 1 where the pass found the cell solid, -1 where free, 0 in doubt.
+    /// 1 if the pass found the cell occupied, −1 if free, 0 if unclear.
     fn vote(&self) -> i32 {
         let (hits, all) = (f64::from(self.hits), f64::from(self.hits + self.misses));
         i32::from(hits > SOLID_SHARE_MIN * all) - i32::from(hits < FREE_SHARE_MAX * all)
@@ -97,24 +97,24 @@ impl PassCounts {
 }
 
 impl CountedCell {
-    /// A cell that nothing was hit in.
+    /// A cell without hits.
     pub fn new(key: CellKey) -> Self {
         Self {
             key,
-            makers: 0,
+            hit_by: 0,
             candidate: false,
             before: None,
             passes: Vec::new(),
         }
     }
 
-    /// Forgets what was said: too little is hit in it now.
+    /// Forgets its passes: too few observations hit it now.
     pub fn clear(&mut self) {
         self.candidate = false;
         self.passes.clear();
     }
 
-    /// Notes that something was said about it; whether that is the first time since it was judged.
+    /// Marks it as touched; returns whether that is the first time since it was judged.
     pub fn touch(&mut self) -> bool {
         let is_first = self.before.is_none();
         if is_first {
@@ -123,29 +123,28 @@ impl CountedCell {
         is_first
     }
 
-    /// Whether enough was hit in it.
+    /// Whether enough observations hit it.
     pub fn is_counted(&self) -> bool {
-        self.makers >= MAKERS_MIN
+        self.hit_by >= HITS_TO_COUNT
     }
 
-    /// What observations are asked about.
+    /// Its geometry for the ray test.
     pub fn geometry(&self) -> Cell {
         Cell::of_grid(centre_of(self.key), 0.5 * CELL_M)
     }
 
-    /// Whether more of the passes that `counts` found it solid than free.
+    /// Whether more of the passes for which `counts` holds found it occupied than free.
     pub fn is_solid_to(&self, counts: impl Fn(&PassKey) -> bool) -> bool {
         let votes = self.passes.iter().filter(|p| counts(&p.pass));
         votes.map(PassCounts::vote).sum::<i32>() > 0
     }
 
-    /// Of the passes that said much about it, the first and the last aside: how many contradict
-    /// both the one before and the one after, and how many there are. What has changed and stays so
-    /// contradicts one of them alone.
+    /// Of the clear passes without the first and the last: how many contradict both the one before and the
+    /// one after, and how many there are. A lasting change contradicts only one of the two.
     pub fn contradictions(&self) -> (u32, u32) {
-        let telling = self.passes.iter();
-        let telling = telling.filter(|p| p.hits + p.misses >= TELLING_MIN);
-        let mut votes = telling.map(PassCounts::vote).filter(|v| *v != 0);
+        let clear = self.passes.iter();
+        let clear = clear.filter(|p| p.hits + p.misses >= CLEAR_MIN);
+        let mut votes = clear.map(PassCounts::vote).filter(|v| *v != 0);
         let (Some(mut before), Some(mut vote)) = (votes.next(), votes.next()) else {
             return (0, 0);
         };
@@ -158,13 +157,13 @@ impl CountedCell {
         (contradicting, passes)
     }
 
-    /// Changes when a pass comes, leaves, or says something else, or twice as much: what is said
-    /// again and again says no more, unless it makes the cell a candidate, or none any more.
+    /// Changes when a pass is added or removed, changes its outcome or doubles its counts, and when the cell
+    /// becomes a candidate or ceases to be one.
     pub fn signature(&self) -> Signature {
         let mut signature = 0xcbf2_9ce4_8422_2325;
         let mut mix = |value: u64| signature = (signature ^ value).wrapping_mul(0x0100_0000_01b3);
         let doublings = |count: u32| {
-            let log = count.min(SAID_OFTEN).checked_ilog2();
+            let log = count.min(COUNT_CAP).checked_ilog2();
             u64::from(log.map_or(0, |log| log + 1))
         };
         mix(u64::from(self.candidate));
@@ -179,7 +178,7 @@ impl CountedCell {
         signature
     }
 
-    /// Counts an answer, or takes it back.
+    /// Adds an outcome, or removes it.
     pub fn count(&mut self, pass: PassKey, outcome: Outcome, adds: bool) {
         if outcome == Outcome::Unknown {
             return;
@@ -201,8 +200,8 @@ impl CountedCell {
         }
     }
 
-    /// Whether its passes tell of a change, with or without what the no-returns say: whether the
-    /// lidar earns a word for them is asked where it is decided.
+    /// Whether its history has a change, with or without no-returns: whether these count for the lidar is
+    /// decided where the site is judged.
     pub fn has_change(&self) -> bool {
         let has_no_returns = || self.passes.iter().any(|p| p.no_returns > 0);
         self.has_change_if(0.0) || (has_no_returns() && self.has_change_if(NO_RETURN_WORTH))
@@ -222,7 +221,7 @@ impl CountedCell {
             return false;
         };
         let within = share_of_hits(self.passes[change].iter(), no_return_worth);
-        // An earlier episode of the new state is no witness of the old one.
+        // An earlier episode of the new state does not count as the old one.
         let of_passes = self.passes.iter().zip(&history.states);
         let old = of_passes.filter(|(_, state)| Some(**state) == history.baseline());
         let outside = share_of_hits(old.map(|(counts, _)| counts), no_return_worth);
@@ -230,7 +229,7 @@ impl CountedCell {
     }
 }
 
-/// Hits, and answers for free, of some passes together.
+/// Hits and weighted misses of some passes together.
 fn counts_of<'a>(passes: impl Iterator<Item = &'a PassCounts>, no_return_worth: f64) -> (f64, f64) {
     passes.fold((0.0, 0.0), |(hits, free), p| {
         (hits + f64::from(p.hits), free + p.free(no_return_worth))

@@ -1,4 +1,4 @@
-//! How an observation fits what the other passes found, and where it fits better.
+//! How an observation fits what other passes observed, and the nearby pose at which it fits better.
 
 use super::counted_cell::PassKey;
 use super::{ObservationKey, Screen, box_in_reach};
@@ -6,48 +6,48 @@ use crate::geometry::Pose2;
 use crate::observation::{Cell, Observation, Outcome};
 use crate::scan::LaserScan;
 
-/// Spans of a trip that are so near to each other are of one pass: they err together.
+/// Spans of a trip this near to each other count as one pass: their errors are correlated.
 const SPANS_OF_A_PASS: i64 = 4;
-/// One in so many cells is asked.
+/// One in this many cells is tested.
 const CELLS_EVERY: i32 = 4;
-/// An observation must have been asked about so many cells that other passes call solid …
+/// Another pose is searched for if an observation was tested against this many cells that other passes found
+/// occupied …
 const ASKED_MIN: u32 = 15;
-/// … and have hit this share of them, or another pose is looked for.
+/// … and hits a smaller share of them than this.
 const HIT_SHARE_MIN: f64 = 0.75;
-/// Where none is better, half of what stood there may be gone; but some of it must be left.
+/// If no pose is better, the world may have changed; but this share must still be hit.
 const HIT_SHARE_LEAST: f64 = 0.35;
-/// One that was moved must fit better, as a share.
+/// A moved observation must hit at least this share.
 const MOVED_HIT_SHARE_MIN: f64 = 0.85;
-/// Poses are tried in steps of this at first, and then of half, a quarter, …, metres and radians,
-/// …
+/// First step of the search, metres and radians, …
 const FIRST_STEP_M: f64 = 0.16;
 const FIRST_STEP_RAD: f64 = 0.06;
-/// … so often halved …
+/// … how often it is halved, …
 const HALVINGS: u32 = 4;
-/// … and at most so many of each length.
+/// … and how many steps of each length are made at most.
 const STEPS_MAX: usize = 4;
 
-/// How an observation fits what the other passes found.
+/// How an observation fits what other passes observed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Agreement {
-    /// Cells that other passes call solid and that it says something about.
+    /// Cells occupied by other passes that it hits or misses.
     pub asked: u32,
     /// Those of them that it hits.
     pub hits: u32,
 }
 
 impl Agreement {
-    /// Whether enough was asked to say so.
+    /// Whether enough cells were tested.
     pub fn is_known(self) -> bool {
         self.asked >= ASKED_MIN
     }
 
-    /// Whether it misses next to everything that is there: its pose is wrong.
+    /// Whether it misses nearly everything: its pose is wrong.
     pub fn is_wrong(self) -> bool {
         self.is_known() && !self.hits_share(HIT_SHARE_LEAST)
     }
 
-    /// Whether it misses so much of what is there that its pose may be wrong.
+    /// Whether it misses so much that its pose may be wrong.
     fn may_be_wrong(self) -> bool {
         self.is_known() && !self.hits_share(HIT_SHARE_MIN)
     }
@@ -71,8 +71,8 @@ pub struct Fit {
 }
 
 impl Screen {
-    /// How an observation fits what other passes found solid, over all that it saw. If its pose is
-    /// wrong and another one near by is right, that one is returned.
+    /// How an observation fits the cells that other passes found occupied, over its whole range. If its pose
+    /// is wrong and a nearby one is right, that one is returned.
     pub fn fit(&self, key: &ObservationKey, scan: &LaserScan, map_from_base: &Pose2) -> Fit {
         let solid = self.solid_to_others(key, &Observation::new(scan, map_from_base));
         let agreement_at = |pose: &Pose2| agreement(&solid, &Observation::new(scan, pose));
@@ -83,7 +83,7 @@ impl Screen {
         if !given.agreement.may_be_wrong() {
             return given;
         }
-        // The middles of the cells leave less room than the cells do.
+        // Points localise better than cells.
         let middles = solid.iter().map(|cell| Cell::of_grid(cell.centre, 0.0));
         let middles: Vec<Cell> = middles.collect();
         let score_at = |pose: &Pose2| agreement(&middles, &Observation::new(scan, pose)).score();
@@ -98,7 +98,7 @@ impl Screen {
         }
     }
 
-    /// Cells within reach that passes other than the observation's own call solid.
+    /// Cells within reach that passes other than the observation's own found occupied.
     fn solid_to_others(&self, key: &ObservationKey, observation: &Observation) -> Vec<Cell> {
         let Some(pass) = self.recorded.get(key).map(|recorded| recorded.pass) else {
             return Vec::new();
@@ -130,7 +130,7 @@ fn agreement(solid: &[Cell], observation: &Observation) -> Agreement {
     agreement
 }
 
-/// Goes uphill from a pose, by steps along x, y and the heading that grow shorter.
+/// Hill climbing from a pose along x, y and heading, with ever shorter steps.
 fn best_near(given: &Pose2, score_at: impl Fn(&Pose2) -> i64) -> Pose2 {
     let mut best = (score_at(given), *given);
     for halvings in 0..=HALVINGS {

@@ -8,13 +8,13 @@ use crate::geometry::Vector2;
 
 /// Cells along a tile.
 const TILE_CELLS: i32 = 16;
-/// From a tile's middle to the middles of its cells, metres, at most.
+/// Largest distance from a tile's centre to the centres of its cells, metres.
 pub const TILE_RADIUS_M: f64 = 0.5 * std::f64::consts::SQRT_2 * TILE_CELLS as f64 * CELL_M;
 
 /// A tile, in tiles from the map's origin.
 type TileKey = (i32, i32);
 
-/// Cells that something was hit in.
+/// All cells with a hit.
 #[derive(Default)]
 pub struct CellGrid {
     /// Each tile's cells ascend by key.
@@ -22,7 +22,7 @@ pub struct CellGrid {
 }
 
 impl CellGrid {
-    /// A cell, which is put there if there is none.
+    /// A cell; it is added if there is none.
     pub fn entry(&mut self, key: CellKey) -> &mut CountedCell {
         let cells = self.tiles.entry(tile_of(key)).or_default();
         let at = cells.partition_point(|cell| cell.key < key);
@@ -46,7 +46,7 @@ impl CellGrid {
         Some(&mut cells[at])
     }
 
-    /// Takes a cell out.
+    /// Removes a cell.
     pub fn remove(&mut self, key: CellKey) {
         let Some(cells) = self.tiles.get_mut(&tile_of(key)) else {
             return;
@@ -74,7 +74,7 @@ impl CellGrid {
         tiles.flat_map(|(_, cells)| cells)
     }
 
-    /// Hands every tile that a box touches to `visit`: its middle, its cells.
+    /// Calls `visit` with the centre and the cells of every tile that a box touches.
     pub fn visit_tiles(
         &mut self,
         low: &Vector2<f64>,
@@ -90,7 +90,7 @@ impl CellGrid {
     }
 }
 
-/// The middle of a tile, map frame, metres.
+/// The centre of a tile, map frame, metres.
 fn middle_of(tile: TileKey) -> Vector2<f64> {
     let middle = |k: i32| (f64::from(k) + 0.5) * f64::from(TILE_CELLS) * CELL_M;
     Vector2::new(middle(tile.0), middle(tile.1))

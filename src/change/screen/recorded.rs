@@ -1,4 +1,4 @@
-//! The observations that have gone through the grid, by where the lidar was.
+//! The observations in the screen, by the position of the lidar.
 
 use std::collections::BTreeMap;
 
@@ -9,47 +9,47 @@ use crate::ids::{NodeId, StampNs, TripId};
 use crate::observation::Observation;
 use crate::scan::LaserScan;
 
-/// What a trip observed within so many seconds is counted together: far less than a pass may last,
-/// so that what changes while it is looked at shows.
+/// Observations of a trip within this time are counted together, nanoseconds: much less than a pass may last,
+/// so that a change during a pass shows.
 const SPAN_NS: i64 = 30_000_000_000;
 /// Observations are found by tiles of this width, metres.
 const TILE_M: f64 = 4.0;
-/// Poses are taken to whole steps of these, so that what a solve moves by a hair stays where it
-/// is: metres, radians.
+/// Poses are rounded to multiples of these, metres and radians, so that a solve that moves them slightly
+/// changes nothing.
 const POSE_STEP_M: f64 = 0.03;
 const POSE_STEP_RAD: f64 = 0.005;
 
-/// Which observation: a keyframe's own (0), or its first, second … intermediate scan.
+/// A keyframe's own scan (0), or its first, second … intermediate scan.
 pub type ObservationKey = (NodeId, u32);
 
-/// An observation as the screen is given it.
+/// An observation to be screened.
 pub struct Screened<'a> {
-    /// Which.
+    /// Its key.
     pub key: ObservationKey,
     /// Its trip.
     pub trip: &'a TripId,
-    /// When.
+    /// Time of the scan.
     pub stamp: StampNs,
-    /// Where the base was.
+    /// Pose of the base, map frame.
     pub map_from_base: Pose2,
-    /// What was seen.
+    /// The ranges.
     pub scan: &'a LaserScan,
 }
 
-/// An observation that has gone through the grid.
+/// An observation in the screen.
 pub struct Recorded {
-    /// Which.
+    /// Its key.
     pub key: ObservationKey,
     /// Its pass.
     pub pass: PassKey,
-    /// When.
+    /// Time of the scan.
     pub stamp: StampNs,
-    /// The scan at its pose, in whole steps.
+    /// The scan at its rounded pose.
     pub observation: Observation,
 }
 
 impl Recorded {
-    /// Of an observation.
+    /// Rounds the pose of an observation.
     pub fn of(screened: &Screened<'_>) -> Self {
         let pose = pose_of(&steps_of(&screened.map_from_base));
         Self {
@@ -82,7 +82,7 @@ struct Place {
     tile: TileKey,
 }
 
-/// All of them.
+/// All observations in the screen.
 #[derive(Default)]
 pub struct RecordedObservations {
     places: BTreeMap<ObservationKey, Place>,
@@ -91,23 +91,23 @@ pub struct RecordedObservations {
 }
 
 impl RecordedObservations {
-    /// Whether an observation is among them, where it is now.
+    /// Whether it contains an observation at its present pose.
     pub fn holds(&self, screened: &Screened<'_>) -> bool {
         let place = self.places.get(&screened.key);
         place.is_some_and(|place| place.pose == steps_of(&screened.map_from_base))
     }
 
-    /// Which.
+    /// Its key.
     pub fn keys(&self) -> impl Iterator<Item = ObservationKey> {
         self.places.keys().copied()
     }
 
-    /// How many.
+    /// How many there are.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Puts one there.
+    /// Adds one.
     pub fn insert(&mut self, map_from_base: &Pose2, recorded: Recorded) {
         let tile = tile_of(&recorded.observation.eye());
         let pose = steps_of(map_from_base);
@@ -115,7 +115,7 @@ impl RecordedObservations {
         self.tiles.entry(tile).or_default().push(recorded);
     }
 
-    /// Takes one out.
+    /// Removes one.
     pub fn take(&mut self, key: &ObservationKey) -> Option<Recorded> {
         let tile = self.places.remove(key)?.tile;
         let there = self.tiles.get_mut(&tile)?;
@@ -166,7 +166,7 @@ fn pose_of(steps: &PoseSteps) -> Pose2 {
     Pose2::new(x * POSE_STEP_M, y * POSE_STEP_M, theta * POSE_STEP_RAD)
 }
 
-/// FNV-1a: the same for every run, whatever the order in which trips came.
+/// FNV-1a: the same in every run, for any order of trips.
 fn hash_of(trip: &TripId) -> u32 {
     let mix = |sum: u32, byte: u8| (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
     trip.as_str().bytes().fold(0x811c_9dc5, mix)

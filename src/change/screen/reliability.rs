@@ -1,31 +1,31 @@
-//! What a pass is worth on this route: how often one contradicts those before and after it.
+//! How reliable passes are on a route: how often one contradicts both its neighbours in time.
 
 use super::Screen;
 use super::sites::is_near;
 use crate::change::false_alerts::support_for_rate;
 use crate::geometry::Vector2;
 
-/// Passes that contradict those before and after them, as fleets do: so many …
+/// Prior of the rate: this many contradicting passes …
 const PRIOR_CONTRADICTING: f64 = 4.0;
-/// … of so many. A route's own passes count beside these.
+/// … of this many. A route's own passes are added to these.
 const PRIOR_PASSES: f64 = 100.0;
-/// Passes of a fleet that confirm a change.
+/// Passes that confirm a change at the prior rate.
 const CONFIRMING_PASSES: f64 = 2.0;
-/// However noisy a route is, a pass is worth something, in nats.
+/// Least weight of a pass, in nats, however noisy the route is.
 const NATS_MIN: f64 = 0.5;
 
-/// How often passes contradict those before and after them, about cells that did not change.
+/// How often passes contradict both their neighbours in time, in cells that did not change.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Reliability {
-    /// Passes over a cell that find it otherwise than the one before and the one after.
+    /// Passes over a cell that contradict the one before and the one after.
     pub contradicting: u64,
     /// Passes over a cell with one before and one after.
     pub passes: u64,
 }
 
 impl Reliability {
-    /// Whether so many passes that show a change confirm it: as much as two passes of a fleet do,
-    /// and more where fewer false alerts are allowed.
+    /// Whether this many passes that show a change confirm it: as much as two passes at the prior rate, more
+    /// if fewer false alerts are allowed.
     pub fn confirms(self, passes: usize, false_alerts_per_lap: f64) -> bool {
         let needed = CONFIRMING_PASSES * Self::default().nats_per_pass();
         let needed = needed + support_for_rate(false_alerts_per_lap);
@@ -41,7 +41,7 @@ impl Reliability {
 }
 
 impl Screen {
-    /// Of the route's cells outside of some regions, where changes are known.
+    /// The reliability over the route's cells outside of regions with known changes.
     pub fn reliability(&self, changed: &[Vec<Vector2<f64>>]) -> Reliability {
         let mut reliability = Reliability::default();
         for cell in self.grid.cells() {

@@ -1,4 +1,4 @@
-//! Candidate cells that lie together: sites.
+//! Sites: groups of candidate cells.
 
 use std::collections::BTreeSet;
 
@@ -9,16 +9,16 @@ use crate::geometry::{Vector2, distance_to_polygon};
 
 /// Candidates this near to each other belong to one site, metres.
 const LINK_M: f64 = 0.25;
-/// A site reaches no farther than this from its first cell, metres.
+/// Largest extent of a site from its first cell, metres.
 const SITE_REACH_M: f64 = 4.0;
 /// Fewest candidates of a site.
 const SITE_CELLS_MIN: usize = 2;
-/// Surroundings of a site go this far from its cells, metres.
+/// The surroundings of a site reach this far from its cells, metres.
 pub const SURROUNDINGS_M: f64 = 3.0;
-/// What lies this near to an alert's region belongs to it, metres.
+/// Cells this near to an alert's region belong to it, metres.
 const REGION_MARGIN_M: f64 = 0.3;
 
-/// Candidate cells that lie together.
+/// A group of candidate cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CandidateSite {
     /// Centres of the cells, map frame, metres.
@@ -28,7 +28,7 @@ pub struct CandidateSite {
 }
 
 impl Screen {
-    /// The sites that were touched since the last [`Screen::settle`], by their first cells, and all
+    /// The sites that were touched since the last [`Screen::mark_judged`], by their first cells, and all
     /// in or near some regions.
     pub fn touched_sites<'a>(
         &self,
@@ -46,8 +46,8 @@ impl Screen {
         self.sites(self.grid.cells().map(|cell| cell.key).collect())
     }
 
-    /// Whether anything was touched in or near a region since the last [`Screen::settle`]: cells
-    /// that are gone count too.
+    /// Whether a cell in or near a region was touched since the last [`Screen::mark_judged`], removed cells
+    /// included.
     pub fn is_touched(&self, region: &[Vector2<f64>]) -> bool {
         let Some((low, high)) = box_round(region, REGION_MARGIN_M) else {
             return false;
@@ -67,7 +67,7 @@ impl Screen {
         keys.filter(|key| is_near(*key, region)).collect()
     }
 
-    /// Candidates that hang together with a seed.
+    /// The groups of candidates that are connected to a seed.
     fn sites(&self, seeds: BTreeSet<CellKey>) -> Vec<CandidateSite> {
         let mut left: BTreeSet<CellKey> = seeds;
         let mut taken: BTreeSet<CellKey> = BTreeSet::new();

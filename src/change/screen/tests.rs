@@ -106,7 +106,7 @@ fn counts(screen: &Screen) -> Vec<(CellKey, u32, bool, Counts)> {
     let of_cell = |cell: &CountedCell| {
         let passes = cell.passes.iter();
         let passes = passes.map(|p| (p.pass.span, p.pass.trip, [p.hits, p.misses, p.no_returns]));
-        (cell.key, cell.makers, cell.candidate, passes.collect())
+        (cell.key, cell.hit_by, cell.candidate, passes.collect())
     };
     screen.grid.cells().map(of_cell).collect()
 }
@@ -148,7 +148,7 @@ fn a_box_that_appears_or_disappears_is_a_site() {
 fn everyone_who_may_have_seen_a_site_is_asked_about_it() {
     let observations = appears();
     let screen = fresh(&observations);
-    let mut asked = screen.asked_about(&screen.all_sites()[0]);
+    let mut asked = screen.observations_of(&screen.all_sites()[0]);
     asked.sort_unstable();
     let all: Vec<ObservationKey> = observations.iter().map(|kept| kept.key).collect();
     assert_eq!(asked, all);
@@ -163,7 +163,7 @@ fn what_is_touched_is_named_until_it_is_settled() {
         screen.is_touched(&[Vector2::new(1.0, 0.1)]),
         "a wall is new too"
     );
-    screen.settle();
+    screen.mark_judged();
     assert!(!screen.is_touched(&[Vector2::new(1.0, 0.1)]));
     update(&mut screen, &observations);
     let sites = touched_sites(&screen, &[]);
@@ -172,7 +172,7 @@ fn what_is_touched_is_named_until_it_is_settled() {
     // It stays touched until somebody has judged it.
     update(&mut screen, &observations);
     assert_eq!(touched_sites(&screen, &[]), sites);
-    screen.settle();
+    screen.mark_judged();
     assert_eq!(touched_sites(&screen, &[box_region()]), []);
     assert!(!screen.is_touched(&box_region()));
     // The same observations again are no news, nor is a pose that moves by a hair.
@@ -190,7 +190,7 @@ fn what_is_touched_is_named_until_it_is_settled() {
 fn a_region_is_touched_by_what_is_near_and_by_nothing_else() {
     let observations = appears();
     let mut screen = fresh(&observations);
-    screen.settle();
+    screen.mark_judged();
     // A post where nothing was, half a metre from the box.
     let post = room().with_rectangle([2.2, 2.0], [2.3, 2.1]);
     let all: Vec<Kept> = observations.into_iter().chain(pass(4, &post)).collect();
@@ -212,14 +212,14 @@ fn a_region_is_touched_by_what_is_near_and_by_nothing_else() {
 fn a_region_is_touched_when_all_that_was_hit_there_is_gone() {
     let observations = appears();
     let mut screen = fresh(&observations);
-    screen.settle();
+    screen.mark_judged();
     // Whoever saw the box leaves; then nothing is left to touch but its absence.
     update(&mut screen, &observations[..2 * VIEWS]);
     assert!(screen.is_touched(&box_region()));
     assert_eq!(touched_sites(&screen, &[box_region()]), []);
-    screen.settle();
+    screen.mark_judged();
     update(&mut screen, &observations);
-    screen.settle();
+    screen.mark_judged();
     // The like if a solve carries them away.
     let moves = observations.iter().enumerate();
     let carried = moves.map(|(k, kept)| kept.moved(if k < 2 * VIEWS { 0.0 } else { 40.0 }, 0.0));
@@ -290,7 +290,7 @@ proptest! {
             });
             update(&mut screen, &moved.collect::<Vec<_>>());
             if *settles {
-                screen.settle();
+                screen.mark_judged();
             }
         }
         let is_there = |k: &&usize| way.last[**k];
@@ -327,7 +327,7 @@ proptest! {
                 prop_assert!(touched.contains(cell), "{cell:?}");
             }
             before = after;
-            screen.settle();
+            screen.mark_judged();
             prop_assert_eq!(touched_sites(&screen, &[box_region()]), vec![]);
         }
     }

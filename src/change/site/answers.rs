@@ -1,4 +1,4 @@
-//! What every observation says about every cell.
+//! The ray test of every observation against every cell.
 
 use super::Site;
 use super::cells::SiteCells;
@@ -7,36 +7,35 @@ use crate::change::history::NO_RETURN_WORTH;
 use crate::change::pass::Standpoint;
 use crate::observation::Outcome;
 
-/// An answer other than "unknown".
+/// An outcome other than unknown.
 #[derive(Debug, Clone, Copy)]
 pub struct Answer {
-    /// Place of the observation among the site's.
+    /// Index of the observation in the site.
     pub observation: u32,
-    /// What it says.
+    /// Hit, miss or no return.
     pub outcome: Outcome,
 }
 
-/// A lidar that loses more of the surfaces that are there, as a share, earns no word for its
-/// no-returns …
+/// No-returns do not count for a lidar that loses a larger share of existing surfaces …
 const LOST_SHARE_MAX: f64 = 0.03;
-/// … and so does one of which fewer answers are known.
+/// … or of which fewer outcomes on them are known.
 const ANSWERS_MIN: usize = 200;
-/// A cell that was hit by at least so many …
+/// A surface exists in a cell with at least this many hits …
 const SOLID_HITS_MIN: usize = 3;
-/// … and by a larger share of those who saw it is a surface that is there.
+/// … and a larger share of hits than this.
 const SOLID_SHARE_MIN: f64 = 0.8;
 
-/// Answers by cell, each cell's in the order of the observations: trip and time.
+/// Outcomes by cell, each cell's in the order of the observations: trip and time.
 pub struct Answers {
     of_cells: Vec<Vec<Answer>>,
     /// When, by which trip and from where each observation was made.
     pub standpoints: Vec<Standpoint>,
-    /// What a no-return of each observation is worth, in misses.
+    /// Weight of a no-return of each observation, in misses.
     no_return_worth: Vec<f64>,
 }
 
 impl Answers {
-    /// Asks some observations, given in their order, about all cells.
+    /// Tests some observations, in their order, against all cells.
     pub fn of(
         site: &Site<'_>,
         cells: &SiteCells,
@@ -68,7 +67,7 @@ impl Answers {
         }
     }
 
-    /// Those who hit or missed anything: they are asked about the surroundings.
+    /// The observations that hit or missed a cell: they are tested against the surroundings.
     pub fn witnesses(&self) -> Vec<usize> {
         let mut speaks = vec![false; self.standpoints.len()];
         for answer in self.of_cells.iter().flatten() {
@@ -77,20 +76,20 @@ impl Answers {
         (0..speaks.len()).filter(|&k| speaks[k]).collect()
     }
 
-    /// Counts every no-return as so many misses.
+    /// Counts every no-return as `worth` misses.
     pub fn value_no_returns(&mut self, worth: f64) {
         self.no_return_worth.fill(worth);
     }
 
-    /// Takes back what some observations said.
-    pub fn drop_void(&mut self, void: &[bool]) {
+    /// Drops the outcomes of some observations.
+    pub fn drop_observations(&mut self, dropped: &[bool]) {
         for answers in &mut self.of_cells {
-            answers.retain(|answer| !void[answer.observation as usize]);
+            answers.retain(|answer| !dropped[answer.observation as usize]);
         }
     }
 
-    /// A no-return is weak evidence of free space where the lidar hardly ever loses a surface that
-    /// is there, and none elsewhere. Lidars are told apart by trips.
+    /// Counts no-returns as weak evidence of free space for lidars that hardly ever lose an existing surface,
+    /// and as none for others. Lidars are distinguished by trip.
     pub fn weigh_no_returns(&mut self, site: &Site<'_>, surroundings: &Self) {
         let mut lost_and_kept = vec![(0_usize, 0_usize); site.trips.len()];
         for answers in &surroundings.of_cells {
@@ -119,12 +118,12 @@ impl Answers {
         self.no_return_worth = worth.collect();
     }
 
-    /// What was said about a cell.
+    /// The outcomes of a cell.
     pub fn about(&self, cell: usize) -> &[Answer] {
         &self.of_cells[cell]
     }
 
-    /// How much an answer counts as a hit and as a miss.
+    /// How much an outcome counts as a hit and as a miss.
     pub fn counts(&self, answer: &Answer) -> (f64, f64) {
         match answer.outcome {
             Outcome::Hit => (1.0, 0.0),

@@ -1,4 +1,4 @@
-//! The cells of a site: what was hit in it.
+//! The cells of a site: every place where an observation has a hit.
 
 use std::ops::Index;
 
@@ -9,7 +9,7 @@ use crate::observation::{Cell, CellBuilder};
 
 /// Width of a cell, metres.
 pub const CELL_M: f64 = 0.06;
-/// Cells so far apart at most are neighbours when a normal is told.
+/// Cells within this distance contribute to a cell's normal, in cells.
 const NEIGHBOURS: usize = 3;
 
 /// Cells of a site, in the order of their places.
@@ -18,8 +18,8 @@ pub struct SiteCells {
 }
 
 impl SiteCells {
-    /// Those within a distance of the candidates, from the hits of some observations; `every` so
-    /// many, as on a chessboard.
+    /// The cells within a distance of the candidates with hits of some observations; one in `every`, in a
+    /// chequered pattern.
     pub fn of(
         site: &Site<'_>,
         observations: impl Iterator<Item = usize>,
@@ -70,7 +70,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// Cells are those of the map's grid, so that sites that overlap have the same ones.
+    /// The cells belong to one grid of the map, so that overlapping sites share them.
     fn over(near: &Nearness, margin_m: f64) -> Self {
         let margin = Vector2::repeat(margin_m);
         let (low, high) = near.bounds();
@@ -95,7 +95,7 @@ impl Grid {
         self.builders.get_mut(column * self.rows + row)
     }
 
-    /// Those that were hit, with their places.
+    /// Cells with hits, with their indices.
     fn hit(&self) -> impl Iterator<Item = (usize, &CellBuilder)> {
         let builders = self.builders.iter().enumerate();
         builders.filter(|(_, builder)| builder.is_hit())
@@ -107,7 +107,7 @@ impl Grid {
         (at.x + column as i64 + at.y + row as i64).rem_euclid(every) == 0
     }
 
-    /// A cell and its neighbours, as far as they were hit.
+    /// A cell and its neighbours, those with hits.
     fn around(&self, place: usize) -> impl Iterator<Item = &CellBuilder> {
         let (column, row) = (place / self.rows, place % self.rows);
         let span = |at: usize, count: usize| {

@@ -1,4 +1,4 @@
-//! Cells that changed alike at one time.
+//! Groups of cells with the same change at the same time.
 
 use super::answers::Answers;
 use super::cells::SiteCells;
@@ -7,7 +7,7 @@ use crate::change::history::{NATS_PER_OBSERVATION, NATS_PER_PASS, State};
 use crate::change::pass::Standpoint;
 use crate::ids::StampNs;
 
-/// Hits and misses that a cell needs before its history is asked for.
+/// Fewest hits and misses of a cell with a history.
 const HITS_MIN: usize = 2;
 const MISSES_MIN: f64 = 2.0;
 /// Cells this near to each other belong together, metres.
@@ -15,9 +15,9 @@ const LINK_M: f64 = 0.25;
 /// A change is at least two neighbouring cells.
 const CELLS_MIN: usize = 2;
 
-/// Cells that changed from one state to the other.
+/// Cells with the same change.
 pub struct Cluster {
-    /// What they were first.
+    /// Their first state.
     pub baseline: State,
     /// Ascending.
     pub cells: Vec<usize>,

@@ -1,11 +1,10 @@
-//! What each pass by the place of a change saw of it, by the cells and the sensor model that the change
-//! was found with.
+//! What each pass by the place of a change saw of it, with the cells and the sensor model of the detector.
 
 use super::answers::Answers;
 use super::cells::SiteCells;
 use super::pooled::{CELL_CONTRAST_MIN, NATS_PER_PASS, nats_of};
 use super::timeline::Timeline;
-use super::{Site, void};
+use super::{Site, misplaced};
 use crate::change::Finding;
 use crate::change::history::State;
 use crate::change::pass::{Standpoint, goes_on, passes};
@@ -14,18 +13,17 @@ use crate::geometry::distance_to_polygon;
 use crate::ids::{NodeId, StampNs};
 use crate::model::{ChangeKind, PassOutcome, PassSide};
 
-/// Cells whose centres lie this near to a region belong to it, metres: regions are widened by more than
-/// rounding takes away.
+/// Cells whose centres are this near to a region belong to it, metres: more than rounding.
 const REGION_MARGIN_M: f64 = 0.01;
-/// A pass must say so much about the place, in nats: half of what one clear observation says …
+/// Least evidence of a pass, in nats: half of one clear observation …
 const SAID_MIN_NATS: f64 = 1.0;
-/// … and what speaks for one state, less what speaks for the other, must be this share of it all.
+/// … of which this share must remain once both states are set against each other.
 const AGREEMENT_MIN: f64 = 0.5;
 
-/// An observation from within reach of the place, whatever it saw.
+/// An observation within reach of the place, whatever it saw.
 #[derive(Debug, Clone, Copy)]
 pub struct Presence {
-    /// The keyframe that it is of, or follows.
+    /// Its keyframe, or the one that it follows.
     pub node: NodeId,
     /// When, by which trip and from where.
     pub standpoint: Standpoint,
@@ -48,19 +46,19 @@ pub struct PassSeen {
     pub node: NodeId,
 }
 
-/// What an observation says about the place.
+/// The evidence of one observation.
 struct View {
     presence: Presence,
-    /// For "occupied" over "free".
+    /// For occupied over free.
     nats: f64,
 }
 
-/// The passes by a change of state, in the order of trip and time. `sites` has the observations that are
-/// asked, those of each layer in a site of its own with the location of the change as its only candidate;
-/// `presences` has all that were within reach, in the order of trip and time.
+/// The passes by a change of state, in the order of trip and time. `sites` are the observations to test, those
+/// of each layer in a site of its own with the location of the change as its only candidate; `presences` are
+/// all within reach, in the order of trip and time.
 ///
-/// Passes are cut as the detector cuts them. One that was within reach without an observation that says
-/// anything could not see the place; what is left over at the ends of one that did is no pass.
+/// Passes are cut as the detector cuts them. A pass within reach without a hit or a miss could not see the
+/// place; leftovers at the ends of a pass that could are not passes.
 pub fn pass_outcomes(
     finding: &Finding,
     sites: &[Site<'_>],
@@ -89,7 +87,7 @@ fn order(presence: &Presence) -> (usize, StampNs, NodeId) {
     (trip, stamp, presence.node)
 }
 
-/// What the observations of a site say about the cells of the change, where they say anything.
+/// The evidence of a site's observations about the cells of the change, without those that have none.
 fn views_of(finding: &Finding, site: &Site<'_>) -> Vec<View> {
     let all = || 0..site.observations.len();
     let corners = finding.region.iter();
@@ -97,8 +95,8 @@ fn views_of(finding: &Finding, site: &Site<'_>) -> Vec<View> {
     let radius_m = distances.fold(0.0, f64::max);
     let cells = SiteCells::of(site, all(), radius_m + REGION_MARGIN_M, 1);
     let mut answers = Answers::of(site, &cells, all());
-    let void = void::void_observations(&site.observations);
-    answers.drop_void(&void);
+    let misplaced = misplaced::misplaced_observations(&site.observations);
+    answers.drop_observations(&misplaced);
     let witnesses = answers.witnesses();
     let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
     let answers_around = Answers::of(site, &around, witnesses.into_iter());
@@ -112,7 +110,7 @@ fn views_of(finding: &Finding, site: &Site<'_>) -> Vec<View> {
     let changed: Vec<usize> = changed
         .filter(|&c| has_changed(finding, &answers, c))
         .collect();
-    // What is seen now this way, now that says less of each cell.
+    // Cells that did not change with the rest dilute the evidence.
     let asked = if changed.is_empty() { inside } else { changed };
     let mut said = vec![(0.0, 0.0); site.observations.len()];
     for answer in asked.iter().flat_map(|&cell| answers.about(cell)) {
@@ -140,7 +138,7 @@ fn new_state(finding: &Finding) -> State {
     }
 }
 
-/// Whether a cell shows the change, so that it is none of something beside it that was always there.
+/// Whether a cell shows the change, rather than something beside it that was always there.
 fn has_changed(finding: &Finding, answers: &Answers, cell: usize) -> bool {
     let is_over = |stamp: StampNs| finding.until.is_some_and(|until| until <= stamp);
     let mut counts = [(0.0, 0.0); 2];
@@ -160,7 +158,7 @@ fn has_changed(finding: &Finding, answers: &Answers, cell: usize) -> bool {
     towards >= CELL_CONTRAST_MIN
 }
 
-/// A pass of views, which are in the order of time.
+/// One pass from its observations in the order of time.
 fn pass_of(finding: &Finding, views: &[View]) -> Option<PassSeen> {
     let (first, last) = (views.first()?, views.last()?);
     let (sum, said) = views.iter().fold((0.0, 0.0), |(sum, said), view| {
@@ -176,7 +174,7 @@ fn pass_of(finding: &Finding, views: &[View]) -> Option<PassSeen> {
         (true, true) => PassOutcome::NewState,
         (true, false) => PassOutcome::OldState,
     };
-    // The first of equals.
+    // The first of equal ones.
     let clearest = views.iter().rev();
     let clearest = clearest.max_by(|a, b| (towards * a.nats).total_cmp(&(towards * b.nats)))?;
     let ends = last.presence.standpoint.stamp;
@@ -190,7 +188,7 @@ fn pass_of(finding: &Finding, views: &[View]) -> Option<PassSeen> {
     })
 }
 
-/// A pass with the first observation of the new state is one of the new state.
+/// A pass that contains the first observation of the new state counts as since the change.
 fn side_of(finding: &Finding, ends: StampNs) -> PassSide {
     match ends < finding.since {
         true => PassSide::Before,
@@ -198,7 +196,7 @@ fn side_of(finding: &Finding, ends: StampNs) -> PassSide {
     }
 }
 
-/// The passes within reach that say nothing, and do not go on where one that does ends.
+/// The passes within reach without evidence that do not adjoin one with evidence.
 fn unseen(finding: &Finding, presences: &[Presence], seen: &[PassSeen]) -> Vec<PassSeen> {
     let standpoints: Vec<Standpoint> = presences.iter().map(|p| p.standpoint).collect();
     let passes = passes(&standpoints);

@@ -1,4 +1,4 @@
-//! What all observations of a cluster say together.
+//! The pooled history of a cluster, over all its cells and observations.
 
 use std::collections::BTreeMap;
 
@@ -9,53 +9,52 @@ use crate::change::false_alerts::support_for_rate;
 use crate::change::history::State;
 use crate::change::pass::Standpoint;
 
-/// What an observation that only hits (or only misses) the cluster's cells is worth, in nats.
+/// Weight of an observation that only hits, or only misses, the cluster's cells, in nats.
 const NATS_PER_OBSERVATION: f64 = 2.0;
-/// What a pass can say about a cluster at most, in nats: enough that one pass against one pays for
-/// a change.
+/// Largest weight of a pass, in nats: one pass against one outweighs the cost of a change.
 pub const NATS_PER_PASS: f64 = 12.0;
 /// An observation of fewer cells weighs less.
 const CELLS_FOR_FULL_WEIGHT: f64 = 2.0;
 /// How much the share of hits must differ between the two states.
 const CONTRAST_MIN: f64 = 0.75;
-/// A cell whose shares differ by less has not changed with its cluster.
+/// A cell with less contrast has not changed with its cluster.
 pub const CELL_CONTRAST_MIN: f64 = 0.5;
-/// As much may be hidden by observations whose pose is wrong.
+/// Least contrast of a cluster that may become clear without misplaced observations.
 const PROMISING_CONTRAST_MIN: f64 = 0.55;
 /// How much better the change must explain the passes, in nats, where [`FALSE_ALERTS_PER_LAP`] is allowed:
 /// that value was found on recordings.
 const SUPPORT_MIN: f64 = 4.5;
-/// However many false alerts are allowed, a change must explain the passes better than none.
+/// Least support of a change, however many false alerts are allowed, in nats.
 const SUPPORT_LEAST: f64 = 1.0;
 /// Fewest cells of a change; …
 const CELLS_MIN: usize = 8;
-/// … a smaller one needs so many, …
+/// … a smaller one needs this many, …
 const SMALL_CELLS_MIN: usize = 4;
 /// … this contrast …
 const SMALL_CONTRAST_MIN: f64 = 0.9;
 /// … and this support.
 const SMALL_SUPPORT_MIN: f64 = 8.0;
-/// With this support no surroundings are asked.
+/// With this support the surroundings are not checked, in nats.
 const SUPPORT_SURE: f64 = 20.0;
 
-/// How much better a change must explain the passes, in nats, if so many false alerts per lap are
-/// allowed: a tenth of them asks for ten times the odds.
+/// Least support of a change, in nats, for an allowed rate of false alerts per lap: a tenth of the rate
+/// requires ten times the odds.
 pub fn support_min(false_alerts_per_lap: f64) -> f64 {
     (SUPPORT_MIN + support_for_rate(false_alerts_per_lap)).max(SUPPORT_LEAST)
 }
 
-/// What an observation says that hits and misses so many cells, some at least, in nats for "occupied" over
-/// "free".
+/// Evidence of an observation by how many cells it hits and misses (at least one), in nats for occupied over
+/// free.
 pub fn nats_of(hits: f64, misses: f64) -> f64 {
     let cells = hits + misses;
     let weight = (cells / CELLS_FOR_FULL_WEIGHT).min(1.0);
     weight * NATS_PER_OBSERVATION * (hits - misses) / cells
 }
 
-/// Clusters with what is said of each, without cells that have another history than the rest of
-/// theirs: those are clusters of their own.
-pub fn settled(answers: &Answers, clusters: Vec<Cluster>) -> Vec<(Cluster, Pooled)> {
-    let mut settled = Vec::new();
+/// Clusters with their pooled histories. Cells whose own history differs from their cluster's become clusters
+/// of their own.
+pub fn separated(answers: &Answers, clusters: Vec<Cluster>) -> Vec<(Cluster, Pooled)> {
+    let mut separated = Vec::new();
     let mut left: Vec<Cluster> = clusters.into_iter().rev().collect();
     while let Some(cluster) = left.pop() {
         let Some(pooled) = Pooled::of(answers, &cluster) else {
@@ -63,25 +62,25 @@ pub fn settled(answers: &Answers, clusters: Vec<Cluster>) -> Vec<(Cluster, Poole
         };
         let (own, other) = pooled.split(answers, cluster);
         if other.cells.is_empty() {
-            settled.push((own, pooled));
+            separated.push((own, pooled));
         } else if !own.cells.is_empty() {
             let parts = [other, own].into_iter();
             left.extend(parts.filter(|part| part.cells.len() >= SMALL_CELLS_MIN));
         }
     }
-    settled
+    separated
 }
 
-/// What one observation says about a cluster.
+/// One observation of a cluster.
 #[derive(Debug, Clone, Copy)]
 pub struct View {
-    /// Place among the site's observations.
+    /// Index among the site's observations.
     pub observation: usize,
     hits: f64,
     misses: f64,
-    /// Whether it belongs to the passes that show the change.
+    /// Whether its pass shows the change.
     pub in_change: bool,
-    /// Whether its pass came after those.
+    /// Whether its pass is later than the change.
     pub after_change: bool,
     /// Whether its pass shows an earlier episode of the same change.
     in_earlier_change: bool,
@@ -103,7 +102,7 @@ pub struct Pooled {
     pub views: Vec<View>,
     /// The state in which it was first seen.
     pub baseline: State,
-    /// How much better a change explains the passes than none, in nats.
+    /// How much better a change explains the passes than no change, in nats.
     pub support: f64,
     /// Passes that show the other state, …
     pub passes_in_change: usize,
@@ -115,7 +114,7 @@ pub struct Pooled {
 }
 
 impl Pooled {
-    /// Of a cluster; `None` if it shows no change as a whole, or another one than its cells.
+    /// Pools a cluster; `None` if it shows no change as a whole, or another one than its cells.
     pub fn of(answers: &Answers, cluster: &Cluster) -> Option<Self> {
         let mut counts: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
         for answer in cluster.cells.iter().flat_map(|&cell| answers.about(cell)) {
@@ -149,7 +148,7 @@ impl Pooled {
                 });
             }
         }
-        // An earlier episode of the new state is no witness of the old one.
+        // An earlier episode of the new state does not count as the old one.
         let share_of_hits = |counts: &dyn Fn(&View) -> bool| {
             let of_side = views.iter().filter(|view| counts(view));
             let (hits, all) = of_side.fold((0.0, 0.0), |(hits, all), view| {
@@ -172,8 +171,7 @@ impl Pooled {
         })
     }
 
-    /// A cluster without the cells whose own history is another one, and those cells: two things
-    /// that stand beside each other may hang together.
+    /// Splits off the cells whose own history differs: two objects side by side may be one cluster.
     pub fn split(&self, answers: &Answers, cluster: Cluster) -> (Cluster, Cluster) {
         let new_of = |k: u32| {
             let at = self
@@ -202,13 +200,12 @@ impl Pooled {
         (of_cells(own), of_cells(other))
     }
 
-    /// Whether it is worth asking about the surroundings: without observations whose pose is wrong
-    /// it may be clear.
+    /// Whether it may be clear once misplaced observations are dropped.
     pub fn is_promising(&self, cluster: &Cluster) -> bool {
         cluster.cells.len() >= SMALL_CELLS_MIN && self.contrast >= PROMISING_CONTRAST_MIN
     }
 
-    /// Whether a change of this size is clear enough, its surroundings aside.
+    /// Whether a change of this size is clear enough, before its surroundings are checked.
     pub fn is_clear(&self, cluster: &Cluster, support_min: f64) -> bool {
         let cells = cluster.cells.len();
         let is_large = cells >= CELLS_MIN;
@@ -220,7 +217,7 @@ impl Pooled {
             && (is_large || is_small_but_sure)
     }
 
-    /// Whether so many passes say so that no error of the map explains it.
+    /// Whether so many passes show it that no error of the map explains it.
     pub fn is_sure(&self) -> bool {
         self.support >= SUPPORT_SURE
     }

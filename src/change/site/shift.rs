@@ -1,4 +1,4 @@
-//! Whether a shift of the map explains what looks like a change.
+//! Whether a shift of the map explains an apparent change.
 
 use std::collections::BTreeSet;
 
@@ -12,34 +12,34 @@ use crate::change::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::{Cell, Outcome};
 
-/// Hits this near to the cluster are laid onto each other, metres.
+/// Hits this near to the cluster are compared, metres.
 const REACH_M: f64 = 4.0;
 /// Hits this near to the cluster's cells are the change itself, metres.
 const OWN_M: f64 = 0.25;
 /// Shifts are tried in steps of this, metres, …
 const STEP_M: f64 = 0.05;
-/// … so many to each side along the loose direction …
+/// … this many to each side along the loose direction …
 const STEPS_ALONG: i32 = 30;
 /// … and across it.
 const STEPS_ACROSS: i32 = 1;
-/// A hit this near to another has met the same thing, metres.
+/// Hits this near to each other are of the same surface, metres.
 const SAME_M: f64 = 0.07;
-/// Which is told to within a square of this width, metres.
+/// Resolution of that test, metres.
 const PIXEL_M: f64 = 0.02;
-/// Fewest hits of the old and the new side that tell.
+/// Fewest hits of the old and the new side that are compared.
 const OLD_HITS_MIN: usize = 30;
 const NEW_HITS_MIN: usize = 8;
-/// A shift explains something if it lays so many more of the new hits onto old ones, as a share, …
+/// A shift explains a change if it lays this much larger a share of the new hits onto old ones, …
 const GAIN_MIN: f64 = 0.03;
-/// … and is at least so long, metres.
+/// … is at least this long, metres, …
 const SHIFT_MIN_M: f64 = 0.1;
-/// The change is explained if this share of answers at the shifted place are hits, …
+/// … and at the shifted place this share of hits and misses are hits, …
 const HIT_SHARE_MAX: f64 = 0.25;
-/// … or if fewer can say.
+/// … or there are fewer than this.
 const ANSWERS_MIN: usize = 10;
 
-/// Whether some shift along the direction that the surroundings fix least lays the surroundings
-/// better onto each other, and what changed onto something that was there all the time.
+/// Whether a shift along the direction that the surroundings constrain least aligns the surroundings better,
+/// and lays what changed onto something that was always there.
 pub fn explains(
     site: &Site<'_>,
     cells: &SiteCells,
@@ -109,7 +109,7 @@ fn thinned(points: impl Iterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// Where points are laid onto others: squares of [`PIXEL_M`], set within [`SAME_M`] of a point.
+/// A raster of [`PIXEL_M`], set within [`SAME_M`] of a point.
 struct Raster {
     origin: Vector2<f64>,
     columns: usize,
@@ -159,8 +159,8 @@ impl Raster {
     }
 }
 
-/// Hits and answers of those who saw the place free, asked where what stands there would be if the
-/// newer observations were shifted.
+/// Hits, and hits and misses, of the observations that saw the place free, at the cells shifted as the newer
+/// observations would be.
 fn answers_there(
     site: &Site<'_>,
     cells: &SiteCells,

@@ -1,4 +1,4 @@
-//! How a site is judged, from its observations to findings.
+//! Judges a site in seven steps, from its observations to findings.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use super::cells::{CELL_M, SiteCells};
 use super::cluster::{Cluster, clusters};
 use super::pooled::{self, Pooled};
 use super::surroundings::Surroundings;
-use super::{Observed, Site, shift, void};
+use super::{Observed, Site, misplaced, shift};
 use crate::change::history::{NO_RETURN_WORTH, State};
 use crate::change::region::{centroid, region_round};
 use crate::change::screen::{JUDGED_WITHIN_M, SURROUNDINGS_M};
@@ -15,61 +15,63 @@ use crate::change::{ChangeKind, Finding, Fit, Tier};
 use crate::geometry::Vector2;
 use crate::ids::{NodeId, StampNs};
 
-/// How far the outline stays away from the cells' centres, metres: half a cell.
+/// Margin of the outline round the cells' centres, metres: half a cell.
 const REGION_MARGIN_M: f64 = 0.03;
-/// What is known of a pose, metres: no location is better.
+/// Standard deviation of a pose, metres: a lower bound for that of a location.
 const POSE_SIGMA_M: f64 = 0.02;
 
-/// The changes of a site, in the order of their places. `fit_of` says how an observation fits what
-/// other passes found, and where it fits better; it is asked only where something may be found.
+/// The changes of a site, in the order of their cells. `fit_of` returns how an observation fits other passes,
+/// and the pose at which it fits better; it is called only where something may be found.
 pub fn state_changes(
     site: &mut Site<'_>,
     mut fit_of: impl FnMut(&Observed) -> Fit,
 ) -> Vec<Finding> {
-    // 1. Whatever any observation hit becomes a cell, and of those that may have changed every
-    //    observation says hit, miss or unknown.
+    // Most sites end here: nothing to find even with the poses as they are.
     if !may_have_changed(site) {
         return Vec::new();
     }
-    // 2. Observations that do not fit what other passes found have a wrong pose: they speak from
-    //    where they do fit, or say nothing.
+
+    // 1. Move misplaced observations to where they fit other passes; drop those that fit nowhere.
     for observed in &mut site.observations {
         let fit = fit_of(observed);
         observed.refit(&fit);
     }
+
+    // 2. Every place with a hit becomes a cell, which each observation hits, misses, or does not know.
     let (cells, mut answers) = answers_about_candidates(site);
     let mut witnesses = answers.witnesses();
-    let void = void::void_observations(&site.observations);
-    answers.drop_void(&void);
-    witnesses.retain(|&k| !void[k]);
+    let misplaced = misplaced::misplaced_observations(&site.observations);
+    answers.drop_observations(&misplaced);
+    witnesses.retain(|&k| !misplaced[k]);
     if !may_be_clear(site, &cells, &mut answers) {
         return Vec::new();
     }
+    // No-returns count for lidars that rarely lose a surface of the surroundings.
     let around = SiteCells::of(site, witnesses.iter().copied(), SURROUNDINGS_M, 2);
     let answers_around = Answers::of(site, &around, witnesses.iter().copied());
     answers.weigh_no_returns(site, &answers_around);
     let site = &*site;
-    // 3. The history of each cell over its passes; 4. cells that changed alike at one time.
-    let clusters = pooled::settled(&answers, clusters(&cells, &answers));
+
+    // 3. Find the change in the history of each cell over its passes.
+    // 4. Cluster cells that changed alike at the same time.
+    let clusters = pooled::separated(&answers, clusters(&cells, &answers));
+
     let findings = clusters.iter().filter_map(|(cluster, pooled)| {
-        // 5. What all observations of a cluster say together.
+        // 5. Pool all observations of a cluster: contrast, support and size must be clear.
         if !pooled.is_clear(cluster, site.support_min) {
             return None;
         }
-        // 6. The surroundings must be the same to those who saw the old state and to those who
-        //    saw the new; 7. and no shift may explain the difference.
-        let surroundings = Surroundings::of(
-            site,
-            &around,
-            &answers_around,
-            &centres(&cells, cluster),
-            pooled,
-        );
-        if !pooled.is_sure()
-            && (!surroundings.agree()
-                || shift::explains(site, &cells, cluster, pooled, &surroundings))
-        {
-            return None;
+        if !pooled.is_sure() {
+            let centres = centres(&cells, cluster);
+            let surroundings = Surroundings::of(site, &around, &answers_around, &centres, pooled);
+            // 6. Both states must have been seen with the same surroundings.
+            if !surroundings.agree() {
+                return None;
+            }
+            // 7. No shift of the map may explain the difference.
+            if shift::explains(site, &cells, cluster, pooled, &surroundings) {
+                return None;
+            }
         }
         Some(finding_of(site, &cells, cluster, pooled))
     });
@@ -83,7 +85,7 @@ fn answers_about_candidates(site: &Site<'_>) -> (SiteCells, Answers) {
     (cells, answers)
 }
 
-/// Whether anything may be found although some poses may be wrong.
+/// Whether a change may be found, before misplaced observations are moved.
 fn may_have_changed(site: &Site<'_>) -> bool {
     let (cells, answers) = answers_about_candidates(site);
     clusters(&cells, &answers).iter().any(|cluster| {
@@ -91,15 +93,15 @@ fn may_have_changed(site: &Site<'_>) -> bool {
     })
 }
 
-/// Whether it is worth asking about the surroundings: whether something is clear if no-returns are
-/// worth nothing, or as much as they can be; which of the two the surroundings say.
+/// Whether a cluster is clear if no-returns count for nothing, or for as much as they can; the surroundings
+/// decide which.
 fn may_be_clear(site: &Site<'_>, cells: &SiteCells, answers: &mut Answers) -> bool {
     let is_clear =
         |(cluster, pooled): &(Cluster, Pooled)| pooled.is_clear(cluster, site.support_min);
     [0.0, NO_RETURN_WORTH].into_iter().any(|worth| {
         answers.value_no_returns(worth);
         let clusters = clusters(cells, answers);
-        pooled::settled(answers, clusters).iter().any(is_clear)
+        pooled::separated(answers, clusters).iter().any(is_clear)
     })
 }
 

@@ -1,5 +1,4 @@
-//! Whether the surroundings of a change are the same to those who saw the old state and to those
-//! who saw the new one.
+//! Whether the observations of the old state and those of the new one agree about the surroundings.
 
 use super::Site;
 use super::answers::Answers;
@@ -9,30 +8,30 @@ use crate::change::nearness::Nearness;
 use crate::geometry::Vector2;
 use crate::observation::Outcome;
 
-/// How far from the cluster its surroundings begin, and how far they go at first, metres; farther
-/// if too few cells lie there.
+/// Distance from the cluster at which its surroundings begin and, at first, end, metres. They reach farther
+/// if there are too few cells.
 const FROM_M: f64 = 0.15;
 const NEAR_M: f64 = 1.5;
-/// What is nearer than this to a cell that may have changed may have changed with it, metres.
+/// Cells nearer than this to a candidate may have changed with it, metres.
 const CHANGED_M: f64 = 0.12;
-/// Fewest cells that tell.
+/// Fewest cells to compare.
 const ASKED_MIN: usize = 8;
-/// Share of one side's solid cells that must be solid to the other.
+/// Share of one side's occupied cells that the other side must confirm.
 const AGREEING_SHARE_MIN: f64 = 0.6;
-/// A cell is solid to a side that hits it at least twice …
+/// A cell is occupied for a side that hits it at least twice …
 const SOLID_HITS_MIN: u32 = 2;
 /// … and more often than this, …
 const SOLID_SHARE: f64 = 0.7;
 /// … and agrees if the other side hits it more often than this.
 const AGREES_SHARE: f64 = 0.5;
-/// Fewest cells across a direction that fix it.
+/// Fewest cells across a direction that constrain it.
 const FIXING_MIN: usize = 3;
 /// Share of them that must agree.
 const FIXED_SHARE_MIN: f64 = 0.7;
-/// A surface fixes the directions that its normal is near to (cosine).
+/// A surface constrains directions near its normal (cosine).
 const ACROSS_COSINE: f64 = 0.5;
 
-/// How often the other side confirms what one side calls solid.
+/// How many of one side's occupied cells the other side confirms.
 #[derive(Debug, Clone, Copy, Default)]
 struct Confirmed {
     asked: usize,
@@ -45,32 +44,32 @@ impl Confirmed {
     }
 }
 
-/// A cell that one side calls solid and the other one saw.
+/// A cell that is occupied for one side and was observed by the other.
 struct Witness {
     normal: Option<Vector2<f64>>,
     is_near: bool,
-    /// Solid to the old side, or to the new one: whether the other side agrees.
+    /// For cells occupied for the old and for the new side: whether the other side agrees.
     agrees: [Option<bool>; 2],
 }
 
-/// How well surroundings fix a pose.
+/// How well surroundings constrain a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fixing {
     /// In every direction.
     Fixed,
     /// Least along this direction.
     Loose(Vector2<f64>),
-    /// There is too little to say.
+    /// Too few cells.
     Unknown,
 }
 
-/// The cells round a cluster that both sides saw.
+/// The cells round a cluster that both sides observed.
 pub struct Surroundings {
     witnesses: Vec<Witness>,
 }
 
 impl Surroundings {
-    /// Of cells that changed.
+    /// The surroundings of changed cells.
     pub fn of(
         site: &Site<'_>,
         cells: &SiteCells,
@@ -116,7 +115,7 @@ impl Surroundings {
         confirmed(near.filter_map(|w| w.agrees[side]))
     }
 
-    /// Whether both sides know the place, as far as there is anything to know it by.
+    /// Whether the two sides agree, as far as there are cells to compare.
     pub fn agree(&self) -> bool {
         let near = [0, 1].map(|side| self.confirmed(side, true));
         let of_sides = if near.iter().any(|side| side.asked < ASKED_MIN) {
@@ -128,7 +127,7 @@ impl Surroundings {
         shares.all(|share| share >= AGREEING_SHARE_MIN)
     }
 
-    /// How well the surroundings fix where the observations of both sides lie.
+    /// How well the surroundings constrain the poses of both sides.
     pub fn fixing(&self) -> Fixing {
         let normals: Vec<Vector2<f64>> = self.witnesses.iter().filter_map(|w| w.normal).collect();
         let without_face = self.witnesses.len() - normals.len();
@@ -158,7 +157,7 @@ impl Surroundings {
         }
     }
 
-    /// Whether enough of the surroundings was seen by both sides.
+    /// Whether both sides observed enough of the surroundings.
     pub fn are_known(&self) -> bool {
         [0, 1]
             .iter()
@@ -173,8 +172,8 @@ fn confirmed(agreeing: impl Iterator<Item = bool>) -> Confirmed {
     })
 }
 
-/// Of hits and misses of the old and the new side: whether the other side agrees with what each
-/// calls solid; `None` if neither does, or one has not seen it.
+/// From the hits and misses of the old and the new side: whether each confirms the other's occupied cell;
+/// `None` if it is occupied for neither, or one has not observed it.
 fn agreement(seen: &[(u32, u32); 2]) -> Option<[Option<bool>; 2]> {
     let share = |&(hits, misses): &(u32, u32)| {
         let all = hits + misses;
@@ -188,7 +187,7 @@ fn agreement(seen: &[(u32, u32); 2]) -> Option<[Option<bool>; 2]> {
     agrees.iter().any(Option::is_some).then_some(agrees)
 }
 
-/// The direction that surfaces with these normals fix least.
+/// The direction that surfaces with these normals constrain least.
 fn least_fixed(normals: &[Vector2<f64>]) -> Vector2<f64> {
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for normal in normals {

@@ -136,7 +136,7 @@ fn judge_with(scans: &[Taken], accepted: &[AcceptedChange]) -> Vec<Finding> {
     }));
     let mut findings = Vec::new();
     for candidates in screen.all_sites() {
-        let asked = screen.asked_about(&candidates);
+        let asked = screen.observations_of(&candidates);
         let asked = scans.iter().filter(|t| asked.contains(&(t.node, 0)));
         let mut observations: Vec<Observed> = asked.map(Taken::observed).collect();
         observations.sort_by_key(|o| (o.trip, o.stamp));
@@ -365,7 +365,7 @@ fn observations_with_a_wrong_pose_hide_no_change() {
         let found = the_box(&scans.iter().cloned().chain(wrong).collect::<Vec<_>>());
         assert_eq!((found.kind, found.tier), (right.kind, right.tier));
         assert_eq!(found.until, right.until);
-        // It is left out, or matched anew and speaks for the box where it saw it.
+        // It is left out, or matched again and speaks for the box where it saw it.
         let is_left_out = found.since == right.since && found.trips == right.trips;
         let speaks = found.since < right.since && found.trips.contains(&trip_name(4));
         assert!(is_left_out || (*shows_box && speaks), "{found:?}");

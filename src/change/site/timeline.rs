@@ -1,4 +1,4 @@
-//! What observations say in the order of time: passes, and the states that they tell of.
+//! Observations in the order of time: passes, and the states that they show.
 
 use std::iter;
 use std::ops::Range;
@@ -6,24 +6,22 @@ use std::ops::Range;
 use crate::change::history::{History, limited};
 use crate::change::pass::{Standpoint, passes, weights};
 
-/// A pass is cut where it saw a change: if what it says before and after is worth so much, in nats,
-/// …
+/// A pass is cut where it saw a change: if its evidence before and after is worth this much, in nats, …
 const CUT_NATS: f64 = 9.0;
-/// … and so nearly the same each time, as a share.
+/// … and this share of it is consistent.
 const CUT_UNANIMITY: f64 = 0.95;
 
 /// Passes over a place and its history.
 pub struct Timeline {
-    /// Places among the observations, in the order of time.
+    /// Ranges of observations, in the order of time.
     pub passes: Vec<Range<usize>>,
     /// A state for each pass.
     pub history: History,
 }
 
 impl Timeline {
-    /// Of observations in the order of trip and time. `nats` has what each says for "occupied"
-    /// over "free"; one that repeats the one before counts less, and a pass no more than
-    /// `nats_per_pass`.
+    /// From observations in the order of trip and time. `nats` is the evidence of each for occupied over free.
+    /// One that repeats the one before counts less, and a pass at most `nats_per_pass`.
     pub fn of(standpoints: &[Standpoint], nats: &[f64], nats_per_pass: f64) -> Self {
         let mut cut = Vec::new();
         for pass in passes(standpoints) {
@@ -44,8 +42,7 @@ impl Timeline {
     }
 }
 
-/// Cuts a pass where it plainly says one thing up to there and the other from there on; one that
-/// is in doubt anywhere stays whole.
+/// Cuts a pass where its evidence clearly changes sign. A pass with any unclear part is not cut.
 fn cut_at_changes(nats: &[f64]) -> Vec<Range<usize>> {
     let cuts = turns(nats);
     let first = iter::once(0).chain(cuts.iter().copied());
@@ -57,7 +54,7 @@ fn cut_at_changes(nats: &[f64]) -> Vec<Range<usize>> {
     }
 }
 
-/// Where the sum of what was said turns round by [`CUT_NATS`].
+/// Where the sum of the evidence turns by [`CUT_NATS`].
 fn turns(nats: &[f64]) -> Vec<usize> {
     let mut turns = Vec::new();
     let (mut low, mut high) = ((0.0, 0), (0.0, 0));

@@ -6,7 +6,7 @@ use super::finding::Finding;
 use crate::api;
 use crate::store::{Checkup, Contents, SchemaAge};
 
-/// Stamps that are this far ahead are not those of two clocks that differ a little.
+/// Stamps this far ahead are a wrong clock, not a small offset.
 const AHEAD_MAX: SignedDuration = SignedDuration::from_secs(60);
 const WAIT_MAX: SignedDuration = SignedDuration::from_hours(1);
 /// The service cuts its log at 64 MiB.
@@ -162,7 +162,7 @@ fn webhooks(checkup: &Checkup) -> Vec<Finding> {
         return vec![Finding::ok(check, "none fails")];
     }
     let findings = checkup.webhooks.iter().map(|webhook| {
-        // Of the URL only where it leads: its path and query may hold a token.
+        // Without path and query, which may contain a token.
         let (id, host) = (&webhook.id, host_of(&webhook.url));
         match webhook.gone {
             true => Finding::warning(

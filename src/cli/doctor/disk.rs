@@ -8,9 +8,9 @@ use super::finding::Finding;
 use crate::store::Checkup;
 
 const CHECK: &str = "disk";
-/// Growth is measured over so many days.
+/// Days over which growth is measured.
 pub(super) const RECENT_DAYS: i64 = 7;
-/// With less the service soon refuses uploads: its reserve and some work.
+/// Free space below which the service soon refuses uploads, bytes: its reserve and some work.
 const FREE_BYTES_MIN: u64 = 256 << 20;
 const DAYS_MIN: f64 = 30.0;
 const DAY_S: f64 = 86_400.0;

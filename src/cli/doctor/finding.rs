@@ -1,8 +1,8 @@
-//! What a check has found.
+//! The finding of a check.
 
 use serde::Serialize;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Level {
@@ -22,15 +22,15 @@ impl Level {
     }
 }
 
-/// What a check has found.
+/// The finding of a check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Finding {
     pub level: Level,
     /// What was checked.
     pub check: &'static str,
-    /// What is so.
+    /// The result.
     pub finding: String,
-    /// What to do about it; null if nothing.
+    /// What to do about it; null if nothing is wrong.
     pub advice: Option<String>,
 }
 

@@ -1,10 +1,10 @@
-//! Settings that are dangerous where they are not meant.
+//! Settings that are dangerous unless intended.
 
 use super::finding::Finding;
 use crate::config::ServiceArgs;
 
 const CHECK: &str = "settings";
-/// Fewer days than this and a map cannot be made anew after a fault that is noticed late.
+/// With fewer days a map cannot be rebuilt after a fault that is noticed late.
 const KEEP_DAYS_MIN: u32 = 30;
 
 /// Checks the settings that the service would have.

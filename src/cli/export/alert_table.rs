@@ -28,7 +28,7 @@ pub(super) fn csv(alerts: &[AlertDetail]) -> String {
         let size = size.unwrap_or_else(|| ",".to_owned());
         let (x, y, sigma) = (location.x, location.y, location.sigma);
         let (title, summary) = (quoted(&alert.title), quoted(&alert.summary));
-        // A string takes whatever is written to it.
+        // Writing to a string cannot fail.
         let _ = write!(
             text,
             "{id},{kind},{status},{tier},{confidence},{x},{y},{sigma},{size},\

@@ -19,7 +19,7 @@ pub(super) fn grid(yaml: &[u8], pgm: &[u8]) -> anyhow::Result<ExportedGrid> {
     let [x, y, _]: [f64; 3] = serde_json::from_str(value("origin: ")?)?;
     let (width, height, pixels) = picture(pgm).context("the map's picture is no PGM")?;
     let row_bytes = (width as usize).max(1);
-    // The picture begins on top.
+    // The first row of the picture is the topmost.
     let rows = pixels.chunks(row_bytes).rev();
     let cells: Result<Vec<i8>, _> = rows.flatten().map(|grey| occupancy(*grey)).collect();
     Ok(ExportedGrid {

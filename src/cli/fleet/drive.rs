@@ -1,4 +1,4 @@
-//! A simulated drive as batches to upload.
+//! A simulated trip as batches to upload.
 
 use jiff::Timestamp;
 
@@ -8,7 +8,7 @@ use crate::scan::Lidar;
 use crate::sim::SimScan;
 
 const SCANS_PER_BATCH: usize = 30;
-/// The vehicles stand between two laps, seconds.
+/// Pause of the vehicles between two laps, seconds.
 const PAUSE_S: f64 = 5.0;
 
 /// A vehicle's laps, each a trip of its own, cut into batches.
@@ -24,8 +24,8 @@ pub(super) struct LapBatch {
     pub encoded: EncodedBatch,
 }
 
-/// When which lap is driven. All vehicles start a lap together, so that what changes between two
-/// laps changes for all of them at one time.
+/// When each lap is driven. All vehicles start a lap together, so that a change between two laps is at one time
+/// for all of them.
 pub(super) struct LapClock {
     now: Timestamp,
     /// How long before `now` each lap begins, seconds.
@@ -33,7 +33,7 @@ pub(super) struct LapClock {
 }
 
 impl LapClock {
-    /// Laps of which the last one ends at `now`.
+    /// The schedule of laps of which the last one ends at `now`.
     pub(super) fn new(recorded: &[Vec<SimScan>], now: Timestamp) -> Self {
         let mut before_now_s = Vec::new();
         for lap in recorded.iter().flat_map(|scans| laps_of(scans)) {

@@ -1,4 +1,4 @@
-//! What came of making a map anew: for programs, and in a few lines for people.
+//! The report of a replay: for programs, and in a few lines for people.
 
 use std::io::{self, Write};
 
@@ -6,24 +6,24 @@ use serde::Serialize;
 
 use crate::ids::RouteId;
 use crate::pipeline::Replayed;
-use crate::render::CellChanges;
+use crate::render::DifferingCells;
 use crate::store::{Comparison, There};
 
-/// What became of one route.
+/// The replay of one route.
 #[derive(Serialize)]
 pub(super) struct Report {
     pub(super) route: RouteId,
     #[serde(flatten)]
     pub(super) replayed: Option<Replayed>,
-    /// Why it could not be made anew.
+    /// Why it could not be rebuilt.
     pub(super) error: Option<&'static str>,
     pub(super) comparison: Option<Comparison>,
     /// Cells of the map's picture that differ; null where they are not compared, or there is no map.
-    pub(super) cells: Option<CellChanges>,
+    pub(super) cells: Option<DifferingCells>,
 }
 
 impl Report {
-    /// Whether it was made anew and, where they were compared, is as it was.
+    /// Whether it was rebuilt and, if compared, equals the stored one.
     pub(super) fn is_good(&self) -> bool {
         let is_same = self.comparison.as_ref().is_none_or(|found| found.same);
         self.error.is_none() && is_same
@@ -74,8 +74,8 @@ fn write_differences(
     if let Some(cells) = report.cells {
         writeln!(
             out,
-            "  map cells: {} become occupied, {} free, {} unknown",
-            cells.to_occupied, cells.to_free, cells.to_unknown
+            "  map cells: {} become occupied, {} free, {} unknown, {} newly observed",
+            cells.to_occupied, cells.to_free, cells.to_unknown, cells.from_unknown
         )?;
     }
     let counts = comparison.alert_counts;

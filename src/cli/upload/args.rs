@@ -1,4 +1,4 @@
-//! What the command is told.
+//! The command's arguments.
 
 use std::path::{Path, PathBuf};
 
@@ -15,13 +15,13 @@ pub struct Args {
     /// also gzipped.
     #[arg(required = true, value_name = "FILE")]
     pub(super) files: Vec<PathBuf>,
-    /// The route that was driven; made if it is not there.
+    /// The route that was driven; created if it does not exist.
     #[arg(long)]
     pub(super) route: RouteId,
     /// The vehicle that drove.
     #[arg(long)]
     pub(super) vehicle: VehicleId,
-    /// The name of the drive; else the file's name.
+    /// The trip's name; by default the file's name.
     #[arg(long)]
     pub(super) trip: Option<TripId>,
     /// The service.
@@ -35,7 +35,7 @@ pub struct Args {
     /// Nodes of a pose graph in a batch.
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u16).range(1..=5_000))]
     pub(super) batch_nodes: u16,
-    /// The beams are so many times as far apart as the file states (some logs state it wrongly).
+    /// Multiply the stated beam spacing by this factor (some logs state it wrongly).
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_beam_spacing)]
     pub(super) beam_spacing: f64,
     /// Where the vehicle started in the route's map, roughly: metres, metres, radians.
@@ -48,7 +48,7 @@ pub struct Args {
     /// Topic of the odometry in an MCAP recording; /tf for the transforms from odom to the vehicle.
     #[arg(long, value_name = "TOPIC")]
     pub(super) odometry_topic: Option<String>,
-    /// Where the lidar is mounted, in place of what the recording says: metres ahead of the base.
+    /// Mount of the lidar instead of the recording's: metres ahead of the base.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = parse_finite)]
     pub(super) mount_x: Option<f64>,
     /// Metres to the left of the base.
@@ -57,13 +57,13 @@ pub struct Args {
     /// Its heading on the base, radians, counter-clockwise.
     #[arg(long, value_name = "RADIANS", allow_hyphen_values = true, value_parser = parse_finite)]
     pub(super) mount_theta: Option<f64>,
-    /// Wait until everything is in the map, and say what became of it.
+    /// Wait until everything is processed, and print the outcome.
     #[arg(long)]
     pub(super) wait: bool,
 }
 
 impl Args {
-    /// What is taken of an MCAP recording.
+    /// Which parts of an MCAP recording are read.
     pub(super) fn topics(&self) -> TopicChoice {
         TopicChoice {
             lidars: self.topic.clone(),
@@ -76,7 +76,7 @@ impl Args {
         }
     }
 
-    /// The name of the drive that a file holds.
+    /// The trip's name for a file.
     pub(super) fn trip_of(&self, path: &Path) -> anyhow::Result<TripId> {
         match &self.trip {
             Some(trip) => Ok(trip.clone()),

@@ -1,4 +1,4 @@
-//! Recordings of a drive as batches of scans.
+//! Uploads a recording in batches of scans.
 
 use std::path::Path;
 
@@ -13,11 +13,11 @@ use crate::ids::StampNs;
 use crate::ingest::{BatchHead, BatchWriter};
 use crate::model::BatchKind;
 
-/// A recording that is ready to be sent: of its scans only their compressed batches are in memory.
+/// A recording ready to be sent; only the compressed batches of its scans are in memory.
 pub(super) struct PreparedTrip {
-    /// What it holds, for people.
+    /// Description of its contents, for people.
     about: Vec<String>,
-    /// Each with how many scans it holds.
+    /// The batches with the number of scans in each.
     batches: Vec<(EncodedBatch, usize)>,
 }
 

@@ -1,4 +1,4 @@
-//! Pose graphs as batches of edges.
+//! Uploads a pose graph in batches of edges.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What an upload came to.
+//! The outcome of an upload.
 
 use std::time::Instant;
 
@@ -10,7 +10,7 @@ use crate::ids::{BatchId, RouteId};
 #[derive(Debug)]
 pub(super) struct Tally {
     pub started: Instant,
-    /// Whether the route is known to be there.
+    /// Whether the route is known to exist.
     pub has_route: bool,
     pub scans_stored: usize,
     pub nodes_stored: usize,
@@ -21,7 +21,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Of an upload that begins now.
+    /// The tally before an upload.
     pub(super) fn begin() -> Self {
         Self {
             started: Instant::now(),
@@ -35,7 +35,7 @@ impl Tally {
         }
     }
 
-    /// Makes the route unless it is there, once there is something to send.
+    /// Creates the route if it does not exist, once there is something to send.
     ///
     /// # Errors
     /// If the service cannot be reached, or refuses to make the route.

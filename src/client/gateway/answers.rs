@@ -1,14 +1,14 @@
-//! What the service answers.
+//! Responses of the service.
 
 use reqwest::StatusCode;
 use serde::Deserialize;
 
 use crate::model::{BatchStatus, TextEnum as _};
 
-/// The type of the problem that the service has with a body that its digest does not fit.
+/// The problem type for a body that does not match its digest.
 const DAMAGED: &str = "/problems/digest-mismatch";
 
-/// What the service says about a route.
+/// A route.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RouteReport {
     pub stage: String,
@@ -17,7 +17,7 @@ pub struct RouteReport {
     pub pending_batches: i64,
 }
 
-/// What a route holds.
+/// Counts of a route.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RouteCounts {
     pub nodes: i64,
@@ -25,7 +25,7 @@ pub struct RouteCounts {
     pub loop_closures: i64,
 }
 
-/// What the service says about a batch.
+/// A batch.
 #[derive(Debug, Clone, Deserialize)]
 pub struct BatchReport {
     pub status: String,
@@ -35,23 +35,23 @@ pub struct BatchReport {
 }
 
 impl BatchReport {
-    /// Whether the service still means to work on it without being asked.
+    /// Whether the service will still process it by itself.
     pub fn is_under_way(&self) -> bool {
         BatchStatus::of_text(&self.status).is_ok_and(BatchStatus::is_pending)
     }
 }
 
-/// What the service says about a change of the world that it found.
+/// An alert.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct AlertReport {
     pub id: String,
     pub kind: String,
     pub status: String,
-    /// What it says in a few words.
+    /// Its title.
     pub title: String,
-    /// Who saw it; for a faulty vehicle, that vehicle.
+    /// The vehicles that saw it; for a faulty vehicle, that vehicle.
     pub vehicle_ids: Vec<String>,
-    /// `None` for what has no place, like a faulty vehicle.
+    /// `None` without a place, as for a faulty vehicle.
     pub location: Option<AlertLocation>,
     pub confidence: Option<f64>,
 }
@@ -63,14 +63,14 @@ pub struct AlertLocation {
     pub y: f64,
 }
 
-/// Some of a route's alerts, and where the others begin.
+/// One page of a route's alerts, and the cursor of the next.
 #[derive(Debug, Deserialize)]
 pub(super) struct AlertPage {
     pub items: Vec<AlertReport>,
     pub next_cursor: Option<String>,
 }
 
-/// A refusal in the service's own words.
+/// A problem as the service states it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     pub status: u16,
@@ -102,7 +102,7 @@ impl Refusal {
         }
     }
 
-    /// Whether other bytes arrived than were sent: the same request may succeed.
+    /// Whether the bytes arrived damaged: the same request may succeed.
     pub(super) fn is_damage(&self) -> bool {
         self.problem.kind == DAMAGED
     }

@@ -1,4 +1,4 @@
-//! Keys, made and revoked over HTTP.
+//! Creates, lists and revokes keys over HTTP.
 
 use jiff::Timestamp;
 use reqwest::Method;
@@ -8,7 +8,7 @@ use super::{Answer, Gateway, GatewayError, Request};
 use crate::ids::{KeyId, RouteId, VehicleId};
 use crate::model::Role;
 
-/// A key to ask for.
+/// A key to create.
 #[derive(Debug, Clone, Serialize)]
 pub struct KeyRequest {
     pub name: String,
@@ -21,7 +21,7 @@ pub struct KeyRequest {
     pub expires_at: Option<Timestamp>,
 }
 
-/// What the service says about a key.
+/// A key as listed.
 #[derive(Debug, Clone, Deserialize)]
 pub struct KeyReport {
     pub id: KeyId,
@@ -32,11 +32,11 @@ pub struct KeyReport {
     pub last_used_at: Option<Timestamp>,
     pub expires_at: Option<Timestamp>,
     pub revoked_at: Option<Timestamp>,
-    /// The key itself, right after it was made.
+    /// The secret, right after creation.
     pub key: Option<String>,
 }
 
-/// Some keys, and where the others begin.
+/// One page of keys, and the cursor of the next.
 #[derive(Deserialize)]
 struct KeyPage {
     items: Vec<KeyReport>,
@@ -44,7 +44,7 @@ struct KeyPage {
 }
 
 impl Gateway {
-    /// Makes a key.
+    /// Creates a key.
     pub async fn create_key(&self, key: &KeyRequest) -> Result<KeyReport, GatewayError> {
         let what = || format!("the key of {}", key.name);
         let unreadable = |source| GatewayError::Answer {

@@ -1,4 +1,4 @@
-//! A route's map, nodes, scans and alerts, as they are read.
+//! Reads a route's map, nodes, scans and alerts.
 
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -22,7 +22,7 @@ impl From<PoseReport> for Pose2 {
     }
 }
 
-/// What the service says about a node.
+/// A node.
 #[derive(Debug, Clone, Deserialize)]
 pub struct NodeReport {
     pub id: i64,
@@ -30,7 +30,7 @@ pub struct NodeReport {
     pub pose: PoseReport,
     pub vehicle_id: String,
     pub stamp: Timestamp,
-    /// Whether its pose stands for anything.
+    /// Whether it is localised.
     pub localised: bool,
 }
 
@@ -40,7 +40,7 @@ pub struct ScanReport {
     pub lidar: LidarReport,
     /// Metres; `None` is no return, or an invalid reading.
     pub ranges: Vec<Option<f64>>,
-    /// The beams whose readings were invalid; services before did not say.
+    /// The beams with invalid readings; older services do not state them.
     #[serde(default)]
     pub invalid_beams: Vec<usize>,
 }
@@ -57,7 +57,7 @@ pub struct LidarReport {
     pub mount: PoseReport,
 }
 
-/// What the service says about an alert, for those who list them.
+/// An alert as in a list.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct AlertDetail {
     pub id: String,
@@ -84,7 +84,7 @@ pub struct AlertPlace {
     pub sigma: f64,
 }
 
-/// How large what an alert shows is, metres.
+/// Extent of an alert, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct AlertSize {
     pub length: f64,

@@ -5,7 +5,7 @@ use reqwest::Method;
 use super::{Gateway, GatewayError, Refusal, Request, innermost};
 
 impl Gateway {
-    /// Asks once whether the service is ready; `Some` says why it is not.
+    /// Checks once whether the service is ready; `Some` states why it is not.
     pub async fn readiness(&self) -> Result<Option<String>, GatewayError> {
         let request = Request {
             method: Method::GET,

@@ -1,4 +1,4 @@
-//! What is sent again, and when.
+//! Which requests are repeated, and when.
 
 use std::time::Duration;
 
@@ -25,8 +25,8 @@ pub(super) fn retry_after(headers: &HeaderMap) -> Option<Duration> {
     Some(Duration::from_secs(seconds.into()))
 }
 
-/// The stated wait and up to a quarter more, or 1 s × 2ⁿ up to 5 min of which at least the half
-/// is waited. The jitter follows from the key, so that clients with different keys spread out.
+/// The stated wait and up to a quarter more, or at least half of 1 s × 2ⁿ up to 5 min. The jitter is derived
+/// from the key, so that clients with different keys spread out.
 pub(super) fn wait_before_repeat(attempt: u32, stated: Option<Duration>, key: &str) -> Duration {
     let digest = Sha256::digest(format!("{attempt} {key}"));
     let jitter = f64::from(digest[0]) / 255.0;

@@ -51,13 +51,13 @@ const REFUSED: &str = "HTTP/1.1 422 Unprocessable Entity\r\nconnection: close\r\
 #[tokio::test]
 async fn temporary_failures_are_repeated_with_the_same_bytes() {
     let (url, requests) = scripted(&[BUSY, TOO_MANY, ACCEPTED]).await;
-    let told = Arc::new(Mutex::new(Vec::new()));
-    let tell = told.clone();
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    let tell = reported.clone();
     let gateway =
         Gateway::new(&url, None, move |t| tell.lock().unwrap().push(t.to_owned())).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
     assert_eq!(outcome, Outcome::Stored);
-    assert_eq!(told.lock().unwrap().len(), 2);
+    assert_eq!(reported.lock().unwrap().len(), 2);
     let requests = requests.lock().unwrap();
     assert_eq!(requests.len(), 3);
     assert_eq!(requests[0], requests[2]);
@@ -81,7 +81,7 @@ async fn a_body_that_was_damaged_on_its_way_is_sent_again() {
 }
 
 #[tokio::test]
-async fn a_cut_connection_is_repeated_and_a_replay_is_told() {
+async fn a_cut_connection_is_repeated_and_a_replay_is_reported() {
     let (url, requests) = scripted(&["", REPLAYED]).await;
     let gateway = Gateway::new(&url, None, |_| ()).unwrap();
     let outcome = gateway.put_batch(&route(), &batch()).await.unwrap();
@@ -103,7 +103,7 @@ async fn a_refusal_is_final_and_in_the_services_words() {
 }
 
 #[tokio::test]
-async fn a_wrong_address_is_told_at_once() {
+async fn a_wrong_address_is_reported_at_once() {
     let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", free.local_addr().unwrap());
     drop(free);

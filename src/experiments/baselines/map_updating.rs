@@ -18,7 +18,7 @@ use crate::ids::StampNs;
 const CELL_M: f64 = 0.1;
 /// Observations that a cell remembers …
 const BUFFER: usize = 10;
-/// … and more than so many of them must disagree.
+/// … and more than this many of them must disagree.
 const DISAGREE_MAX: usize = 7;
 /// A cell counts an observation once the lidar has moved by this much since the last it counted,
 /// metres, …

@@ -1,4 +1,4 @@
-//! How others tell closures that contradict the map.
+//! Published tests for closures that contradict the map.
 
 use std::collections::BTreeSet;
 
@@ -42,12 +42,12 @@ pub(super) fn error_ratio(mapped: &Mapped, which: Measurement) -> anyhow::Result
     };
     let ratios: Option<Vec<f64>> = mapped.closures.iter().map(ratio).collect();
     let ratios = ratios.context("a closure without its nodes")?;
-    let told = ratios.iter().map(|r| *r > ERROR_RATIO_MAX).collect();
-    Ok(Judged::by_closure(mapped, Some(ratios), told))
+    let reported = ratios.iter().map(|r| *r > ERROR_RATIO_MAX).collect();
+    Ok(Judged::by_closure(mapped, Some(ratios), reported))
 }
 
-/// Each closure when it was made: eᵀΩe of what is only watched, ΔF of what is optimised. For one
-/// new closure that is the normalised innovation squared.
+/// Each closure when it was made: eᵀΩe if it is only compared, ΔF if it is optimised. For one new closure that
+/// is the normalised innovation squared.
 pub(super) fn chi_squared(mapped: &Mapped, which: Measurement) -> Judged {
     let bound = chi_squared_threshold(CHI_SQUARED_RATE, 3);
     let residual = |made: &MadeClosure| match which {
@@ -55,8 +55,8 @@ pub(super) fn chi_squared(mapped: &Mapped, which: Measurement) -> Judged {
         Measurement::Robust => made.closure.delta_f,
     };
     let residuals: Vec<f64> = mapped.closures.iter().map(residual).collect();
-    let told = residuals.iter().map(|r| *r > bound).collect();
-    Judged::by_closure(mapped, Some(residuals), told)
+    let reported = residuals.iter().map(|r| *r > bound).collect();
+    Judged::by_closure(mapped, Some(residuals), reported)
 }
 
 /// Closures that a robust solve of all laps switches off.
@@ -83,8 +83,8 @@ pub(super) fn gnc(mapped: &Mapped, which: Measurement) -> anyhow::Result<Judged>
     let summary = solve_robust(&mut graph, &SolveOptions::default());
     let off: BTreeSet<EdgeId> = summary.switched_off.into_iter().collect();
     let is_off = |made: &MadeClosure| off.contains(&made.closure.edge);
-    let told = mapped.closures.iter().map(is_off).collect();
-    Ok(Judged::by_closure(mapped, None, told))
+    let reported = mapped.closures.iter().map(is_off).collect();
+    Ok(Judged::by_closure(mapped, None, reported))
 }
 
 #[cfg(test)]
@@ -107,19 +107,19 @@ mod tests {
                 gnc(&mapped, which).unwrap(),
             ];
             for judged in all {
-                for (made, (judged, told)) in mapped
+                for (made, (judged, reported)) in mapped
                     .closures
                     .iter()
-                    .zip(judged.judged.iter().zip(&judged.told))
+                    .zip(judged.judged.iter().zip(&judged.reported))
                 {
                     assert_eq!(*judged, made.place.lap >= 2);
-                    assert!(*judged || !told);
+                    assert!(*judged || !reported);
                 }
             }
         }
-        // The robust measurements agree with the map that they made.
+        // The robust measurements agree with the map that was made from them.
         let ratio = error_ratio(&mapped, Measurement::Robust).unwrap();
-        let off = ratio.told.iter().filter(|told| **told).count();
-        assert!(20 * off < ratio.told.len(), "{off}");
+        let off = ratio.reported.iter().filter(|reported| **reported).count();
+        assert!(20 * off < ratio.reported.len(), "{off}");
     }
 }

@@ -4,14 +4,13 @@ use serde::Serialize;
 
 use crate::mapping::ClosureRule;
 
-/// Which seeds worlds and drives are made from. Whatever is chosen by looking at results is
-/// chosen on the one set and scored on the other.
+/// The seeds of worlds and trips. Parameters are chosen on one set and scored on the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Seeds {
-    /// For choosing numbers.
+    /// For choosing parameters.
     Tuning,
-    /// For what is reported.
+    /// For reported results.
     Scoring,
 }
 
@@ -26,11 +25,11 @@ impl Seeds {
     }
 }
 
-/// How much a match must show to be taken for a closure.
+/// How strict the acceptance of closures is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Acceptance {
-    /// Next to anything.
+    /// Accepts nearly everything.
     Low,
     /// The service's own rule.
     Medium,
@@ -82,9 +81,9 @@ pub(super) struct Case {
     pub laps_before: usize,
     /// Laps after it.
     pub laps_after: usize,
-    /// What is taken for a closure.
+    /// The acceptance rule of closures.
     pub acceptance: Acceptance,
-    /// Way from scan to scan, metres.
+    /// Distance between scans, metres.
     pub scan_spacing_m: f64,
 }
 

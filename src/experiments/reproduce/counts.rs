@@ -7,11 +7,11 @@ use crate::experiments::Share;
 /// Decisions by what was decided and what was true.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub(super) struct Counts {
-    /// Changed, and told so.
+    /// Changed and reported.
     pub found: usize,
-    /// Changed, and not told.
+    /// Changed and not reported.
     pub missed: usize,
-    /// Unchanged, and told to be changed.
+    /// Unchanged, but reported as changed.
     pub false_alarms: usize,
     /// Unchanged, and left alone.
     pub left_alone: usize,
@@ -19,8 +19,8 @@ pub(super) struct Counts {
 
 impl Counts {
     /// Counts one decision.
-    pub(super) fn add(&mut self, changed: bool, told: bool) {
-        *match (changed, told) {
+    pub(super) fn add(&mut self, changed: bool, reported: bool) {
+        *match (changed, reported) {
             (true, true) => &mut self.found,
             (true, false) => &mut self.missed,
             (false, true) => &mut self.false_alarms,
@@ -36,7 +36,7 @@ impl Counts {
         self.left_alone += other.left_alone;
     }
 
-    /// Share of what was told that was true.
+    /// Share of the reports that are true.
     pub(super) fn precision(&self) -> Share {
         Share {
             hits: self.found,
@@ -44,7 +44,7 @@ impl Counts {
         }
     }
 
-    /// Share of what was true that was told.
+    /// Share of the true changes that were reported.
     pub(super) fn recall(&self) -> Share {
         Share {
             hits: self.found,
@@ -52,7 +52,7 @@ impl Counts {
         }
     }
 
-    /// Share of what was unchanged that was told to be changed.
+    /// Share of what was unchanged that was reported as changed.
     pub(super) fn false_alarm_rate(&self) -> Share {
         Share {
             hits: self.false_alarms,
@@ -60,7 +60,7 @@ impl Counts {
         }
     }
 
-    /// The harmonic mean of precision and recall; `None` if nothing changed and nothing was told.
+    /// The harmonic mean of precision and recall; `None` if nothing changed and nothing was reported.
     pub(super) fn f_score(&self) -> Option<f64> {
         harmonic(self.found, self.false_alarms, self.missed)
     }
@@ -116,8 +116,8 @@ mod tests {
     #[test]
     fn decisions_are_counted_where_they_belong() {
         let mut counts = Counts::default();
-        for (changed, told) in [(true, true), (true, false), (false, true), (false, false)] {
-            counts.add(changed, told);
+        for (changed, reported) in [(true, true), (true, false), (false, true), (false, false)] {
+            counts.add(changed, reported);
         }
         let mut twice = counts;
         twice.merge(&counts);

@@ -32,7 +32,7 @@ pub struct Figure {
     pub caption: String,
 }
 
-/// A case driven and mapped as the paper does.
+/// A case driven and mapped as in the paper.
 struct Run {
     laps: Laps,
     mapped: Mapped,

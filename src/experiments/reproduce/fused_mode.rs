@@ -1,10 +1,10 @@
-//! What the service tells, from the same map.
+//! The service's detector, on the same map.
 
 use super::mapped::{MadeClosure, Mapped};
-use super::method::{Judged, LAPS_LEARNT, Raised, Told};
+use super::method::{Judged, LAPS_LEARNT, Raised, Reported};
 use crate::change::{Finding, VehicleResidual, calibrated_p_values, separate_counterparts};
 
-/// A closure is told if a residual this large has a smaller probability without a change.
+/// A closure is flagged if a residual this large has a smaller probability without a change.
 const FALSE_ALARM_RATE: f64 = 1e-3;
 /// A finding this near to an earlier one of its kind is that one again, metres.
 const SAME_FINDING_M: f64 = 0.5;
@@ -19,16 +19,16 @@ pub(super) fn judge(mapped: &Mapped) -> Judged {
     let residuals: Vec<VehicleResidual<()>> = mapped.closures.iter().map(of_closure).collect();
     let scores = residuals.iter().map(|r| r.residual).collect();
     let p_values = calibrated_p_values(&residuals).into_iter();
-    let told = p_values.map(|p_value| p_value.is_some_and(|p| p < FALSE_ALARM_RATE));
-    let judged = Judged::by_closure(mapped, Some(scores), told.collect());
+    let reported = p_values.map(|p_value| p_value.is_some_and(|p| p < FALSE_ALARM_RATE));
+    let judged = Judged::by_closure(mapped, Some(scores), reported.collect());
     Judged {
         raised: alerts(&mapped.findings),
         ..judged
     }
 }
 
-/// Every finding of an object in the lap that raises it, those too that later laps take back; both
-/// sides of what was moved.
+/// Every finding of an object in the lap that raises it, even if later laps withdraw it; both sides of what
+/// was moved.
 fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
     let mut known: Vec<Finding> = Vec::new();
     let mut raised = Vec::new();
@@ -42,7 +42,7 @@ fn alerts(findings: &[Vec<Finding>]) -> Vec<Raised> {
             if !known.iter().any(same) {
                 raised.push(Raised {
                     lap,
-                    what: Told::Region {
+                    what: Reported::Region {
                         kind: finding.kind,
                         location: finding.location,
                         region: finding.region.clone(),
@@ -108,8 +108,8 @@ mod tests {
         });
         let raised = alerts(&[vec![], vec![], vec![moved]]);
         let kinds = raised.iter().map(|raised| match &raised.what {
-            Told::Region { kind, .. } => Some(*kind),
-            Told::Closure { .. } => None,
+            Reported::Region { kind, .. } => Some(*kind),
+            Reported::Closure { .. } => None,
         });
         let expected = [ChangeKind::Appeared, ChangeKind::Disappeared].map(Some);
         assert!(kinds.eq(expected));

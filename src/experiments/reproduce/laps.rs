@@ -12,7 +12,7 @@ use crate::mapping::DriveScan;
 use crate::scan::LaserScan;
 use crate::sim::{Changes, Hall, OdometryError, Scene, Shape, SimLidar, SimScan, Vehicle};
 
-/// So many beams of a scan on an object are a look at it.
+/// A scan with this many beams on an object observes it.
 const BEAMS_MIN: usize = 3;
 /// Areas of what appears, in turn, as shares of the mean area of the hall's objects.
 const SIZES: [f64; 4] = [1.0, 0.3, 2.0, 0.1];
@@ -26,9 +26,9 @@ pub(super) struct TrueChange {
     pub shape: Shape,
     /// Its area as a share of the area of all original objects.
     pub area_share: f64,
-    /// Whether the scans show it: looked at in at least four scans (`Scene::visible_changes`).
+    /// Whether the scans show it: observed in at least four scans (`Scene::visible_changes`).
     pub visible: bool,
-    /// The first lap after the change with a scan that looks at its place.
+    /// The first lap after the change with a scan that observes its place.
     pub first_lap: Option<usize>,
 }
 
@@ -43,8 +43,8 @@ pub(super) struct RecordedScan {
     pub truth: Pose2,
     /// Share of the beams that end elsewhere before the change than after it, seen from here.
     pub differing: f64,
-    /// The changes that a scan from here looks at, in the world that has the object.
-    pub looks_at: Vec<usize>,
+    /// The changes that a scan from here observes, in the world that has the object.
+    pub observes: Vec<usize>,
 }
 
 /// The laps of a case.
@@ -85,7 +85,7 @@ impl Laps {
             let beams = LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?;
             scans.push(RecordedScan {
                 differing: differing(&before[k], &after[k]),
-                looks_at: stage.looks(&before[k], &after[k]),
+                observes: stage.observed_changes(&before[k], &after[k]),
                 lap: scan.lap,
                 truth: scan.map_from_base,
                 scan: DriveScan {
@@ -102,7 +102,7 @@ impl Laps {
             let object = stage.objects[k];
             change.visible = events.iter().any(|event| event.object == object);
             let later = scans.iter().filter(|s| s.lap >= case.laps_before);
-            let first = later.filter(|s| s.looks_at.contains(&k)).map(|s| s.lap);
+            let first = later.filter(|s| s.observes.contains(&k)).map(|s| s.lap);
             change.first_lap = first.min();
         }
         let appeared = changes.iter().filter(|c| c.kind == ChangeKind::Appeared);
@@ -202,17 +202,17 @@ impl Stage {
         scene
     }
 
-    /// The changes that one of two equal scans, before and after, looks at.
-    fn looks(&self, before: &SimScan, after: &SimScan) -> Vec<usize> {
+    /// The changes that one of two equal scans, before and after, observes.
+    fn observed_changes(&self, before: &SimScan, after: &SimScan) -> Vec<usize> {
         let strikes = |scan: &SimScan, object| {
-            let struck = scan.struck.iter().filter(|s| **s == Some(object));
-            struck.count()
+            let hits = scan.hit_objects.iter().filter(|s| **s == Some(object));
+            hits.count()
         };
-        let looked_at = |k: &usize| {
+        let is_observed = |k: &usize| {
             let object = self.objects[*k];
             strikes(before, object).max(strikes(after, object)) >= BEAMS_MIN
         };
-        (0..self.changes.len()).filter(looked_at).collect()
+        (0..self.changes.len()).filter(is_observed).collect()
     }
 }
 
@@ -245,7 +245,7 @@ mod tests {
         assert!(laps.changes.iter().any(|c| c.visible));
         for scan in &laps.scans {
             // Three beams on an object are three beams that differ.
-            let looks = scan.looks_at.len() as f64 * BEAMS_MIN as f64 / 360.0;
+            let looks = scan.observes.len() as f64 * BEAMS_MIN as f64 / 360.0;
             assert!(scan.differing >= looks - 1e-9, "{scan:?}");
         }
         for change in laps.changes.iter().filter(|c| c.visible) {

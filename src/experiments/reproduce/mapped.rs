@@ -42,7 +42,7 @@ impl Exclusion {
     }
 }
 
-/// A closure with what is known of its scans.
+/// A closure with its scans.
 #[derive(Debug, Clone)]
 pub(super) struct MadeClosure {
     /// As the map has it.
@@ -61,9 +61,9 @@ pub(super) struct Mapped {
     pub map: RouteMap,
     /// All closures.
     pub closures: Vec<MadeClosure>,
-    /// After each lap what the service would find; only of robust maps.
+    /// The service's findings after each lap; only of robust maps.
     pub findings: Vec<Vec<Finding>>,
-    /// How far it is from the truth.
+    /// Its errors.
     pub error: MapError,
     /// Why it is not scored.
     pub exclusion: Option<Exclusion>,
@@ -148,7 +148,7 @@ impl Mapped {
     }
 }
 
-/// Where the first lap starts is known; a trip that goes on does not ask.
+/// The start of the first lap is known; a continued trip needs none.
 fn start(scan: &RecordedScan) -> InitialPose {
     InitialPose {
         pose: scan.truth,
@@ -157,7 +157,7 @@ fn start(scan: &RecordedScan) -> InitialPose {
     }
 }
 
-/// Between a closure's nodes as the map has them after all laps: no method knows the truth.
+/// The position of a closure in the final map: no method knows the truth.
 fn halfway(map: &RouteMap, closure: &Closure) -> Option<Vector2<f64>> {
     let graph = map.graph();
     let edge = graph.edge(closure.edge)?;
@@ -234,7 +234,7 @@ mod tests {
                 .between(&laps.scans[made.new].truth);
             assert!(
                 way.translation().norm() < 2.0,
-                "the paper's partners are near"
+                "the paper's loop-closure candidates are near"
             );
         }
         let strict = paper(&laps, Acceptance::High);

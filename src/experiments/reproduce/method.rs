@@ -1,4 +1,4 @@
-//! The ways of telling changes that are compared.
+//! The compared methods.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use crate::change::paper::ClosurePlace;
 use crate::geometry::Vector2;
 use crate::mapping::Weighting;
 
-/// Places of one change are this near to each other where only closures are told, metres.
+/// Places of one change are this near to each other where only closures are reported, metres.
 const SAME_PLACE_M: f64 = 5.0;
 /// Laps that no method judges: they make the map.
 pub(super) const LAPS_LEARNT: usize = 2;
@@ -29,7 +29,7 @@ pub(super) enum Measurement {
 pub(super) enum PaperMap {
     /// As the service's detector `seed` makes it: with the service's gates and odometry.
     Seed,
-    /// As the paper says, and nothing besides.
+    /// As the paper says, without the service's additions.
     Faithful,
 }
 
@@ -54,14 +54,14 @@ impl PaperMap {
     }
 }
 
-/// A way of telling changes.
+/// A method of change detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Method {
     /// The paper's rule at th.
     Paper(PaperMap),
     /// The paper's rule at 2.5 th.
     PaperRaised(PaperMap),
-    /// What the service does.
+    /// The service's detector.
     Fused,
     /// An error beyond 3 σ at the optimum, as RTAB-Map refuses closures.
     ErrorRatio(Measurement),
@@ -112,18 +112,18 @@ impl Serialize for Method {
     }
 }
 
-/// Something that a method tells the keepers of the map.
+/// An alert of a method.
 #[derive(Debug, Clone)]
 pub(super) struct Raised {
-    /// The lap in which it is told first.
+    /// The lap in which it is first reported.
     pub lap: usize,
-    /// What is told.
-    pub what: Told,
+    /// What is reported.
+    pub what: Reported,
 }
 
-/// What is told.
+/// What is reported.
 #[derive(Debug, Clone)]
-pub(super) enum Told {
+pub(super) enum Reported {
     /// "Look at this closure's two scans": scans by their places in [`Laps::scans`].
     Closure {
         /// The old node's scan.
@@ -151,22 +151,30 @@ pub(super) struct Judged {
     pub scores: Option<Vec<f64>>,
     /// For each closure whether the method judges it at all.
     pub judged: Vec<bool>,
-    /// For each closure whether it is told to contradict the map.
-    pub told: Vec<bool>,
+    /// For each closure whether it is flagged to contradict the map.
+    pub reported: Vec<bool>,
     /// What the keepers of the map get.
     pub raised: Vec<Raised>,
 }
 
 impl Judged {
-    /// From closures told one by one; in a lap those near to each other are one alert.
-    pub(super) fn by_closure(mapped: &Mapped, scores: Option<Vec<f64>>, told: Vec<bool>) -> Self {
+    /// From closures reported one by one; in a lap those near to each other are one alert.
+    pub(super) fn by_closure(
+        mapped: &Mapped,
+        scores: Option<Vec<f64>>,
+        reported: Vec<bool>,
+    ) -> Self {
         let judged: Vec<bool> = mapped.closures.iter().map(is_judged).collect();
-        let told: Vec<bool> = told.iter().zip(&judged).map(|(t, j)| *t && *j).collect();
-        let raised = gather(&mapped.closures, &told);
+        let reported: Vec<bool> = reported
+            .iter()
+            .zip(&judged)
+            .map(|(t, j)| *t && *j)
+            .collect();
+        let raised = gather(&mapped.closures, &reported);
         Self {
             scores,
             judged,
-            told,
+            reported,
             raised,
         }
     }
@@ -176,11 +184,16 @@ fn is_judged(made: &MadeClosure) -> bool {
     made.place.lap >= LAPS_LEARNT
 }
 
-/// The first closure told at each place in each lap: who only looks at closures forgets.
-fn gather(closures: &[MadeClosure], told: &[bool]) -> Vec<Raised> {
+/// The first closure reported at each place in each lap: a method that sees only closures does not remember
+/// earlier laps.
+fn gather(closures: &[MadeClosure], reported: &[bool]) -> Vec<Raised> {
     let mut known: Vec<ClosurePlace> = Vec::new();
     let mut raised = Vec::new();
-    for (made, _) in closures.iter().zip(told).filter(|(_, told)| **told) {
+    for (made, _) in closures
+        .iter()
+        .zip(reported)
+        .filter(|(_, reported)| **reported)
+    {
         let same = |known: &ClosurePlace| {
             let apart = known.position - made.place.position;
             apart.norm() <= SAME_PLACE_M && made.place.lap == known.lap
@@ -197,7 +210,7 @@ fn gather(closures: &[MadeClosure], told: &[bool]) -> Vec<Raised> {
 pub(super) fn raised_by(made: &MadeClosure) -> Raised {
     Raised {
         lap: made.place.lap,
-        what: Told::Closure {
+        what: Reported::Closure {
             old: made.old,
             new: made.new,
             position: made.place.position,

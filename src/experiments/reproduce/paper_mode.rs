@@ -23,7 +23,7 @@ fn samples(mapped: &Mapped) -> Vec<ClosureSample> {
     mapped.closures.iter().map(sample).collect()
 }
 
-/// Steps 1 to 4 (section 4.2). A closure is told if its ΔF exceeds the threshold near a peak.
+/// Steps 1 to 4 (section 4.2). A closure is flagged if its ΔF exceeds the threshold near a peak.
 pub(super) fn judge(mapped: &Mapped, factor: f64) -> Judged {
     let places = mapped.places();
     let params = PaperParams::for_laps(&places, factor);
@@ -35,7 +35,7 @@ pub(super) fn judge(mapped: &Mapped, factor: f64) -> Judged {
         judged: verdicts()
             .map(|v| v != ResidualVerdict::WarmingUp)
             .collect(),
-        told: verdicts()
+        reported: verdicts()
             .map(|v| v == ResidualVerdict::Contradiction)
             .collect(),
         raised: changes

@@ -33,7 +33,7 @@ const SHORT_SCAN_SPACING_M: f64 = 2.0;
 /// Changes and laps of the cases with another closure rule.
 const SWEPT: (usize, (usize, usize)) = (5, (4, 3));
 
-/// The whole protocol, or a few cases that tell only that everything runs.
+/// The whole protocol, or a few cases that only test that everything runs.
 pub(super) fn cases(short: bool, seeds: Seeds) -> Vec<Case> {
     if short {
         return short_cases(seeds);
@@ -72,7 +72,7 @@ fn short_cases(seeds: Seeds) -> Vec<Case> {
     vec![coarse(0.0, 0, 1), coarse(0.0, 5, 2), coarse(0.5, 5, 3)]
 }
 
-/// A case; `turn` tells cases with equal numbers apart.
+/// A case; `turn` distinguishes cases with equal parameters.
 fn case(
     seeds: Seeds,
     map: usize,

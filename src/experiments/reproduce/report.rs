@@ -45,7 +45,7 @@ const PRINTED: [PrintedRow; 4] = [
     },
 ];
 
-/// What tells the two forms of the paper's map apart.
+/// What distinguishes the two forms of the paper's map.
 const FORMS: &str = "Both maps optimise all-points estimates with Ω = I. As the service's `seed`: \
                      a robust match and a comparison with free space accept a closure first, and \
                      odometry edges are robust matches with a local map. Faithful: the score of \
@@ -162,8 +162,8 @@ fn event_table(summary: &Summary) -> Table {
     }
     table.remark(
         "A change counts if at least 3 beams of at least 4 scans meet the object before it goes or \
-         after it comes. A closure tells every change that one of its two scans looks at with 3 \
-         beams; a region tells the changes of its kind within 0.35 m. The location error is the \
+         after it comes. A closure reports every change that one of its two scans observes with 3 \
+         beams; a region reports the changes of its kind within 0.35 m. The location error is the \
          distance to the object's middle. The paper's rule and the fused one raise a change \
          once; the others keep no memory and alert anew in each lap.",
     );
@@ -199,7 +199,7 @@ fn lap_table(summary: &Summary) -> Table {
         "F",
         "F unchanged",
         "false alarms in unchanged laps",
-        "told again later",
+        "reported again later",
         "not judged, not visible",
     ];
     let mut table = Table::new("Laps", &head);

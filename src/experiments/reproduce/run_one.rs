@@ -13,7 +13,7 @@ use super::score::Score;
 use super::{baselines, fused_mode, paper_mode};
 use crate::mapping::Weighting;
 
-/// What came of a case.
+/// The result of a case.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Outcome {
     /// The case.
@@ -28,7 +28,7 @@ pub(super) struct Outcome {
     pub scores: BTreeMap<Method, Score>,
 }
 
-/// Something of each of a case's maps.
+/// A value for each of a case's maps.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct Maps<T> {
     /// All-points estimates with Ω = I, gated as in the service.
@@ -40,7 +40,7 @@ pub(super) struct Maps<T> {
 }
 
 impl<T> Maps<T> {
-    /// Of a map that the paper's rule reads.
+    /// The value of a map that the paper's rule uses.
     pub(super) fn of_paper(&self, map: PaperMap) -> &T {
         match map {
             PaperMap::Seed => &self.seed,
@@ -48,7 +48,7 @@ impl<T> Maps<T> {
         }
     }
 
-    /// Of the map that a method reads.
+    /// The value of the map that a method uses.
     pub(super) fn of_method(&self, method: Method) -> &T {
         match method {
             Method::Paper(map) | Method::PaperRaised(map) => self.of_paper(map),
@@ -58,7 +58,7 @@ impl<T> Maps<T> {
         }
     }
 
-    /// Something else of each.
+    /// Maps each value.
     pub(super) fn each<U>(&self, of: impl Fn(&T) -> U) -> Maps<U> {
         Maps {
             seed: of(&self.seed),
@@ -73,14 +73,14 @@ impl<T> Maps<T> {
 pub(super) struct MapOutcome {
     /// Loop closures.
     pub closures: usize,
-    /// How far it is from the truth.
+    /// Its errors.
     pub error: MapError,
     /// Why it is not scored.
     pub exclusion: Option<Exclusion>,
 }
 
 impl Outcome {
-    /// Why a method's score of this case is left out: what its map says.
+    /// Why a method's score of this case is left out, by its map.
     pub(super) fn exclusion(&self, method: Method) -> Option<Exclusion> {
         self.maps.of_method(method).exclusion
     }

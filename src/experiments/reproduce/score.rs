@@ -1,11 +1,11 @@
-//! What a method told of a case against what was true.
+//! Scores what a method reported in a case against the truth.
 
 use serde::Serialize;
 
 use super::counts::Counts;
 use super::laps::{Laps, TrueChange};
 use super::mapped::Mapped;
-use super::method::{Judged, LAPS_LEARNT, Raised, Told};
+use super::method::{Judged, LAPS_LEARNT, Raised, Reported};
 use crate::change::ChangeKind;
 use crate::experiments::Share;
 use crate::experiments::region_distance_m;
@@ -14,7 +14,7 @@ use crate::geometry::Vector2;
 /// A closure is changed if the change shows in more than this share of a scan's beams, and
 /// unchanged if it shows in none; what lies between is not scored.
 const CHANGED_SHARE: f64 = 0.03;
-/// A region tells a change of its kind within this distance, metres.
+/// A region reports a change of its kind within this distance, metres.
 const REGION_DISTANCE_M: f64 = 0.35;
 
 /// A method's score in one case, or in several.
@@ -31,7 +31,7 @@ pub(super) struct Score {
     pub roc: Option<(Vec<f64>, Vec<f64>)>,
     /// Decisions about laps: the first changed lap, and those without any change.
     pub laps: Counts,
-    /// Later changed laps in which something was told.
+    /// Later changed laps in which something was reported.
     pub laps_later: Share,
     /// Laps not scored: nothing of the change could be seen.
     pub laps_unseen: usize,
@@ -39,7 +39,7 @@ pub(super) struct Score {
     pub laps_not_judged: usize,
     /// The visible changes.
     pub events: Vec<Event>,
-    /// Alerts that tell a true change.
+    /// Alerts that report a true change.
     pub true_alerts: usize,
     /// Alerts that do not.
     pub false_alerts: usize,
@@ -56,11 +56,11 @@ pub(super) struct Event {
     pub place: [f64; 2],
     /// Its area as a share of all original objects' area.
     pub area_share: f64,
-    /// Whether an alert tells it.
+    /// Whether an alert reports it.
     pub found: bool,
-    /// Laps from the first that looks at its place to the alert; 0 for the same lap.
+    /// Laps from the first that observes its place to the alert; 0 for the same lap.
     pub laps_until_raised: Option<usize>,
-    /// From the place that was told to the object's middle, metres.
+    /// From the place that was reported to the object's middle, metres.
     pub location_error_m: Option<f64>,
 }
 
@@ -104,7 +104,7 @@ impl Score {
             } else if share > 0.0 && share <= CHANGED_SHARE {
                 self.closures_between += 1;
             } else {
-                self.closures.add(share > 0.0, judged.told[k]);
+                self.closures.add(share > 0.0, judged.reported[k]);
                 if let Some(scores) = &judged.scores {
                     let side = if share > 0.0 {
                         &mut changed
@@ -123,15 +123,15 @@ impl Score {
             let closures = mapped.closures.iter().zip(&judged.judged);
             let is_judged =
                 lap >= LAPS_LEARNT && { closures }.any(|(made, j)| *j && made.place.lap == lap);
-            let told = judged.raised.iter().any(|raised| raised.lap == lap);
+            let reported = judged.raised.iter().any(|raised| raised.lap == lap);
             match lap_truth(laps, lap) {
                 _ if !is_judged => self.laps_not_judged += 1,
-                LapTruth::Unchanged => self.laps.add(false, told),
-                LapTruth::FirstChanged => self.laps.add(true, told),
+                LapTruth::Unchanged => self.laps.add(false, reported),
+                LapTruth::FirstChanged => self.laps.add(true, reported),
                 LapTruth::Unseen => self.laps_unseen += 1,
                 LapTruth::Later => {
                     self.laps_later.of += 1;
-                    self.laps_later.hits += usize::from(told);
+                    self.laps_later.hits += usize::from(reported);
                 }
             }
         }
@@ -140,14 +140,14 @@ impl Score {
     fn judge_events(&mut self, laps: &Laps, judged: &Judged) {
         let mut events: Vec<Event> = laps.changes.iter().map(unfound).collect();
         for raised in &judged.raised {
-            let told = changes_told(laps, raised);
-            if told.is_empty() {
+            let reported = changes_reported(laps, raised);
+            if reported.is_empty() {
                 self.false_alerts += 1;
                 self.false_alert_places.push(place_of(raised));
             } else {
                 self.true_alerts += 1;
             }
-            for (change, error_m) in told {
+            for (change, error_m) in reported {
                 let event = &mut events[change];
                 // Alerts come in the order of closures: the first is the earliest.
                 if !event.found {
@@ -165,8 +165,8 @@ impl Score {
 
 fn place_of(raised: &Raised) -> [f64; 2] {
     match &raised.what {
-        Told::Closure { position, .. } => (*position).into(),
-        Told::Region { location, .. } => (*location).into(),
+        Reported::Closure { position, .. } => (*position).into(),
+        Reported::Region { location, .. } => (*location).into(),
     }
 }
 
@@ -200,31 +200,31 @@ fn lap_truth(laps: &Laps, lap: usize) -> LapTruth {
     }
     let looks = |k: &usize| laps.changes[*k].visible;
     let mut scans = laps.scans.iter().filter(|scan| scan.lap == lap);
-    match scans.any(|scan| scan.looks_at.iter().any(looks)) {
+    match scans.any(|scan| scan.observes.iter().any(looks)) {
         true => LapTruth::FirstChanged,
         false => LapTruth::Unseen,
     }
 }
 
-/// The changes that an alert tells, with how far it is from the middle of each, metres.
+/// The changes that an alert reports, with its distance from the centre of each, metres.
 ///
-/// A closure tells every change that one of its two scans looks at, if the world changed between
-/// them; a region tells the changes of its kind that it touches.
-fn changes_told(laps: &Laps, raised: &Raised) -> Vec<(usize, f64)> {
+/// A closure reports every change that one of its two scans observes, if the world changed between them; a
+/// region reports the changes of its kind that it touches.
+fn changes_reported(laps: &Laps, raised: &Raised) -> Vec<(usize, f64)> {
     match &raised.what {
-        Told::Closure { old, new, position } => {
+        Reported::Closure { old, new, position } => {
             if !laps.crosses_change(*old, *new) {
                 return Vec::new();
             }
             let seen = |k: &usize| {
                 [*old, *new]
                     .iter()
-                    .any(|s| laps.scans[*s].looks_at.contains(k))
+                    .any(|s| laps.scans[*s].observes.contains(k))
             };
             let error_m = |k: usize| (k, from_middle_m(&laps.changes[k], position));
             (0..laps.changes.len()).filter(seen).map(error_m).collect()
         }
-        Told::Region {
+        Reported::Region {
             kind,
             location,
             region,

@@ -13,13 +13,13 @@ use super::run_one::{Maps, Outcome};
 use super::score::{Event, Score};
 use crate::experiments::Share;
 
-/// Bounds of the size classes: shares of the original objects' area.
+/// Bounds of the size classes, relative to the original objects' area.
 pub(super) const SIZE_BOUNDS: [f64; 3] = [0.005, 0.01, 0.03];
 
-/// Everything that is reported.
+/// All results.
 #[derive(Debug, Serialize)]
 pub(super) struct Summary {
-    /// Where the numbers come from.
+    /// The set of seeds.
     pub seeds: Seeds,
     /// Whether only a few small cases were run.
     pub short: bool,
@@ -65,7 +65,7 @@ pub(super) struct Row {
     pub alerts_true: Share,
     /// Of alerts and events.
     pub event_f_score: Option<f64>,
-    /// Distance from the told place to the object's middle, metres: the median and what nine of
+    /// Distance from the reported place to the object's middle, metres: the median and what nine of
     /// ten stay below.
     pub location_error_m: [Option<f64>; 2],
     /// Found events by laps until they were raised: 0, 1, 2 and more.
@@ -231,7 +231,7 @@ fn found<'a>(events: impl Iterator<Item = &'a Event>) -> Share {
     share
 }
 
-/// The value that a share of the values, below 1, stays below; `None` of none.
+/// A quantile of the values; `None` if there are none.
 fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let place = (values.len() as f64 * share) as usize;

@@ -1,12 +1,12 @@
-//! Finding all blocks at once.
+//! Finds all blocks by one depth-first search.
 
 use super::{Block, BlockIndex, Blocks};
 use crate::graph::edge::Edge;
 use crate::model::EdgeStatus;
 
 impl Blocks {
-    /// The blocks of a graph's edges, given with the places of their ends and, for each node, the
-    /// places of the edges at it. None is known to be at its optimum.
+    /// The blocks of a graph's edges, given with the indices of their ends and, for each node, the indices of
+    /// its edges.
     pub(in crate::graph) fn of(
         edges: &[Edge],
         ends: &[(usize, usize)],
@@ -27,16 +27,16 @@ struct Search<'a> {
     edges: &'a [Edge],
     ends: &'a [(usize, usize)],
     incident: &'a [Vec<usize>],
-    /// 1, 2, … in the order of discovery; 0 where the search has not been.
+    /// 1, 2, … in the order of discovery; 0 if not discovered.
     discovered: Vec<usize>,
-    /// The earliest discovery that a node's subtree reaches by one edge back.
+    /// The earliest discovery that a node's subtree reaches by one back edge.
     low: Vec<usize>,
     clock: usize,
     open_edges: Vec<usize>,
     found: Blocks,
 }
 
-struct Visit {
+struct Frame {
     node: usize,
     /// The tree edge by which the node was reached.
     by_edge: Option<usize>,
@@ -56,7 +56,7 @@ impl<'a> Search<'a> {
             open_edges: Vec::new(),
             found: Blocks {
                 block_of_edge: vec![None; edges.len()],
-                hanging: vec![Vec::new(); nodes],
+                children: vec![Vec::new(); nodes],
                 towards_first: vec![None; nodes],
                 earlier: (0..nodes).collect(),
                 ..Blocks::default()
@@ -64,11 +64,11 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn discover(&mut self, node: usize, by_edge: Option<usize>) -> Visit {
+    fn discover(&mut self, node: usize, by_edge: Option<usize>) -> Frame {
         self.clock += 1;
         self.discovered[node] = self.clock;
         self.low[node] = self.clock;
-        Visit {
+        Frame {
             node,
             by_edge,
             next_incident: 0,
@@ -77,21 +77,20 @@ impl<'a> Search<'a> {
 
     fn explore(&mut self, first: usize) {
         let mut path = vec![self.discover(first, None)];
-        while let Some(visit) = path.last_mut() {
-            let node = visit.node;
-            let Some(&edge) = self.incident[node].get(visit.next_incident) else {
-                let by_edge = visit.by_edge;
+        while let Some(frame) = path.last_mut() {
+            let node = frame.node;
+            let Some(&edge) = self.incident[node].get(frame.next_incident) else {
+                let by_edge = frame.by_edge;
                 path.pop();
                 if let (Some(parent), Some(by_edge)) = (path.last(), by_edge) {
                     self.leave(parent.node, node, by_edge);
                 }
                 continue;
             };
-            visit.next_incident += 1;
-            // The tree edge is passed over by its place, so that a parallel one counts as a way
-            // back.
+            frame.next_incident += 1;
+            // The tree edge is skipped by its index: a parallel edge counts as a back edge.
             let active = self.edges[edge].status == EdgeStatus::Active;
-            if !active || visit.by_edge == Some(edge) {
+            if !active || frame.by_edge == Some(edge) {
                 continue;
             }
             let (from, to) = self.ends[edge];
@@ -107,8 +106,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Back from a child to its parent; a block ends here if the child's subtree reaches no
-    /// further than the parent.
+    /// Returns from a child to its parent; a block ends here if the child's subtree reaches no further back than
+    /// the parent.
     fn leave(&mut self, parent: usize, child: usize, by_edge: usize) {
         self.low[parent] = self.low[parent].min(self.low[child]);
         if self.low[child] < self.discovered[parent] {
@@ -124,7 +123,7 @@ impl<'a> Search<'a> {
             self.found.block_of_edge[edge] = Some(index);
             let (from, to) = self.ends[edge];
             for node in [from, to] {
-                // Every node but the anchor hangs on exactly one block.
+                // Every node but the anchor is a child in exactly one block.
                 if node != parent && self.found.towards_first[node].is_none() {
                     self.found.towards_first[node] = Some(index);
                     nodes.push(node);
@@ -132,7 +131,7 @@ impl<'a> Search<'a> {
             }
         }
         nodes.shrink_to_fit();
-        self.found.hanging[parent].push(index);
+        self.found.children[parent].push(index);
         self.found.blocks.push(Block {
             anchor: parent,
             nodes,

@@ -176,7 +176,7 @@ fn form(block: &Block) -> Form {
     (block.anchor, nodes, edges, block.subgraph_id())
 }
 
-/// Blocks that say of every edge and node what those found anew say.
+/// Blocks that say of every edge and node what those found by a new search say.
 fn check_like_new(graph: &PoseGraph) {
     let (kept, anew) = (graph.blocks(), graph.find_blocks());
     let mut forms: Vec<Form> = kept.iter().map(form).collect();
@@ -193,13 +193,13 @@ fn check_like_new(graph: &PoseGraph) {
             of(kept, kept.towards_first[node]),
             of(&anew, anew.towards_first[node])
         );
-        let hanging = |blocks: &Blocks| {
-            let indices = blocks.hanging_off(node).iter();
+        let children = |blocks: &Blocks| {
+            let indices = blocks.child_blocks(node).iter();
             let mut forms: Vec<Form> = indices.map(|&k| form(&blocks.blocks[k])).collect();
             forms.sort_unstable();
             forms
         };
-        assert_eq!(hanging(kept), hanging(&anew));
+        assert_eq!(children(kept), children(&anew));
     }
 }
 

@@ -1,4 +1,4 @@
-//! What is odd about a batch but no reason to refuse it.
+//! Flags: oddities of a batch that are no reason to refuse it.
 
 use jiff::Timestamp;
 
@@ -37,12 +37,12 @@ pub(super) fn flags(
     names(flags)
 }
 
-/// Those of them that stamps alone raise.
+/// The flags that depend on stamps alone.
 pub(in crate::ingest) fn clock_flags(stamps: &[StampNs], received_at: Timestamp) -> Vec<String> {
     names(raised_by_clock(stamps.iter().copied(), received_at))
 }
 
-/// A simulated time is neither early nor late.
+/// Simulated times are neither early nor late.
 fn raised_by_clock(
     stamps: impl Iterator<Item = StampNs> + Clone,
     received_at: Timestamp,

@@ -40,7 +40,7 @@ fn readings_outside_the_range_are_taken_for_what_they_are_and_counted() {
     assert!(sound.flags.is_empty(), "{:?}", sound.flags);
 }
 
-/// Twenty scans of 64 beams whose ranges are so many times as long.
+/// Twenty scans of 64 beams whose ranges are this many times as long.
 fn scaled(factor: f64) -> Value {
     let mut body = valid();
     body["lidar"]["angle_increment"] = json!(0.04);

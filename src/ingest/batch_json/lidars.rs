@@ -18,11 +18,11 @@ const SCAN_TIME_MAX_S: f64 = 2.0;
 /// … and no longer than the stated time between scans, with this for rounding.
 const SCAN_TIME_SLACK: f64 = 1.05;
 
-/// A lidar as it was stated.
+/// A lidar as stated.
 pub(super) struct StatedLidar {
     pointer: String,
     which: LidarOfVehicle,
-    /// Of a clockwise one `angle_min_rad` is the first beam's, and the beams go down from it.
+    /// For a clockwise lidar `angle_min_rad` is that of the first beam, from which angles decrease.
     geometry: Lidar,
     is_clockwise: bool,
     angle_max_rad: Option<f64>,
@@ -30,13 +30,13 @@ pub(super) struct StatedLidar {
     scan_time_s: Option<f64>,
 }
 
-/// A lidar of the batch with what its scans have in common.
+/// A lidar of the batch with the common properties of its scans.
 pub(super) struct SendingLidar {
-    /// Which of the vehicle's.
+    /// Its index and name on the vehicle.
     pub which: LidarOfVehicle,
     /// Its geometry, counter-clockwise.
     pub geometry: Arc<Lidar>,
-    /// Whether its scans come with the beams in clockwise order.
+    /// Whether its beams were sent in clockwise order.
     pub is_clockwise: bool,
     /// Beams of its first scan; all others have as many.
     pub beams: usize,
@@ -178,7 +178,7 @@ impl StatedLidar {
         })
     }
 
-    /// With the beams of its first scan; `None` if it took none.
+    /// Completed by the number of beams of its first scan; `None` without a scan.
     fn sending(self, beams: Option<usize>) -> Checked<SendingLidar> {
         let (lidar, pointer) = (&self.geometry, self.pointer.as_str());
         if let (Some(beams), Some(angle_max_rad)) = (beams, self.angle_max_rad) {
@@ -279,13 +279,13 @@ impl Lidars {
 }
 
 impl SendingLidar {
-    /// What its scans are called in a refusal.
+    /// How a refusal names its scans.
     pub fn scans_of(&self) -> String {
         let named = self.which.name.as_ref();
         named.map_or_else(|| "a batch".into(), |name| format!("lidar {name}"))
     }
 
-    /// Notes the stamp of its next scan, the one at place `k`.
+    /// Checks the stamp of its next scan, at index `k`.
     pub fn check_stamp(&mut self, k: usize, stamp: StampNs) -> Checked<()> {
         if self.last_stamp.is_some_and(|last| stamp <= last) {
             let detail = format!(

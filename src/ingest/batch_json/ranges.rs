@@ -1,23 +1,22 @@
-//! Readings outside a lidar's range: what they count as, how many there are, and whether they are in
-//! another unit than metres.
+//! Readings outside a lidar's range: their meaning, their number, and whether they are in millimetres.
 
 use crate::ingest::body_error::{BatchProblem, Checked, refuse};
 use crate::scan::{LaserScan, Reading};
 
-/// So many readings are needed to say that they are millimetres.
+/// Fewest readings to decide that they are millimetres.
 const MILLIMETRES_MIN: u64 = 16;
 
-/// Readings of a batch by what they count as; beams without a reading (null) are not counted.
+/// Readings of a batch by kind; beams without a reading (null) are not counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RangeCounts {
     /// From `range_min` to below `range_max`: measurements.
     pub within: u64,
     /// Of `range_max` or longer: no returns.
     pub above_range_max: u64,
-    /// Below `range_min`, 0 and less included: they say nothing.
+    /// Below `range_min`, including 0 and less: invalid.
     pub below_range_min: u64,
-    /// Those of `above_range_max` that a thousandth of would be within, and that are no repetition of
-    /// the reading before: a driver that has one large number for no return repeats it.
+    /// Those of `above_range_max` of which a thousandth would be in range and that do not repeat the reading
+    /// before: a driver with one large number for no return repeats it.
     thousandfold: u64,
 }
 
@@ -44,8 +43,8 @@ impl RangeCounts {
         }
     }
 
-    /// Refuses readings that are in millimetres: hardly a measurement, and most of the rest would be
-    /// one. For uploads alone: what the journal holds already is processed as it was taken.
+    /// Refuses readings in millimetres: hardly any is in range, and a thousandth of most others would be. For
+    /// uploads only: journalled batches are processed as they were accepted.
     ///
     /// # Errors
     /// [`BatchProblem::OutOfRange`] at the ranges of the first scan.

@@ -16,22 +16,22 @@ pub const COORDINATE_MAX_M: f64 = 1e6;
 /// One upload, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UploadedBatch {
-    /// Who drove.
+    /// The vehicle.
     pub vehicle_id: VehicleId,
-    /// Which drive.
+    /// The trip.
     pub trip_id: TripId,
     /// 0, 1, 2 … within the trip.
     pub sequence: i64,
-    /// Where the first scan's base is, roughly.
+    /// Approximate pose of the base at the first scan.
     pub initial_pose: Option<InitialPose>,
-    /// 1 to [`SCANS_MAX`] in the order of time; of each lidar their stamps strictly increase, and
-    /// all have the same number of beams.
+    /// 1 to [`SCANS_MAX`] in the order of time. The stamps of each lidar strictly increase, and its scans have the
+    /// same number of beams.
     pub scans: Vec<DriveScan>,
-    /// Readings by what they count as.
+    /// Counts of readings by kind.
     pub ranges: RangeCounts,
     /// A JSON object of the sender's own, as its text.
     pub extensions: Option<String>,
-    /// What was noticed, in alphabetical order: `above_range_max`, `below_range_min`, `clock_skew`,
+    /// Flags in alphabetical order: `above_range_max`, `below_range_min`, `clock_skew`,
     /// `clockwise_scans`, `empty_scans`, `late`, `simulated_time`, `wild_odometry`.
     pub flags: Vec<String>,
 }

@@ -5,7 +5,7 @@ use super::uploaded::COORDINATE_MAX_M;
 use crate::geometry::Pose2;
 use crate::ingest::body_error::{BatchProblem, Checked, refuse};
 
-/// A heading that was never wrapped still means something up to here, radians.
+/// Largest heading that was never wrapped, radians.
 pub(in crate::ingest) const HEADING_MAX_RAD: f64 = 1e4;
 
 /// A pose, stated at a pointer.

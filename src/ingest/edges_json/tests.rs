@@ -1,4 +1,4 @@
-//! What is taken, and how each mistake is told.
+//! What is taken, and how each mistake is reported.
 
 use serde_json::{Value, json};
 

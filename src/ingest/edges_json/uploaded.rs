@@ -8,42 +8,41 @@ use crate::ids::{NodeId, StampNs, TripId, VehicleId};
 pub const NODES_MAX: usize = 5_000;
 /// Most edges in one batch.
 pub const EDGES_MAX: usize = 20_000;
-/// What names a node of the map by its number begins with this.
+/// Prefix of a node of the map, given by its number.
 pub const MAP_PREFIX: &str = "map:";
 
 /// One upload, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UploadedEdges {
-    /// Who drove.
+    /// The vehicle.
     pub vehicle_id: VehicleId,
-    /// Which drive, if the sender says.
+    /// The trip, if the sender states it.
     pub trip_id: Option<TripId>,
     /// Up to [`NODES_MAX`], their names distinct.
     pub nodes: Vec<UploadedNode>,
-    /// Up to [`EDGES_MAX`], no end twice in one of them.
+    /// Up to [`EDGES_MAX`], each between two different nodes.
     pub edges: Vec<UploadedEdge>,
     /// A JSON object of the sender's own, as its text.
     pub extensions: Option<String>,
-    /// What was noticed, in alphabetical order: `clock_skew`, `late`, `simulated_time`.
+    /// Flags in alphabetical order: `clock_skew`, `late`, `simulated_time`.
     pub flags: Vec<String>,
 }
 
-/// A node as its vehicle knows it.
+/// A node as its vehicle states it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UploadedNode {
-    /// What the vehicle calls it.
+    /// The vehicle's name for it.
     pub name: String,
-    /// Where the vehicle takes itself to be.
+    /// The vehicle's own estimate of its pose.
     pub pose: Pose2,
-    /// When it was there: as sent; where that is a simulated time or missing, when the batch came in,
-    /// in the order of the batch.
+    /// Its stamp as sent; if that is missing or simulated, the batch's arrival, in the order of the batch.
     pub stamp: StampNs,
 }
 
 /// An end of an edge.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum NodeName {
-    /// What the vehicle calls it.
+    /// The vehicle's name for it.
     Own(String),
     /// The map's own number.
     OfMap(NodeId),
@@ -69,6 +68,6 @@ pub struct UploadedEdge {
     pub measurement: Pose2,
     /// Of the measurement; positive definite.
     pub information: Information,
-    /// What made it.
+    /// Odometry or loop closure.
     pub kind: EdgeKind,
 }

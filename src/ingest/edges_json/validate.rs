@@ -16,11 +16,11 @@ use crate::ingest::extensions::Extensions;
 use crate::ingest::json::Object;
 use crate::ingest::stamp::SentStamp;
 
-/// A standard deviation of a micrometre, or of a microradian, is beyond belief: entries of an
-/// information matrix are no larger than this.
+/// Largest entry of an information matrix: a standard deviation of a micrometre or a microradian is not
+/// credible.
 const INFORMATION_MAX: f64 = 1e12;
-/// The smallest eigenvalue of an information matrix over its largest, at least: a flatter matrix
-/// says nothing about one direction, and cannot be told from one that is not definite.
+/// Least ratio of the smallest to the largest eigenvalue of an information matrix: a smaller one cannot be
+/// distinguished from a singular matrix.
 const CONDITION_MIN: f64 = 1e-12;
 
 pub(super) fn batch(raw: raw::Batch, received_at: Timestamp) -> Checked<UploadedEdges> {

@@ -13,7 +13,7 @@ use super::error::McapError;
 
 /// Longest chunk, compressed or not, and longest message outside of chunks, bytes.
 const CHUNK_BYTES_MAX: u64 = 64 << 20;
-/// A chunk may become so many times its compressed size, …
+/// A chunk may become this many times its compressed size, …
 const RATIO_MAX: u64 = 20;
 /// … or this many bytes, if that is more.
 const RATIO_FREE_BYTES: u64 = 1 << 20;

@@ -10,7 +10,7 @@ use super::odometry::Track;
 
 /// Most frames that are kept; robots have some dozens.
 const FRAMES_MAX: usize = 1_000;
-/// No lidar is so many frames away from its vehicle.
+/// No lidar is this many frames away from its vehicle.
 const CHAIN_MAX: usize = 64;
 /// The frames that are taken for the vehicle's, after the one that the odometry names.
 const BASES: [&str; 2] = ["base_footprint", "base_link"];

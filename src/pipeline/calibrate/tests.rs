@@ -30,8 +30,8 @@ fn lap(trip: &TripId) -> Drive {
     }
 }
 
-/// What a trip says that other trips of these vehicles share the map with.
-fn asked(
+/// The calibrations of a trip that shares the map with other trips of these vehicles.
+fn calibrate(
     map: &RouteMap,
     vehicles: &[(&str, &str)],
     trip: &TripId,
@@ -44,7 +44,7 @@ fn asked(
             VehicleId::new(*vehicle).unwrap(),
         )
     };
-    Asked {
+    TripInMap {
         map,
         vehicles: &vehicles.iter().map(whose).collect(),
         trip,
@@ -55,7 +55,7 @@ fn asked(
 }
 
 #[test]
-fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
+fn a_trip_is_calibrated_when_it_has_driven_enough_and_not_before() {
     let trip = TripId::new("t").unwrap();
     let mut map = RouteMap::new(Weighting::Robust);
     let mut whole = lap(&trip);
@@ -64,24 +64,27 @@ fn a_trip_is_asked_when_it_has_driven_enough_and_not_before() {
     map.extend(&whole).unwrap();
     let none = KeptScans::new();
     assert_eq!(
-        asked(&map, &[], &trip, &none, &TripCorrections::default()),
+        calibrate(&map, &[], &trip, &none, &TripCorrections::default()),
         [],
         "too few"
     );
     let known = kept_scans(&map, &trip);
     map.extend(&rest).unwrap();
-    let told = asked(&map, &[], &trip, &known, &TripCorrections::default());
-    let [told] = told.as_slice() else {
-        panic!("{} were asked", told.len());
+    let calibrated = calibrate(&map, &[], &trip, &known, &TripCorrections::default());
+    let [calibrated] = calibrated.as_slice() else {
+        panic!("{} were calibrated", calibrated.len());
     };
-    assert_eq!(told.scans as usize, kept_scans(&map, &trip)[&None]);
-    assert_eq!((&told.lidar, &told.beside_primary), (&None, &None));
-    let yaw = told.calibration.estimates[&Quantity::MountYaw];
+    assert_eq!(calibrated.scans as usize, kept_scans(&map, &trip)[&None]);
+    assert_eq!(
+        (&calibrated.lidar, &calibrated.beside_primary),
+        (&None, &None)
+    );
+    let yaw = calibrated.calibration.estimates[&Quantity::MountYaw];
     assert!((yaw.value - TURN_RAD).abs() < 4.0 * yaw.sigma, "{yaw:?}");
     assert!(yaw.sigma < 0.01, "{yaw:?}");
     let known = kept_scans(&map, &trip);
     assert_eq!(
-        asked(&map, &[], &trip, &known, &TripCorrections::default()),
+        calibrate(&map, &[], &trip, &known, &TripCorrections::default()),
         [],
         "no news"
     );
@@ -108,7 +111,7 @@ fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
         let mut map = RouteMap::new(Weighting::Robust);
         map.extend(&corrected(lap(&trip), corrections)).unwrap();
         let none = KeptScans::new();
-        let mut said = asked(&map, &[], &trip, &none, corrections);
+        let mut said = calibrate(&map, &[], &trip, &none, corrections);
         (said.remove(0).calibration.estimates, map.keyframes().len())
     };
     let (stated, nodes) = said(&TripCorrections::default());
@@ -142,27 +145,30 @@ fn a_map_of_another_vehicle_tells_the_scale_of_the_ranges() {
             scan.scan = LaserScan::new(scan.scan.lidar().clone(), ranges).unwrap();
         }
         map.extend(&drive).unwrap();
-        let told = asked(
+        let calibrated = calibrate(
             &map,
             &[("maker", whose), ("t", "v")],
             &trip,
             &none.0,
             &none.1,
         );
-        let told = told[0].calibration.estimates.get(&Quantity::RangeScale);
+        let calibrated = calibrated[0]
+            .calibration
+            .estimates
+            .get(&Quantity::RangeScale);
         assert_eq!(
-            told.is_some(),
+            calibrated.is_some(),
             whose == "other",
             "its own map tells nothing"
         );
-        let off = told.map_or(0.0, |told| told.value - (factor - 1.0));
-        assert!(off.abs() < 0.004, "{factor}: {told:?}");
+        let off = calibrated.map_or(0.0, |calibrated| calibrated.value - (factor - 1.0));
+        assert!(off.abs() < 0.004, "{factor}: {calibrated:?}");
     }
 }
 
 /// A lap of a vehicle with two lidars, of which the rear one sits turned.
 #[test]
-fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
+fn each_lidar_is_calibrated_and_companions_beside_the_primary_one() {
     let trip = TripId::new("t").unwrap();
     let hall = Hall::generate(5).unwrap();
     let [front, rear] = SimLidar::front_and_rear(std::f64::consts::PI, 181, 20.0, 0.01);
@@ -205,9 +211,9 @@ fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
     })
     .unwrap();
     let none = KeptScans::new();
-    let told = asked(&map, &[], &trip, &none, &TripCorrections::default());
-    let [front, rear] = told.as_slice() else {
-        panic!("{} were asked", told.len());
+    let calibrated = calibrate(&map, &[], &trip, &none, &TripCorrections::default());
+    let [front, rear] = calibrated.as_slice() else {
+        panic!("{} were calibrated", calibrated.len());
     };
     let names = [front, rear].map(|record| record.lidar.as_ref().unwrap().as_str());
     assert_eq!(names, ["front", "rear"]);
@@ -217,8 +223,8 @@ fn each_lidar_is_asked_and_companions_beside_the_primary_one() {
         (&rear.calibration, TURN_RAD),
         (rear.beside_primary.as_ref().unwrap(), TURN_RAD),
     ];
-    for (told, truth) in yaws {
-        let yaw = told.estimates[&Quantity::MountYaw];
+    for (calibrated, truth) in yaws {
+        let yaw = calibrated.estimates[&Quantity::MountYaw];
         assert!(
             (yaw.value - truth).abs() < 4.0 * yaw.sigma,
             "{yaw:?}, not {truth}"

@@ -1,7 +1,7 @@
 //! The rule of this service: what scans saw of a place before and since, and the residuals of closures that
 //! came without scans.
 
-use super::rule::{Observed, Rule};
+use super::rule::{Detected, Rule};
 use crate::change::{ChangeKind, Finding, stays_untouched};
 use crate::mapping::{RouteMap, Scope, Sites};
 use crate::pipeline::residual_findings::by_residuals;
@@ -13,17 +13,17 @@ use crate::store::AlertRecord;
 pub(super) struct Fused;
 
 impl Rule for Fused {
-    fn observed(&self, workspace: &mut Workspace) -> anyhow::Result<Observed> {
+    fn detect_in_scans(&self, workspace: &mut Workspace) -> anyhow::Result<Detected> {
         let evidence = workspace.alerts.iter().map(|alert| &alert.evidence);
         let known = evidence.filter(|known| known.kind == ChangeKind::MapMismatch);
         let known: Vec<Finding> = known.cloned().collect();
         let (findings, mendings) = with_scope(workspace, Sites::Touched, |map, scope| {
             map.findings_and_mendings(scope, &known)
         })?;
-        Ok(Observed { findings, mendings })
+        Ok(Detected { findings, mendings })
     }
 
-    fn observed_everywhere(&self, workspace: &mut Workspace) -> Vec<Finding> {
+    fn detect_everywhere(&self, workspace: &mut Workspace) -> Vec<Finding> {
         with_scope(workspace, Sites::All, |map, scope| map.findings(scope))
     }
 

@@ -12,12 +12,12 @@ pub(super) trait Rule {
     ///
     /// # Errors
     /// If the graph refuses an id; the workspace is lost then.
-    fn observed(&self, _workspace: &mut Workspace) -> anyhow::Result<Observed> {
-        Ok(Observed::default())
+    fn detect_in_scans(&self, _workspace: &mut Workspace) -> anyhow::Result<Detected> {
+        Ok(Detected::default())
     }
 
     /// What the scans say where every place is judged anew; nothing is mended.
-    fn observed_everywhere(&self, _workspace: &mut Workspace) -> Vec<Finding> {
+    fn detect_everywhere(&self, _workspace: &mut Workspace) -> Vec<Finding> {
         Vec::new()
     }
 
@@ -27,7 +27,7 @@ pub(super) trait Rule {
 
 /// What the scans of a map say, and what was put right in it.
 #[derive(Default)]
-pub(in crate::pipeline) struct Observed {
+pub(in crate::pipeline) struct Detected {
     pub findings: Vec<Finding>,
     pub mendings: Vec<Mending>,
 }

@@ -12,7 +12,8 @@ use super::super::alerts::fold_into;
 use super::super::engine::Engine;
 use super::super::process::process;
 use super::super::refusal::Processed;
-use super::super::worker::{compute, known_start};
+use super::super::trip_start::known_start;
+use super::super::worker::compute;
 use super::super::workspace::Workspace;
 use super::super::{Decisions, Order, PipelineOptions};
 use crate::change::{AlertAction, ChangeKind, Finding, Tier};
@@ -22,7 +23,7 @@ use crate::ids::{BatchId, NodeId, RouteId, StampNs, TripId, VehicleId};
 use crate::ingest::g2o::write_g2o;
 use crate::mapping::{IntermediateScan, Mending};
 use crate::model::{Actor, DismissReason};
-use crate::render::{Decided, Look, MapPicture};
+use crate::render::{Decided, MapPicture, PosedScan};
 use crate::sim::{OdometryError, Route, Shape, SimLidar, Vehicle, World, drive};
 use crate::solver::Interrupt;
 use crate::store::{
@@ -142,12 +143,12 @@ impl Bench {
         self.engine.workspaces.put_back(route(), workspace.saved());
     }
 
-    /// Merges an upload as a worker does, detector and all. Of the newest stretches `stretches`
+    /// Merges an upload as a worker does, detector and all. Of the newest segments `segments`
     /// stay in the map, and the first one.
-    pub async fn merge(&self, batch: NewBatch, stretches: usize) -> BatchRecord {
+    pub async fn merge(&self, batch: NewBatch, segments: usize) -> BatchRecord {
         let mut engine = self.engine.clone();
-        engine.options.active_stretches = stretches;
-        engine.options.first_stretches = 1;
+        engine.options.active_segments = segments;
+        engine.options.first_segments = 1;
         let (store, id) = (&engine.store, batch.id.clone());
         store.journal_batch(batch).await.unwrap();
         let lease = std::time::Duration::from_secs(60);
@@ -224,7 +225,7 @@ impl Bench {
         let accepted = store.accepted_changes(&route()).await.unwrap();
         let scans = nodes.iter().flat_map(|node| node.decoded_scans().unwrap());
         let scans: Vec<_> = scans.collect();
-        let looks = scans.iter().map(|(stamp, map_from_base, scan)| Look {
+        let scans = scans.iter().map(|(stamp, map_from_base, scan)| PosedScan {
             stamp: *stamp,
             map_from_base: *map_from_base,
             scan,
@@ -234,7 +235,7 @@ impl Bench {
             accepted: &accepted,
             pending: &pending,
         };
-        MapPicture::draw(looks, decided).unwrap()
+        MapPicture::draw(scans, decided).unwrap()
     }
 }
 
@@ -297,7 +298,7 @@ pub fn upload_part(trip: &str, hour: i64, laps: usize, from: usize) -> NewBatch 
     upload_spaced(trip, hour, laps, from, vehicle().scan_spacing_m)
 }
 
-/// As [`upload_part`], with a scan every so many metres.
+/// As [`upload_part`], with another distance between scans, metres.
 pub fn upload_spaced(
     trip: &str,
     hour: i64,

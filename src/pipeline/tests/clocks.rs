@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::super::process::process;
 use super::super::refusal::Processed;
-use super::super::worker::known_start;
+use super::super::trip_start::known_start;
 use super::bench::{Bench, at, route, upload};
 use crate::change::ChangeKind;
 use crate::ids::{BatchId, StampNs, TripId, VehicleId};
@@ -14,7 +14,7 @@ use crate::store::{BatchContent, NewBatch};
 
 const SCANS: usize = 12;
 
-/// A drive that begins in an hour by a clock that is so many hours behind, in batches that arrive a
+/// A drive that begins in an hour by a clock that is this many hours behind, in batches that arrive a
 /// second after their last scan.
 fn live(trip: &str, hour: i64, behind_h: i64) -> Vec<NewBatch> {
     live_of("agv", trip, hour, behind_h)

@@ -68,7 +68,7 @@ async fn more_evidence_refuses_no_decision_and_another_place_does() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_two_who_decide_at_once_one_is_told_to_look_again() {
+async fn of_two_who_decide_at_once_one_must_read_again() {
     let (bench, alert) = Bench::with_alert().await;
     let accept = bench
         .decisions

@@ -1,4 +1,4 @@
-//! Batches of edges over many laps: what settles, and what they name of it.
+//! Batches of edges over many laps: what is archived, and what they name of it.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -10,8 +10,8 @@ use crate::ids::{BatchId, TripId, VehicleId};
 use crate::model::BatchStatus;
 use crate::store::{BatchContent, BatchRecord, NewBatch, NodeRecord};
 
-/// So many stretches stay.
-const STRETCHES: usize = 3;
+/// This many segments stay active.
+const SEGMENTS: usize = 3;
 /// Nodes of a lap round a square, a metre apart.
 const LAP: usize = 20;
 
@@ -62,7 +62,7 @@ fn lap(hour: i64, tied_to: Option<i64>) -> NewBatch {
 }
 
 async fn merge(bench: &Bench, batch: NewBatch) -> BatchRecord {
-    let merged = bench.merge(batch, STRETCHES).await;
+    let merged = bench.merge(batch, SEGMENTS).await;
     assert_eq!(merged.status, BatchStatus::Merged, "{merged:?}");
     merged
 }
@@ -74,7 +74,7 @@ async fn nodes_of(bench: &Bench, hour: i64) -> Vec<NodeRecord> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn laps_settle_and_are_fetched_back_when_they_are_named() {
+async fn laps_are_archived_and_reactivated_when_they_are_named() {
     let bench = Bench::new().await;
     merge(&bench, lap(0, None)).await;
     for hour in 1..=9 {
@@ -82,7 +82,7 @@ async fn laps_settle_and_are_fetched_back_when_they_are_named() {
     }
     let store = &bench.engine.store;
     let active = store.active_nodes(&route()).await.unwrap() as usize;
-    assert!(active <= (STRETCHES + 3) * LAP, "{active}");
+    assert!(active <= (SEGMENTS + 3) * LAP, "{active}");
     let first = nodes_of(&bench, 0).await;
     assert!(first.iter().all(|node| node.reference && node.active));
     let second = nodes_of(&bench, 1).await;

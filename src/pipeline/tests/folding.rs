@@ -77,7 +77,7 @@ async fn alerts_outlive_a_restart_and_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn alerts_are_listed_newest_first_and_told_of_in_order() {
+async fn alerts_are_listed_newest_first_and_reported_in_order() {
     let bench = Bench::new().await;
     bench.lap("before", 0, 1, |_| Vec::new()).await;
     let at = |map: &_, x_m: f64| {
@@ -138,8 +138,8 @@ async fn alerts_are_listed_newest_first_and_told_of_in_order() {
     assert_eq!(page(AlertFilter { since, ..any() }, None, 9).await.len(), 3);
 
     let events = store.alert_events(None, 0, 10).await.unwrap();
-    let told: Vec<_> = events.iter().map(|event| event.alert_id).collect();
-    assert_eq!(told, [all[2].id, all[1].id, all[0].id]);
+    let raised: Vec<_> = events.iter().map(|event| event.alert_id).collect();
+    assert_eq!(raised, [all[2].id, all[1].id, all[0].id]);
     bench
         .decide(&all[0], crate::change::AlertAction::Dismiss)
         .await;
@@ -167,13 +167,13 @@ async fn what_was_mended_is_resolved_and_says_by_how_much() {
     bench
         .lap("after", 1, 1, |map| vec![mismatch(box_finding(map))])
         .await;
-    let told = bench.alerts().await.remove(0);
-    assert_eq!(told.status, AlertStatus::Open);
-    let mut never_told = told.evidence.clone();
-    for corner in &mut never_told.region {
+    let raised = bench.alerts().await.remove(0);
+    assert_eq!(raised.status, AlertStatus::Open);
+    let mut never_raised = raised.evidence.clone();
+    for corner in &mut never_raised.region {
         corner.x += 30.0;
     }
-    let mended = [told.evidence.clone(), never_told].map(|mismatch| Mending {
+    let mended = [raised.evidence.clone(), never_raised].map(|mismatch| Mending {
         mismatch,
         shift: Vector2::new(0.412, -0.02),
         closures: Vec::new(),
@@ -184,7 +184,7 @@ async fn what_was_mended_is_resolved_and_says_by_how_much() {
         .await;
     let bench = bench.restarted().await;
     let mut alerts = bench.alerts().await;
-    alerts.sort_by_key(|alert| alert.id != told.id);
+    alerts.sort_by_key(|alert| alert.id != raised.id);
     let note = "closures mended the map: the segment was moved by (0.41, -0.02) m";
     for (alert, revision) in alerts.iter().zip([2, 1]) {
         assert_eq!(
@@ -206,7 +206,7 @@ async fn what_was_mended_is_resolved_and_says_by_how_much() {
     let again = (vec![stands.clone()], vec![mended[0].clone()]);
     bench.mended_lap("fourth", 4, 1, |_| again.clone()).await;
     let mut alerts = bench.alerts().await;
-    alerts.sort_by_key(|alert| alert.id != told.id);
+    alerts.sort_by_key(|alert| alert.id != raised.id);
     assert_eq!((alerts.len(), alerts[0].revision), (2, 4));
     assert_eq!(alerts[0].status, AlertStatus::Open);
     assert_eq!(alerts[0].history.len(), 5);

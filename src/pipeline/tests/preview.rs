@@ -2,7 +2,11 @@ use super::bench::{Bench, MapState, box_finding};
 use crate::change::AlertAction;
 use crate::graph::EdgeStatus;
 use crate::pipeline::DecisionError;
-use crate::render::CellChanges;
+use crate::render::DifferingCells;
+
+const OCCUPIED: u8 = 0;
+const UNKNOWN: u8 = 205;
+const FREE: u8 = 254;
 
 /// The pixels of a PGM.
 fn pixels(pgm: &[u8]) -> &[u8] {
@@ -12,18 +16,18 @@ fn pixels(pgm: &[u8]) -> &[u8] {
     &pgm[pgm.len() - size[0] * size[1]..]
 }
 
-fn changed_cells(before: &MapState, after: &MapState) -> CellChanges {
+fn changed_cells(before: &MapState, after: &MapState) -> DifferingCells {
     let (before, after) = (pixels(&before.pgm), pixels(&after.pgm));
     assert_eq!(before.len(), after.len());
-    let becoming = |value: u8| {
+    let count = |changed: fn(u8, u8) -> bool| {
         let cells = before.iter().zip(after);
-        let changed = cells.filter(|(then, now)| then != now && **now == value);
-        changed.count()
+        cells.filter(|(then, now)| changed(**then, **now)).count() as u64
     };
-    CellChanges {
-        to_free: becoming(254),
-        to_occupied: becoming(0),
-        to_unknown: becoming(205),
+    DifferingCells {
+        to_free: count(|then, now| (then, now) == (OCCUPIED, FREE)),
+        to_occupied: count(|then, now| (then, now) == (FREE, OCCUPIED)),
+        to_unknown: count(|then, now| then != UNKNOWN && now == UNKNOWN),
+        from_unknown: count(|then, now| then == UNKNOWN && now != UNKNOWN),
     }
 }
 

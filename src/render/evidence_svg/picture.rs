@@ -18,7 +18,7 @@ pub struct EvidencePicture<'a> {
     pub kind: ChangeKind,
     /// The route's name.
     pub route: &'a str,
-    /// What became of the alert.
+    /// The alert's status.
     pub status: &'a str,
     /// Centre of the change, map frame, metres.
     pub location: Vector2<f64>,
@@ -33,17 +33,16 @@ pub struct EvidencePicture<'a> {
     /// Probability that the alert is true, in [0, 1].
     pub confidence: f64,
     /// The old and the new scan; `None` where the upload had no scans.
-    pub looks: Option<[Look<'a>; 2]>,
-    /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
-    /// one first.
+    pub scans: Option<[EvidenceScan<'a>; 2]>,
+    /// Without scans: the ends of the contradicted closure (`map_from_base`), the old one first.
     pub tied: Option<[Pose2; 2]>,
-    /// The residuals; `None` where no closure carries the alert.
+    /// The residuals; `None` if the alert names no closure.
     pub curve: Option<Curve<'a>>,
 }
 
 /// A scan in the map frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Look<'a> {
+pub struct EvidenceScan<'a> {
     /// Who took it and when, for people.
     pub caption: &'a str,
     /// `map_from_base`.
@@ -52,12 +51,12 @@ pub struct Look<'a> {
     pub beams: &'a [JudgedBeam],
 }
 
-/// A stretch of the residual series.
+/// A part of the residual series.
 #[derive(Debug, Clone, Copy)]
 pub struct Curve<'a> {
     /// The closures, in order.
     pub entries: &'a [SeriesEntry],
-    /// The paper's threshold on ΔF; `None` while f has not settled.
+    /// The paper's threshold on ΔF; `None` until f has converged.
     pub threshold: Option<f64>,
     /// The alert's closure.
     pub edge: EdgeId,

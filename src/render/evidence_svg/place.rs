@@ -1,6 +1,6 @@
 //! The panels that show scans, region and vehicles in the map frame.
 
-use super::picture::{EvidencePicture, Look, MARGIN_PX, WIDTH_PX};
+use super::picture::{EvidencePicture, EvidenceScan, MARGIN_PX, WIDTH_PX};
 use super::text::{Ink, label, px};
 use crate::change::{BeamVerdict, JudgedBeam};
 use crate::geometry::{Pose2, Vector2};
@@ -62,9 +62,9 @@ impl Panel {
         held.extend([picture.location - reach, picture.location + reach]);
         let tied = picture.tied.iter().flatten();
         held.extend(tied.map(Pose2::translation));
-        for look in picture.looks.iter().flatten() {
-            held.push(look.map_from_base.translation());
-            let ends = look.beams.iter().filter_map(|beam| beam.end);
+        for scan in picture.scans.iter().flatten() {
+            held.push(scan.map_from_base.translation());
+            let ends = scan.beams.iter().filter_map(|beam| beam.end);
             held.extend(ends.filter(|end| (end - picture.location).norm() <= AROUND_M));
         }
         Self::showing(&held, MARGIN_PX, AROUND_WIDTH_PX)
@@ -175,7 +175,7 @@ impl Panel {
     }
 
     /// Draws a scan's points: the contradicted ones last, larger and darker.
-    pub(super) fn draw_points(&self, svg: &mut String, look: &Look<'_>, colours: Colours) {
+    pub(super) fn draw_points(&self, svg: &mut String, scan: &EvidenceScan<'_>, colours: Colours) {
         // Points grow with the scale, so that they stay apart in the near panel.
         let near_px = (0.02 * self.px_per_m).clamp(2.6, 6.0);
         let size_px = colours.size * near_px;
@@ -184,7 +184,7 @@ impl Panel {
             (Class::Confirmed, colours.plain, size_px),
             (Class::Contradicted, colours.strong, 1.9 * near_px),
         ] {
-            let ends = look.beams.iter().filter(|beam| class(beam) == wanted);
+            let ends = scan.beams.iter().filter(|beam| class(beam) == wanted);
             let ends = ends.filter_map(|beam| beam.end).map(|end| self.at(&end));
             dots(svg, ends.filter(|end| self.holds(*end)), colour, size_px);
         }

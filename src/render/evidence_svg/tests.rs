@@ -53,7 +53,7 @@ fn with_picture<T>(delta_f: &[f64], read: impl Fn(&EvidencePicture<'_>) -> T) ->
         Vector2::new(3.85, 3.35),
         Vector2::new(2.9, 3.35),
     ];
-    let look = |caption, x, theta, beams| Look {
+    let scan = |caption, x, theta, beams| EvidenceScan {
         caption,
         map_from_base: Pose2::new(x, 1.0, theta),
         beams,
@@ -68,9 +68,9 @@ fn with_picture<T>(delta_f: &[f64], read: impl Fn(&EvidencePicture<'_>) -> T) ->
         laps: 2,
         views: 9,
         confidence: 0.998,
-        looks: Some([
-            look("agv-01, trip-1", 2.0, std::f64::consts::FRAC_PI_2, &old),
-            look("agv-07, trip-9 <late>", 4.0, 1.2, &new),
+        scans: Some([
+            scan("agv-01, trip-1", 2.0, std::f64::consts::FRAC_PI_2, &old),
+            scan("agv-07, trip-9 <late>", 4.0, 1.2, &new),
         ]),
         tied: None,
         curve: Some(Curve {
@@ -146,7 +146,7 @@ fn the_axis_is_logarithmic_where_values_span_decades() {
 fn what_is_missing_is_said() {
     let svg = with_picture(&[], |picture| {
         to_svg(&EvidencePicture {
-            looks: None,
+            scans: None,
             tied: None,
             curve: None,
             region: &[],
@@ -156,7 +156,7 @@ fn what_is_missing_is_said() {
     assert!(svg.contains("There are no scans to compare."));
     let tied = with_picture(&[], |picture| {
         to_svg(&EvidencePicture {
-            looks: None,
+            scans: None,
             tied: Some([Pose2::new(3.0, 3.0, 0.0), Pose2::new(3.5, 3.4, 1.0)]),
             curve: None,
             region: &[],

@@ -1,6 +1,6 @@
 //! An axis of a chart.
 
-/// About so many ticks.
+/// About this many ticks.
 const TICKS: f64 = 6.0;
 
 /// The numbers that an axis shows, and where they are on the page.

@@ -257,7 +257,7 @@ fn where_a_band_is_seen_follows_from_the_rings() {
     assert!(from_within.clear_from_m < 0.3, "{from_within:?}");
     let far_m = COVERAGE_MARGIN * 0.15 / 1.0_f64.to_radians().tan();
     assert!((from_within.clear_to_m - far_m).abs() < 0.3, "{far_m}");
-    // What is thinner is not told so far away.
+    // Thinner objects are not reported so far away.
     let thinner = view(0.25, band(0.1, 0.4), 0.05);
     assert!(thinner.clear_to_m < 0.4 * from_within.clear_to_m);
     // Never, with rings that look up.

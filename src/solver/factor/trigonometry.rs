@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
 const FRAC_PI_2_REST: f64 = 6.123_233_995_736_766e-17;
 /// Numbers of this size have no digits after the point.
 const SHIFT: f64 = 1.5 * (1_u64 << 52) as f64;
-/// So many terms of the series are beyond rounding at π/4.
+/// This many terms of the series are beyond rounding at π/4.
 const TERMS: u32 = 8;
 
 /// Sines and cosines of angles, to within 3 · 10⁻¹⁶ for those of at most half a turn.

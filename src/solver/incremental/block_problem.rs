@@ -21,7 +21,7 @@ impl BlockProblem {
     /// Makes it the problem of a block, at the graph's poses; says how much of it is as it was.
     ///
     /// If all that it has is in the block, what is new comes behind it, else it is made
-    /// anew. Either way the order is that of the graph, however the block has grown.
+    /// again. Either way the order is that of the graph, however the block has grown.
     pub(super) fn take_in(&mut self, graph: &PoseGraph, index: BlockIndex) -> Option<Known> {
         let block = graph.blocks().get(index)?;
         if !self.is_within(graph, index) {

@@ -12,7 +12,7 @@ use crate::ids::{EdgeId, NodeId};
 use crate::solver::interrupt::Interrupt;
 use crate::solver::least_squares::{Minimiser, SolveOptions, SolveSummary, factor_of_edge};
 
-/// A solver that is called again and again on one growing graph, and keeps its memory.
+/// A solver for one growing graph, which keeps its memory between calls.
 #[derive(Default)]
 pub struct Solver {
     minimiser: Minimiser,
@@ -20,7 +20,7 @@ pub struct Solver {
     block: BlockProblem,
 }
 
-/// What a solve of the touched blocks did.
+/// The result of solving the touched blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchedSummary {
     /// Costs and iterations are summed over what was solved of the touched blocks; the termination
@@ -40,7 +40,7 @@ impl Solver {
         Self::default()
     }
 
-    /// A solver with no memory yet, whose solves end where they are once this is raised.
+    /// A solver with no memory yet, whose solves stop at the current poses once this is raised.
     pub fn heeding(interrupt: &Interrupt) -> Self {
         Self {
             minimiser: Minimiser::heeding(interrupt),
@@ -82,9 +82,9 @@ impl Solver {
         self.solve_blocks(graph, touched, options, false).0
     }
 
-    /// Solves as [`Solver::solve_touched`] does, after some closures were added, and tells what
-    /// each of them did to F when those after it were not there yet: the paper's ΔF, exact where
-    /// errors are linear. The sum over a block is exact. Closures that took no part get 0.
+    /// Solves as [`Solver::solve_touched`] does, after some closures were added, and returns how
+    /// much each of them increased F without those after it: the paper's ΔF, exact where
+    /// errors are linear. The sum over a block is exact. Closures that were not solved get 0.
     pub fn solve_closures(
         &mut self,
         graph: &mut PoseGraph,
@@ -97,7 +97,7 @@ impl Solver {
         increases.collect()
     }
 
-    /// What was done, and what the touched edges did to F, by their places, if they `are_closures`.
+    /// The summary and, if the edges `are_closures`, the increase of F by each.
     fn solve_blocks(
         &mut self,
         graph: &mut PoseGraph,
@@ -129,7 +129,7 @@ impl Solver {
             let problem = &self.block.problem;
             let names = problem.pose_names.iter().copied();
             let poses = problem.poses.iter().copied();
-            graph.move_with_hanging(names.zip(poses), &mut moved);
+            graph.move_with_children(names.zip(poses), &mut moved);
         }
         moved.sort_unstable();
         moved.dedup();
@@ -157,7 +157,7 @@ impl Solver {
     }
 }
 
-/// What a solve of a block did.
+/// The result of solving a block.
 struct Solved {
     summary: SolveSummary,
     delta_f: f64,

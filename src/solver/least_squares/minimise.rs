@@ -12,10 +12,10 @@ use crate::solver::linear::QuasiNewton;
 
 /// The first damping after a plain step has failed.
 const DAMPING_FIRST: f64 = 1e-5;
-/// Steps with more damping than this are too short to matter.
+/// Steps with more damping than this are negligible.
 const DAMPING_MAX: f64 = 1e9;
-/// So many plain steps in a row may end above the best cost: where residuals are large,
-/// Gauss-Newton's way to the minimum leads over a ridge that damped steps creep along.
+/// This many plain steps in a row may end above the best cost: where residuals are large,
+/// Gauss-Newton's path to the minimum crosses a ridge along which damped steps are slow.
 const STEPS_ABOVE_BEST_MAX: usize = 4;
 /// The factor is kept once a step's predicted decrease is below this part of the cost, …
 const PREDICTED_SMALL: f64 = 1e-2;
@@ -26,11 +26,11 @@ const GAIN_MIN: f64 = 0.25;
 /// About how many multiplications' time a factor takes in a step: its error, its derivatives, its part
 /// of the gradient and of the cost.
 const OPERATIONS_OF_FACTOR: f64 = 100.0;
-/// Damping below this is dropped, so that the end game is plain Gauss-Newton.
+/// Damping below this is dropped, so that the final steps are plain Gauss-Newton.
 const DAMPING_DROPPED: f64 = 1e-7;
 
 /// The minimiser's memory, kept between solves; the symbolic factorisation is used again as
-/// long as the structure stands.
+/// long as the structure does not change.
 #[derive(Default)]
 pub(crate) struct Minimiser {
     equations: Option<NormalEquations>,
@@ -46,7 +46,7 @@ pub(crate) struct Minimiser {
     operations_max: Option<f64>,
 }
 
-/// Some poses, and what F is like there.
+/// Some poses with F and its derivatives there.
 #[derive(Default)]
 struct Place {
     frames: Vec<Frame>,
@@ -54,10 +54,10 @@ struct Place {
     gradient: Vec<[f64; POSE_SIZE]>,
 }
 
-/// Where the descent is, and how it goes on.
+/// The state of the descent.
 struct Descent {
     damping: f64,
-    damping_growth: f64,
+    damping_factor: f64,
     /// Plain steps since the best cost.
     steps_above_best: usize,
     /// The predicted decrease of the last step, if it was a plain one.
@@ -65,12 +65,12 @@ struct Descent {
     /// Whether the next step is taken by the factor as it is: cheaper by far, and as good while
     /// the quadratic model holds.
     keep_factor: bool,
-    /// Whether the poses were at their optimum but for what is new.
-    only_growth: bool,
+    /// Whether the poses were at their optimum before the extension.
+    is_extension: bool,
 }
 
 impl Minimiser {
-    /// One that ends where it is once this is raised.
+    /// A minimiser that stops at the current poses once this is raised.
     pub(crate) fn heeding(interrupt: &Interrupt) -> Self {
         Self {
             interrupt: interrupt.clone(),
@@ -120,7 +120,7 @@ impl Minimiser {
         minimiser.descend_from_here(Descent::plain(), problem, options)
     }
 
-    /// The same for a problem that grows: it had so many of its poses and factors when it was
+    /// The same for a problem that grows: it had `known` poses and factors when it was
     /// minimised last. That the optimum found before is close to the next is what makes this
     /// fast, not right.
     pub(crate) fn minimise_more(
@@ -142,8 +142,8 @@ impl Minimiser {
             in_batches,
             &mut self.batches,
         );
-        descent.only_growth = in_batches > 0 && self.here.is_at(&problem.poses[..known.poses]);
-        if descent.only_growth {
+        descent.is_extension = in_batches > 0 && self.here.is_at(&problem.poses[..known.poses]);
+        if descent.is_extension {
             self.here.grow(problem, known);
         } else {
             self.here.set(&problem.poses, &self.batches);
@@ -277,11 +277,11 @@ impl Minimiser {
         cost: f64,
     ) -> Option<f64> {
         equations.set_gradient(&self.here.gradient);
-        let only_growth = std::mem::take(&mut descent.only_growth);
+        let is_extension = std::mem::take(&mut descent.is_extension);
         let mut predicted = f64::NAN;
         if descent.keep_factor {
-            if only_growth {
-                predicted = equations.predicted_decrease_of_growth();
+            if is_extension {
+                predicted = equations.predicted_decrease_of_extension();
             }
             // Only the whole gradient can tell that there is nothing to do.
             let is_enough = predicted > options.cost_tolerance * cost;
@@ -336,7 +336,7 @@ impl Place {
         self.evaluate(batches);
     }
 
-    /// Goes where a step from another place leads.
+    /// Moves to the poses after a step.
     fn step(&mut self, from: &Self, step: &[[f64; POSE_SIZE]], batches: &[Batch]) {
         take_steps(&from.frames, step, &mut self.frames);
         self.evaluate(batches);
@@ -348,7 +348,7 @@ impl Place {
         self.add(batches);
     }
 
-    /// Adds what these factors make of the cost and of the gradient.
+    /// Adds these factors' parts of the cost and the gradient.
     fn add(&mut self, batches: &[Batch]) {
         self.gradient.resize(self.frames.len(), [0.0; POSE_SIZE]);
         self.cost += dispatch(
@@ -377,15 +377,15 @@ impl Descent {
     fn plain() -> Self {
         Self {
             damping: DAMPING_MIN,
-            damping_growth: 10.0,
+            damping_factor: 10.0,
             steps_above_best: 0,
             last_predicted: None,
             keep_factor: false,
-            only_growth: false,
+            is_extension: false,
         }
     }
 
-    /// Whether to go on from the trial poses, or else from the best; says how either way.
+    /// Whether to continue from the trial poses, or from the best; sets the damping either way.
     fn accepts(&mut self, better: bool, cost: f64, gain: f64, predicted: Option<f64>) -> bool {
         let plain = self.damping <= DAMPING_MIN;
         if better {
@@ -416,8 +416,8 @@ impl Descent {
             self.steps_above_best += 1;
             return true;
         }
-        self.damping = (self.damping * self.damping_growth).max(DAMPING_FIRST);
-        self.damping_growth *= 2.0;
+        self.damping = (self.damping * self.damping_factor).max(DAMPING_FIRST);
+        self.damping_factor *= 2.0;
         self.steps_above_best = 0;
         false
     }

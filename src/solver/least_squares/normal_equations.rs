@@ -34,7 +34,7 @@ pub(crate) struct NormalEquations {
     grows: bool,
     /// Where the factors were linearised, if the problem is to grow.
     linearised: Vec<Motions>,
-    /// The variables that the problem's last growth touched.
+    /// The variables that the last extension of the problem touched.
     touched: Vec<u32>,
     /// Whether there is a factor of H at some poses, without damping.
     has_plain_factor: bool,
@@ -160,7 +160,7 @@ impl NormalEquations {
         }
     }
 
-    /// Adds so many times a factor's parts to its ends' diagonal blocks.
+    /// Adds a multiple of a factor's parts to its ends' diagonal blocks.
     #[inline(always)]
     fn add_to_diagonal(&mut self, slot: Slot, blocks: &BlocksOfOne, times: f64) {
         let ends = [(slot.from, &blocks.from_from), (slot.to, &blocks.to_to)];

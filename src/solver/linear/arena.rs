@@ -1,4 +1,4 @@
-//! Where things of many lengths are kept in one slice.
+//! An allocator of ranges of different lengths in one slice.
 
 use std::ops::Range;
 

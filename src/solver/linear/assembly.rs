@@ -1,4 +1,4 @@
-//! What a front is made from: the matrix's own values, and its children's updates.
+//! Assembles a front from the matrix's values and its children's updates.
 
 use super::block_matrix::BlockMatrix;
 use super::front::Front;
@@ -99,7 +99,7 @@ impl FromChild<'_> {
         }
     }
 
-    /// Adds the child's jth B columns to these, which lack so many of the parent's rows.
+    /// Adds the child's jth B columns to these, which lack the first rows of the parent.
     #[inline(always)]
     fn add_column_block<const B: usize>(
         &self,

@@ -31,7 +31,7 @@ impl<const B: usize> BlockMatrix<B> {
         self.diagonal.len()
     }
 
-    /// Makes room for no more than so many variables and pairs.
+    /// Makes room for no more than this many variables and pairs.
     pub fn reserve(&mut self, variables: usize, pairs: usize) {
         self.diagonal.reserve_exact(variables);
         self.newest.reserve_exact(variables);

@@ -1,4 +1,4 @@
-//! Which variables are eliminated together, and which rows that fills.
+//! Which variables are eliminated together, and the fill-in of their columns.
 
 use super::block_matrix::BlockMatrix;
 

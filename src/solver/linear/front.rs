@@ -21,7 +21,7 @@ pub(super) struct Front {
     /// The length of a column of L, and where the first one starts.
     pub(super) stride: usize,
     pub(super) columns_at: usize,
-    /// So many of L's rows are not in the update's columns.
+    /// This many of L's rows are not in the update's columns.
     pub(super) skipped: usize,
     pub(super) update_at: usize,
     pub(super) is_in_use: bool,

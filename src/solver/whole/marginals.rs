@@ -1,4 +1,4 @@
-//! How certain relative poses are, and what a closure would do to F before it is inserted.
+//! The covariance of relative poses, and the predicted increase of F by a closure that is not inserted.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,22 +8,22 @@ use crate::ids::NodeId;
 use crate::solver::factor::{Frame, fill_batches, square_root};
 use crate::solver::least_squares::{DAMPING_MIN, NormalEquations, POSE_SIZE, Problem};
 
-/// One factorisation of a graph's H = Σ JᵀΩJ at its poses, to ask about many pairs of nodes.
+/// One factorisation of a graph's H = Σ JᵀΩJ at its poses, for queries about many pairs of nodes.
 pub struct Marginals<'a> {
     graph: &'a PoseGraph,
     component: Vec<usize>,
     equations: NormalEquations,
 }
 
-/// What a measured motion between two nodes says, seen from a graph that does not have it.
+/// The innovation of a measured motion between two nodes, relative to a graph without it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
     /// The edge's error r at the graph's poses.
     pub error: Vector3<f64>,
     /// J H⁻¹ Jᵀ: how uncertain the graph is about the error.
     pub covariance: Matrix3<f64>,
-    /// rᵀ(Ω⁻¹ + J H⁻¹ Jᵀ)⁻¹ r, the normalised innovation squared: what F will grow by when the
-    /// edge is inserted into a graph that is at its optimum (exact where errors are linear).
+    /// rᵀ(Ω⁻¹ + J H⁻¹ Jᵀ)⁻¹ r, the normalised innovation squared: the increase of F when the edge
+    /// is inserted into a graph that is at its optimum (exact where errors are linear).
     /// Under no change it is χ² distributed with `degrees_of_freedom`.
     pub nis: f64,
     /// The rank of Ω: a degenerate direction is not measured and must not be tested.
@@ -55,7 +55,7 @@ impl<'a> Marginals<'a> {
     }
 
     /// The innovation of an edge that is not among the graph's active edges. `None` if its ends
-    /// are not joined by active edges, or not there: then it is a bridge, and F will not grow.
+    /// are not joined by active edges, or not there: then it is a bridge, and F will not increase.
     pub fn innovation(&mut self, edge: &Edge) -> Option<Innovation> {
         let covariance = self.error_covariance(edge.from, edge.to, &edge.measurement)?;
         let error = self.graph.error_of(edge)?;
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn the_innovation_predicts_the_growth_of_f() {
+    fn the_innovation_predicts_the_increase_of_f() {
         let informations = [
             Information::from_sigmas(0.02, 0.01),
             Information::from_upper([400.0, 30.0, -20.0, 900.0, 10.0, 5000.0]),

@@ -2,7 +2,7 @@
 //!
 //! Begin with [`solve`].
 //!
-//! Must not know what was solved before, nor how a graph falls into blocks.
+//! Must not know what was solved before, nor the blocks of a graph.
 
 mod chordal;
 mod marginals;

@@ -1,4 +1,4 @@
-//! How uncertain all poses of a graph are at once.
+//! The marginal covariances of all poses of a graph at once.
 
 use nalgebra::Matrix3;
 
@@ -8,8 +8,7 @@ use crate::solver::least_squares::{DAMPING_MIN, NormalEquations, Problem};
 
 /// The marginal covariances of a graph's poses, from H = Σ JᵀΩJ at its poses, active edges only.
 ///
-/// They are as right as the information of the edges is, and say nothing of errors that edges have
-/// in common.
+/// They are as correct as the edges' information matrices, and ignore errors that edges have in common.
 #[derive(Debug, Clone)]
 pub struct PoseErrors {
     /// By a node's place in [`PoseGraph::nodes`]: the covariance of (x, y, θ) in the map frame
@@ -21,7 +20,7 @@ pub struct PoseErrors {
     pub closures: Vec<ClosureError>,
 }
 
-/// How a loop closure agrees with the rest of its graph.
+/// The agreement of a loop closure with the rest of its graph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClosureError {
     /// Its place in [`PoseGraph::edges`].
@@ -36,8 +35,8 @@ pub struct ClosureError {
 }
 
 impl PoseErrors {
-    /// Of a graph at its poses; `None` if its equations cannot be factored. Costs a factorisation
-    /// of the whole graph, three times over.
+    /// Computes them at a graph's poses; `None` if its equations cannot be factored. Costs about three
+    /// factorisations of the whole graph.
     pub fn of(graph: &PoseGraph) -> Option<Self> {
         let problem = Problem::of_graph(graph);
         let mut equations = NormalEquations::new(&problem, false)?;

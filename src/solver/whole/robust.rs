@@ -1,4 +1,4 @@
-//! A solve that names the false closures.
+//! A solve that identifies false closures.
 //!
 //! Graduated non-convexity for truncated least squares (Yang et al., *Graduated Non-Convexity
 //! for Robust Spatial Perception*, 2020): odometry is trusted, each loop closure has a weight
@@ -28,7 +28,7 @@ const FOLLOWING: SolveOptions = SolveOptions {
     step_tolerance: 1e-6,
 };
 
-/// What a robust solve did.
+/// The result of a robust solve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobustSummary {
     /// The initial cost is over all active edges at the given poses, the final cost over those

@@ -5,7 +5,7 @@ use mapshift::scan::{BandScanner, CloudLidar, HeightBand};
 use mapshift::sim::{Changes, Furniture, Scene, SimCloudLidar, Vehicle};
 use serde_json::{Value, json};
 
-use super::told::{ROUTE, alerts, brief, empty_route};
+use super::reported::{ROUTE, alerts, brief, empty_route};
 use crate::drives::{Drive, workshop};
 
 const LAPS_BEFORE: usize = 2;
@@ -30,9 +30,9 @@ fn lidar() -> SimCloudLidar {
 }
 
 /// From clouds to alerts: both bands make one map, and the top of the table, which the low band
-/// looks under, is told in the high one.
+/// looks under, is reported in the high one.
 #[tokio::test(flavor = "multi_thread")]
-async fn a_table_is_told_in_the_band_that_shows_its_top() {
+async fn a_table_is_reported_in_the_band_that_shows_its_top() {
     let lidar = lidar();
     let scanner = |from_m, to_m, least_m| {
         BandScanner::new(
@@ -67,20 +67,20 @@ async fn a_table_is_told_in_the_band_that_shows_its_top() {
         }
     }
     service.client.merged(ROUTE).await;
-    let told = alerts(&service.client).await;
-    let lines: Vec<String> = told.iter().map(brief).collect();
+    let reported = alerts(&service.client).await;
+    let lines: Vec<String> = reported.iter().map(brief).collect();
     let high = json!([{"from": 0.6, "to": 1.0}]);
-    let of_table = told.iter().find(|alert| {
-        let place = super::told::place(alert);
+    let of_table = reported.iter().find(|alert| {
+        let place = super::reported::place(alert);
         alert["kind"] == "appeared" && top.contains(&place) && alert["bands"] == high
     });
     let of_table = of_table.unwrap_or_else(|| panic!("{lines:?}"));
     assert_eq!(of_table["status"], "open");
     let is_near = |alert: &&Value| {
-        let place = super::told::place(alert);
+        let place = super::reported::place(alert);
         top.contains(&place) || top.distance_to(&place) < 0.3
     };
-    assert!(told.iter().all(|alert| is_near(&alert)), "{lines:?}");
+    assert!(reported.iter().all(|alert| is_near(&alert)), "{lines:?}");
     // A node says what its scan is made of.
     let node = of_table["node_ids"][0].as_i64().unwrap();
     let scan = service

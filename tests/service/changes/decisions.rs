@@ -5,8 +5,8 @@ use mapshift::sim::Shape;
 use serde_json::{Value, json};
 
 use super::picture::Picture;
+use super::reported::{ROUTE, after_lap, alerts, empty_route, only, statuses};
 use super::shop::{Shop, crate_in_the_middle};
-use super::told::{ROUTE, after_lap, alerts, empty_route, only, statuses};
 use crate::client::Client;
 use crate::running::Running;
 
@@ -29,7 +29,7 @@ async fn what_went_can_be_accepted_and_undone() {
 /// `cargo test --release --test service -- --ignored ten_laps_after`
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "takes a minute"]
-async fn ten_laps_after_an_acceptance_nothing_is_told() {
+async fn ten_laps_after_an_acceptance_nothing_is_reported() {
     for seed in 200..204 {
         accepted_then_more_laps(&Came::new(seed), 10).await;
         accepted_then_more_laps(&Went::new(seed), 10).await;
@@ -92,7 +92,7 @@ fn is_deep_inside(shape: &Shape, point: &Vector2<f64>) -> bool {
 }
 
 async fn accepted_then_more_laps(change: &dyn Change, laps: usize) {
-    let (service, alert) = told_of(change.shop()).await;
+    let (service, alert) = reported_of(change.shop()).await;
     let client = &service.client;
     let before = Published::of(client).await;
     let accepted = client.decide(&alert, "accept").await;
@@ -111,8 +111,8 @@ async fn accepted_then_more_laps(change: &dyn Change, laps: usize) {
 
     let again = client.decide(&restored, "accept").await;
     for lap in CHANGED_LAP + 1..=CHANGED_LAP + laps {
-        let told = only(after_lap(client, change.shop(), lap).await);
-        assert_eq!(told["status"], "accepted", "lap {lap}: {told}");
+        let reported = only(after_lap(client, change.shop(), lap).await);
+        assert_eq!(reported["status"], "accepted", "lap {lap}: {reported}");
         change.assert_shown(&Picture::of(client).await);
     }
     let last = only(alerts(client).await);
@@ -124,8 +124,8 @@ async fn accepted_then_more_laps(change: &dyn Change, laps: usize) {
     service.stop().await;
 }
 
-/// A service that has told of a change in the first lap that shows it.
-async fn told_of(shop: &Shop) -> (Running, Value) {
+/// A service that has reported a change in the first lap that shows it.
+async fn reported_of(shop: &Shop) -> (Running, Value) {
     let service = empty_route().await;
     for lap in 0..CHANGED_LAP {
         after_lap(&service.client, shop, lap).await;
@@ -153,7 +153,7 @@ impl Published {
 async fn versions_tell(client: &Client, alert_id: &Value) {
     let path = format!("/v1/routes/{ROUTE}/versions");
     let versions = client.list(&path, 2).await;
-    let told: Vec<Value> = versions
+    let reported: Vec<Value> = versions
         .iter()
         .map(|v| json!([v["version"], v["current"], v["cause"]]))
         .collect();
@@ -162,7 +162,7 @@ async fn versions_tell(client: &Client, alert_id: &Value) {
     let cause =
         |action: &str| json!({"alert_id": alert_id, "action": action, "by": by, "note": null});
     assert_eq!(
-        told,
+        reported,
         [
             json!([1, false, null]),
             json!([2, false, cause("accept")]),
@@ -177,14 +177,14 @@ async fn versions_tell(client: &Client, alert_id: &Value) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_dismissed_is_not_told_again() {
+async fn what_is_dismissed_is_not_reported_again() {
     dismissed_then_more_laps(7, 2).await;
 }
 
 /// `cargo test --release --test service -- --ignored ten_laps_after`
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "takes a minute"]
-async fn ten_laps_after_a_dismissal_nothing_is_told() {
+async fn ten_laps_after_a_dismissal_nothing_is_reported() {
     for seed in 300..304 {
         dismissed_then_more_laps(seed, 10).await;
     }
@@ -192,7 +192,7 @@ async fn ten_laps_after_a_dismissal_nothing_is_told() {
 
 async fn dismissed_then_more_laps(seed: u64, laps: usize) {
     let shop = Shop::new(seed).with_crate(CHANGED_LAP, None);
-    let (service, alert) = told_of(&shop).await;
+    let (service, alert) = reported_of(&shop).await;
     let client = &service.client;
     let before = Published::of(client).await;
     let dismissed = client.decide(&alert, "dismiss").await;
@@ -200,8 +200,12 @@ async fn dismissed_then_more_laps(seed: u64, laps: usize) {
     let after = Published::of(client).await;
     assert!(after.g2o == before.g2o && after.pgm == before.pgm);
     for lap in CHANGED_LAP + 1..=CHANGED_LAP + laps {
-        let told = only(after_lap(client, &shop, lap).await);
-        assert_eq!(statuses(&told), ["open", "dismissed"], "lap {lap}: {told}");
+        let reported = only(after_lap(client, &shop, lap).await);
+        assert_eq!(
+            statuses(&reported),
+            ["open", "dismissed"],
+            "lap {lap}: {reported}"
+        );
     }
     assert_eq!(client.route(ROUTE).await["map_version"], 1);
     service.stop().await;

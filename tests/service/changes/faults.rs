@@ -1,7 +1,7 @@
 //! A vehicle that disagrees with the others everywhere.
 
+use super::reported::{after_lap, brief, empty_route};
 use super::shop::Shop;
-use super::told::{after_lap, brief, empty_route};
 
 const TURN_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
@@ -16,9 +16,9 @@ async fn a_lidar_that_always_sits_turned_raises_nothing() {
     let client = &service.client;
     shop.vehicles = vec![sound[0].clone(), sound[1].clone(), turned];
     for lap in 0..6 {
-        let told = after_lap(client, &shop, lap).await;
-        let told: Vec<_> = told.iter().map(brief).collect();
-        assert!(told.is_empty(), "lap {lap}: {told:?}");
+        let reported = after_lap(client, &shop, lap).await;
+        let reported: Vec<_> = reported.iter().map(brief).collect();
+        assert!(reported.is_empty(), "lap {lap}: {reported:?}");
     }
     service.stop().await;
 }

@@ -1,32 +1,32 @@
-//! Neither the order of arrival nor a restart changes what is told in the end.
+//! Neither the order of arrival nor a restart changes what is reported in the end.
 
 use serde_json::Value;
 use tempfile::TempDir;
 
 use super::reordering::{difference, laps, reordered, sorted};
-use super::told::{ROUTE, alerts, empty_route};
+use super::reported::{ROUTE, alerts, empty_route};
 use crate::drives::Batch;
 use crate::running::Running;
 
-async fn told_of(uploads: &[Batch]) -> Vec<Value> {
+async fn reported_of(uploads: &[Batch]) -> Vec<Value> {
     let service = empty_route().await;
     service.client.put_all(ROUTE, uploads).await;
     service.client.merged(ROUTE).await;
-    let told = alerts(&service.client).await;
+    let reported = alerts(&service.client).await;
     service.stop().await;
-    told
+    reported
 }
 
 async fn any_order_tells_the_same(seeds: std::ops::Range<u64>) {
     let laps = laps();
-    let expected = sorted(told_of(&laps.concat()).await);
+    let expected = sorted(reported_of(&laps.concat()).await);
     let kinds: Vec<&Value> = expected.iter().map(|alert| &alert["kind"]).collect();
     assert_eq!(kinds, ["appeared", "disappeared"], "{expected:?}");
     let mut wrong = Vec::new();
     for seed in seeds {
         let uploads = reordered(&laps, seed);
-        let told = sorted(told_of(&uploads).await);
-        if let Some(difference) = difference(&expected, &told) {
+        let reported = sorted(reported_of(&uploads).await);
+        if let Some(difference) = difference(&expected, &reported) {
             let order: Vec<&str> = uploads.iter().map(|b| b.id.as_str()).collect();
             wrong.push(format!("seed {seed}, {order:?}: {difference}"));
         }
@@ -47,10 +47,10 @@ async fn any_order_ends_in_the_same_alerts() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_restart_in_the_middle_tells_the_same() {
     let laps = laps();
-    let undisturbed = sorted(told_of(&laps.concat()).await);
+    let undisturbed = sorted(reported_of(&laps.concat()).await);
     let directory = TempDir::new().unwrap();
     for (lap, batches) in laps.iter().enumerate() {
-        // The batches of the lap before are still under way, or were just told of.
+        // The batches of the lap before are still under way, or were just reported.
         let service = Running::start_in(directory.path()).await;
         service.client.put_route(ROUTE, Value::Null).await;
         service.client.put_all(ROUTE, batches).await;
@@ -61,10 +61,10 @@ async fn a_restart_in_the_middle_tells_the_same() {
     }
     let service = Running::start_in(directory.path()).await;
     service.client.merged(ROUTE).await;
-    let told = sorted(alerts(&service.client).await);
+    let reported = sorted(alerts(&service.client).await);
     service.stop().await;
-    assert_eq!(difference(&undisturbed, &told), None);
-    for (a, b) in undisturbed.iter().zip(&told) {
+    assert_eq!(difference(&undisturbed, &reported), None);
+    for (a, b) in undisturbed.iter().zip(&reported) {
         for field in [
             "edge_ids",
             "node_ids",

@@ -2,7 +2,7 @@
 
 use mapshift::geometry::Vector2;
 
-use super::told::ROUTE;
+use super::reported::ROUTE;
 use crate::client::Client;
 
 /// What `map_server` would read.

@@ -7,10 +7,10 @@ use mapshift::geometry::{Vector2, distance_to_polygon};
 use mapshift::sim::Shape;
 use serde_json::{Value, json};
 
-use super::shop::{Shop, crate_in_the_middle, trip_name, vehicle_name};
-use super::told::{
+use super::reported::{
     ROUTE, after_lap, alerts, brief, empty_route, ids, names, only, reach_beyond, statuses, time,
 };
+use super::shop::{Shop, crate_in_the_middle, trip_name, vehicle_name};
 use crate::client::Client;
 use crate::state::State;
 
@@ -20,23 +20,23 @@ const LAPS: usize = 4;
 const BEYOND_MAX_M: f64 = 0.35;
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_comes_is_told_once() {
+async fn what_comes_is_reported_once() {
     let shop = Shop::new(1).with_crate(CHANGED_LAP, None);
-    one_change_is_told_once(&shop, "appeared", &crate_in_the_middle()).await;
+    one_change_is_reported_once(&shop, "appeared", &crate_in_the_middle()).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_goes_is_told_once() {
+async fn what_goes_is_reported_once() {
     let shop = Shop::new(2).without_cupboard(CHANGED_LAP);
-    one_change_is_told_once(&shop, "disappeared", shop.cupboard()).await;
+    one_change_is_reported_once(&shop, "disappeared", shop.cupboard()).await;
 }
 
-async fn one_change_is_told_once(shop: &Shop, kind: &str, shape: &Shape) {
+async fn one_change_is_reported_once(shop: &Shop, kind: &str, shape: &Shape) {
     let service = empty_route().await;
     let client = &service.client;
     for lap in 0..CHANGED_LAP {
-        let told = after_lap(client, shop, lap).await;
-        assert!(told.is_empty(), "lap {lap}: {told:?}");
+        let reported = after_lap(client, shop, lap).await;
+        assert!(reported.is_empty(), "lap {lap}: {reported:?}");
     }
     let mut raised: Option<Value> = None;
     for lap in CHANGED_LAP..LAPS {
@@ -258,8 +258,8 @@ async fn people_raise_nothing(seed: u64, laps: usize) {
     let client = &service.client;
     let mut ever = BTreeSet::new();
     for lap in 0..laps {
-        let told = after_lap(client, &shop, lap).await;
-        ever.extend(told.iter().map(brief));
+        let reported = after_lap(client, &shop, lap).await;
+        ever.extend(reported.iter().map(brief));
     }
     assert!(ever.is_empty(), "seed {seed}: {ever:?}");
     service.stop().await;
@@ -273,13 +273,13 @@ async fn what_leaves_again_is_resolved_until_it_returns() {
     let client = &service.client;
     let mut lives = Vec::new();
     for lap in 0..6 {
-        let told = after_lap(client, &shop, lap).await;
-        lives.push(told.iter().map(statuses).collect::<Vec<_>>());
+        let reported = after_lap(client, &shop, lap).await;
+        lives.push(reported.iter().map(statuses).collect::<Vec<_>>());
     }
-    let told = alerts(client).await;
+    let reported = alerts(client).await;
     eprintln!(
         "{lives:?}: {:?}",
-        told.iter().map(brief).collect::<Vec<_>>()
+        reported.iter().map(brief).collect::<Vec<_>>()
     );
     let nothing: [[&str; 0]; 0] = [];
     assert_eq!(lives[0], nothing);
@@ -288,7 +288,7 @@ async fn what_leaves_again_is_resolved_until_it_returns() {
     assert_eq!(lives[3], [["open", "resolved"]]);
     assert_eq!(lives[4], [["open", "resolved"]]);
     assert_eq!(lives[5], [["open", "resolved", "open"]]);
-    let alert = only(told);
+    let alert = only(reported);
     assert_eq!(alert["kind"], "appeared");
     assert_eq!(names(&alert, "trip_ids"), [trip_name(5)]);
     assert!(time(&alert, "first_seen") < time(&alert, "since"));

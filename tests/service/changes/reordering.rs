@@ -1,9 +1,9 @@
-//! Laps of a changing shop in another order, and whether what is told of them is the same.
+//! Laps of a changing shop in another order, and whether what is reported of them is the same.
 
 use serde_json::Value;
 
+use super::reported::{brief, place, statuses};
 use super::shop::Shop;
-use super::told::{brief, place, statuses};
 use crate::drives::{Batch, shuffled};
 
 const LAPS: usize = 5;
@@ -31,19 +31,25 @@ pub fn sorted(mut alerts: Vec<Value>) -> Vec<Value> {
 }
 
 /// Why two sets of alerts are not the same.
-pub fn difference(expected: &[Value], told: &[Value]) -> Option<String> {
+pub fn difference(expected: &[Value], reported: &[Value]) -> Option<String> {
     let same = |(a, b): (&Value, &Value)| {
         let of = |field: &str| a[field] == b[field];
         of("kind") && of("status") && (place(a) - place(b)).norm() <= SAME_M
     };
-    let agree = expected.len() == told.len() && expected.iter().zip(told).all(same);
+    let agree = expected.len() == reported.len() && expected.iter().zip(reported).all(same);
     let lines = |all: &[Value]| {
         let lines = all
             .iter()
             .map(|a| format!("{} {:?}", brief(a), statuses(a)));
         lines.collect::<Vec<_>>().join("\n  ")
     };
-    (!agree).then(|| format!("expected\n  {}\ntold\n  {}", lines(expected), lines(told)))
+    (!agree).then(|| {
+        format!(
+            "expected\n  {}\nreported\n  {}",
+            lines(expected),
+            lines(reported)
+        )
+    })
 }
 
 /// Whole trips in another order, or all batches.

@@ -4,15 +4,15 @@ use mapshift::webhooks::{DeliveryOptions, ReceiverPolicy};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use super::reported::{ROUTE, after_lap, alerts, only};
 use super::shop::Shop;
-use super::told::{ROUTE, after_lap, alerts, only};
 use crate::receiver::Receiver;
 use crate::running::Running;
 
 const CHANGED_LAP: usize = 2;
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_receiver_is_told_what_comes_and_what_is_decided_in_order() {
+async fn a_receiver_is_reported_what_comes_and_what_is_decided_in_order() {
     let shop = Shop::new(5).with_crate(CHANGED_LAP, None);
     let directory = TempDir::new().unwrap();
     let options = DeliveryOptions {

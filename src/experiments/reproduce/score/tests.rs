@@ -42,7 +42,7 @@ fn laps() -> Laps {
             lap: k / SCANS_A_LAP,
             truth: Pose2::new(10.0 * spot as f64, 0.0, 0.0),
             differing: [0.2, 0.02, 0.0][spot],
-            looks_at: [vec![0], vec![1], vec![]][spot].clone(),
+            observes: [vec![0], vec![1], vec![]][spot].clone(),
         }
     };
     let change = |kind, x| TrueChange {
@@ -104,7 +104,7 @@ fn region(lap: usize, kind: ChangeKind, x: f64, y: f64) -> Raised {
     let corner = |dx: f64, dy: f64| Vector2::new(x + dx, y + dy);
     Raised {
         lap,
-        what: Told::Region {
+        what: Reported::Region {
             kind,
             location: corner(0.0, 0.0),
             region: vec![
@@ -117,7 +117,7 @@ fn region(lap: usize, kind: ChangeKind, x: f64, y: f64) -> Raised {
     }
 }
 
-fn told_regions(raised: Vec<Raised>) -> Score {
+fn reported_regions(raised: Vec<Raised>) -> Score {
     let laps = laps();
     let mapped = mapped(&laps);
     let judged = Judged {
@@ -131,10 +131,10 @@ fn told_regions(raised: Vec<Raised>) -> Score {
 fn closures_are_counted_by_what_their_scans_show() {
     let laps = laps();
     let mapped = mapped(&laps);
-    // Told: everything in the laps after the change.
-    let told = mapped.closures.iter().map(|c| c.place.lap >= BEFORE);
+    // Reported: everything in the laps after the change.
+    let reported = mapped.closures.iter().map(|c| c.place.lap >= BEFORE);
     let scores: Vec<f64> = mapped.closures.iter().map(|c| c.place.lap as f64).collect();
-    let judged = Judged::by_closure(&mapped, Some(scores), told.collect());
+    let judged = Judged::by_closure(&mapped, Some(scores), reported.collect());
     let score = Score::of(&laps, &mapped, &judged);
     // Two laps after the change: the first spot shows it, the second too little, the third not.
     assert_eq!(score.closures.found, 2);
@@ -150,7 +150,7 @@ fn closures_are_counted_by_what_their_scans_show() {
 #[test]
 fn a_lap_counts_once_and_later_ones_apart() {
     let appeared = |lap| region(lap, ChangeKind::Appeared, 0.0, 2.0);
-    let score = told_regions(vec![appeared(3), appeared(4), appeared(5)]);
+    let score = reported_regions(vec![appeared(3), appeared(4), appeared(5)]);
     let expected = Counts {
         found: 1,
         missed: 0,
@@ -160,7 +160,7 @@ fn a_lap_counts_once_and_later_ones_apart() {
     assert_eq!(score.laps, expected);
     assert_eq!(score.laps_later, Share { hits: 1, of: 1 });
     assert_eq!(score.laps_not_judged, 2);
-    let silent = told_regions(Vec::new());
+    let silent = reported_regions(Vec::new());
     assert_eq!((silent.laps.missed, silent.laps.left_alone), (1, 2));
 }
 
@@ -180,7 +180,7 @@ fn what_nobody_can_see_is_no_changed_lap() {
 #[test]
 fn regions_tell_changes_of_their_kind_where_they_are() {
     // The box reaches to y = 1.5; the region 0.1 m farther than its middle.
-    let near = told_regions(vec![region(4, ChangeKind::Appeared, 0.0, 1.1)]);
+    let near = reported_regions(vec![region(4, ChangeKind::Appeared, 0.0, 1.1)]);
     assert_eq!((near.true_alerts, near.false_alerts), (1, 0));
     let event = near.events[0];
     assert!(event.found && event.laps_until_raised == Some(0));
@@ -190,7 +190,7 @@ fn regions_tell_changes_of_their_kind_where_they_are() {
     let wrong_kind = region(4, ChangeKind::Disappeared, 0.0, 2.0);
     let too_far = region(4, ChangeKind::Appeared, 0.0, 0.9);
     let too_early = region(3, ChangeKind::Appeared, 0.0, 2.0);
-    let score = told_regions(vec![wrong_kind, too_far, too_early]);
+    let score = reported_regions(vec![wrong_kind, too_far, too_early]);
     assert_eq!((score.true_alerts, score.false_alerts), (0, 3));
     assert_eq!(score.false_alert_places[1], [0.0, 0.9]);
 }
@@ -199,22 +199,22 @@ fn regions_tell_changes_of_their_kind_where_they_are() {
 fn the_first_alert_of_a_change_counts() {
     let late = region(5, ChangeKind::Disappeared, 10.0, 2.0);
     let later = region(5, ChangeKind::Disappeared, 10.3, 2.0);
-    let score = told_regions(vec![late, later]);
+    let score = reported_regions(vec![late, later]);
     assert_eq!(score.true_alerts, 2);
     assert_eq!(score.events[1].laps_until_raised, Some(1));
 }
 
 #[test]
-fn closures_tell_what_their_scans_look_at_if_they_cross_the_change() {
+fn closures_report_what_their_scans_observe_if_they_cross_the_change() {
     let closure = |lap: usize, spot: usize| Raised {
         lap,
-        what: Told::Closure {
+        what: Reported::Closure {
             old: spot,
             new: lap * SCANS_A_LAP + spot,
             position: Vector2::new(10.0 * spot as f64, 0.0),
         },
     };
-    let score = told_regions(vec![closure(4, 0), closure(3, 1), closure(4, 2)]);
+    let score = reported_regions(vec![closure(4, 0), closure(3, 1), closure(4, 2)]);
     assert_eq!((score.true_alerts, score.false_alerts), (1, 2));
     assert!(score.events[0].found && !score.events[1].found);
     assert!((score.events[0].location_error_m.unwrap() - 2.0).abs() < 1e-9);

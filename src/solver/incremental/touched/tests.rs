@@ -117,7 +117,7 @@ fn jolt(rng: &mut ChaCha8Rng, sigma_m: f64) -> Pose2 {
 }
 
 /// A vehicle that drives over and over round two loops of streets that cross, eight nodes to a
-/// side, and is told by a closure where it is relative to the first node at each place. Calls back
+/// side, and has a closure that states where it is relative to the first node at each place. Calls back
 /// after each solve.
 fn drive_figure_eight(seed: u64, nodes: usize, mut after: impl FnMut(&PoseGraph, &TouchedSummary)) {
     const SIDE: usize = 8;

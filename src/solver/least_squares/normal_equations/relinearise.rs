@@ -16,7 +16,7 @@ const MOVED_RAD: f64 = 1e-4;
 impl NormalEquations {
     /// Takes in the poses and factors that a problem has and the equations have not; the new ones
     /// come last, and every new pose has a factor. `false` if the equations should rather be made
-    /// anew.
+    /// again.
     pub(crate) fn grow(&mut self, problem: &Problem, batches: &[Batch], frames: &[Frame]) -> bool {
         let (poses, factors) = (self.variable.len(), self.slots.len());
         self.touched.clear();
@@ -111,7 +111,7 @@ impl NormalEquations {
     }
 
     /// As [`Self::predicted_decrease`] for a gradient that is zero except where the problem grew.
-    pub(crate) fn predicted_decrease_of_growth(&mut self) -> f64 {
+    pub(crate) fn predicted_decrease_of_extension(&mut self) -> f64 {
         self.solution.clear();
         self.solution.resize(self.gradient.len(), 0.0);
         for &variable in &self.touched {

@@ -1,32 +1,31 @@
-//! Keeping blocks while a graph grows.
+//! Updates blocks when a node or an edge is added.
 
 use std::collections::BTreeMap;
 
 use super::{Block, BlockIndex, Blocks};
 use crate::ids::EdgeId;
 
-/// One of the two ways up from an edge's ends, block by block.
-struct Way {
+/// One of the two paths from an edge's ends towards the component's first node.
+struct Path {
     at: usize,
     blocks: Vec<BlockIndex>,
 }
 
-/// The blocks between two nodes, and the one of their nodes that is nearest to the component's
-/// first.
+/// The blocks between two nodes, and their node that is nearest to the component's first node.
 struct Between {
     blocks: Vec<BlockIndex>,
     anchor: usize,
 }
 
 impl Blocks {
-    /// A node came in, with no edge yet.
+    /// Adds a node without edges.
     pub(in crate::graph) fn add_node(&mut self) {
         self.earlier.push(self.earlier.len());
-        self.hanging.push(Vec::new());
+        self.children.push(Vec::new());
         self.towards_first.push(None);
     }
 
-    /// The edge at a place came in, new or active again.
+    /// Adds the edge at an index, new or active again.
     pub(in crate::graph) fn add_edge(
         &mut self,
         position: usize,
@@ -43,25 +42,25 @@ impl Blocks {
             self.block_of_edge[position] = Some(index);
             return;
         }
-        let (anchor, hung) = if first_from < first_to {
+        let (anchor, child) = if first_from < first_to {
             (from, to)
         } else {
             (to, from)
         };
-        self.hang_by(hung);
+        self.reroot(child);
         self.earlier[first_from.max(first_to)] = first_from.min(first_to);
         let index = self.place(Block {
             anchor,
-            nodes: vec![hung],
+            nodes: vec![child],
             edges: vec![position],
             smallest_edge: id,
         });
-        self.hanging[anchor].push(index);
-        self.towards_first[hung] = Some(index);
+        self.children[anchor].push(index);
+        self.towards_first[child] = Some(index);
         self.block_of_edge[position] = Some(index);
     }
 
-    /// Makes sure that there is a place for an edge; one that is not active has no block.
+    /// Reserves the entry of an edge; an inactive one has no block.
     pub(in crate::graph) fn cover_edge(&mut self, position: usize) {
         let covered = self.block_of_edge.len().max(position + 1);
         self.block_of_edge.resize(covered, None);
@@ -85,8 +84,8 @@ impl Blocks {
         node
     }
 
-    /// Turns a component over, so that it hangs by this node instead of its first.
-    fn hang_by(&mut self, node: usize) {
+    /// Makes a node the first of its component.
+    fn reroot(&mut self, node: usize) {
         let mut below = node;
         let mut next = self.towards_first[node].take();
         while let Some(index) = next {
@@ -96,42 +95,42 @@ impl Blocks {
             if let Some(place) = nodes.find(|place| **place == below) {
                 *place = anchor;
             }
-            self.unhang(index, anchor);
-            self.hanging[below].push(index);
+            self.detach(index, anchor);
+            self.children[below].push(index);
             next = self.towards_first[anchor].replace(index);
             below = anchor;
         }
     }
 
-    fn unhang(&mut self, index: BlockIndex, anchor: usize) {
-        let hanging = &mut self.hanging[anchor];
-        if let Some(place) = hanging.iter().position(|&other| other == index) {
-            hanging.swap_remove(place);
+    fn detach(&mut self, index: BlockIndex, anchor: usize) {
+        let children = &mut self.children[anchor];
+        if let Some(place) = children.iter().position(|&other| other == index) {
+            children.swap_remove(place);
         }
     }
 
-    /// Makes the blocks between two nodes of one component one. The largest takes in the others,
-    /// so that a node or an edge changes hands at most log n times.
+    /// Merges the blocks between two nodes of one component. The largest absorbs the others, so that a node or
+    /// an edge changes its block at most log n times.
     fn join_between(&mut self, from: usize, to: usize) -> BlockIndex {
         let Between { blocks, anchor } = self.between(from, to);
         let size = |index: &BlockIndex| (self.blocks[*index].nodes.len(), *index);
-        // There is a way, so there is a largest block on it.
+        // There is a path, so there is a largest block on it.
         let largest = blocks.iter().copied().max_by_key(size).unwrap_or_default();
         if self.blocks[largest].anchor != anchor {
-            self.unhang(largest, self.blocks[largest].anchor);
+            self.detach(largest, self.blocks[largest].anchor);
             self.blocks[largest].anchor = anchor;
-            self.hanging[anchor].push(largest);
+            self.children[anchor].push(largest);
         }
         for index in blocks {
             if index != largest {
-                self.take_in(largest, index);
+                self.absorb(largest, index);
             }
         }
         largest
     }
 
-    fn take_in(&mut self, largest: BlockIndex, index: BlockIndex) {
-        self.unhang(index, self.blocks[index].anchor);
+    fn absorb(&mut self, largest: BlockIndex, index: BlockIndex) {
+        self.detach(index, self.blocks[index].anchor);
         let nodes = std::mem::take(&mut self.blocks[index].nodes);
         let edges = std::mem::take(&mut self.blocks[index].edges);
         for &node in &nodes {
@@ -148,20 +147,20 @@ impl Blocks {
         self.free.push(index);
     }
 
-    /// The blocks on the way between two nodes of one component. Goes up from both by turns, so
-    /// that it takes at most twice as many steps as there are blocks on the longer side.
+    /// The blocks on the path between two nodes of one component. Alternates between both ends: at most twice
+    /// as many steps as there are blocks on the longer side.
     fn between(&self, from: usize, to: usize) -> Between {
-        let mut ways = [from, to].map(|at| Way {
+        let mut paths = [from, to].map(|at| Path {
             at,
             blocks: Vec::new(),
         });
-        // How many blocks a way had behind it when it came to a node or to a block.
+        // How many blocks a path had passed when it reached a node or a block.
         let mut nodes = [BTreeMap::from([(from, 0)]), BTreeMap::from([(to, 0)])];
         let mut blocks = [BTreeMap::new(), BTreeMap::new()];
         for turn in 0.. {
             let (this, other) = (turn % 2, (turn + 1) % 2);
-            let Some(index) = self.towards_first[ways[this].at] else {
-                if self.towards_first[ways[other].at].is_none() {
+            let Some(index) = self.towards_first[paths[this].at] else {
+                if self.towards_first[paths[other].at].is_none() {
                     break;
                 }
                 continue;
@@ -171,18 +170,18 @@ impl Blocks {
             let met = match met_at {
                 Some(&behind) => Some(behind),
                 None => {
-                    ways[this].blocks.push(index);
-                    blocks[this].insert(index, ways[this].blocks.len());
+                    paths[this].blocks.push(index);
+                    blocks[this].insert(index, paths[this].blocks.len());
                     nodes[other].get(&anchor).copied()
                 }
             };
             if let Some(behind) = met {
-                let mut blocks = std::mem::take(&mut ways[this].blocks);
-                blocks.extend_from_slice(&ways[other].blocks[..behind]);
+                let mut blocks = std::mem::take(&mut paths[this].blocks);
+                blocks.extend_from_slice(&paths[other].blocks[..behind]);
                 return Between { blocks, anchor };
             }
-            nodes[this].insert(anchor, ways[this].blocks.len());
-            ways[this].at = anchor;
+            nodes[this].insert(anchor, paths[this].blocks.len());
+            paths[this].at = anchor;
         }
         Between {
             blocks: Vec::new(),

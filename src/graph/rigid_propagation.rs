@@ -1,22 +1,21 @@
-//! Moving nodes of a block together with what hangs off them.
+//! Moves nodes of a block together with their child blocks.
 
 use super::edge::Node;
 use super::pose_graph::PoseGraph;
 use crate::geometry::Pose2;
 
 impl PoseGraph {
-    /// Moves nodes of one block, none of them its anchor, and with each node, as one rigid body,
-    /// all blocks that hang off it: their edges keep their errors. Appends the place of every node
-    /// whose pose is another now to `moved`. What is known of the blocks' optima stands.
+    /// Moves nodes of one block, none of them its anchor, and with each node, as one rigid body, all its child
+    /// blocks: their edges keep their errors. Appends the index of every node whose pose has changed to
+    /// `moved`.
     ///
-    /// Costs as much as there is to move. A component's first node never moves, so there is no
-    /// other side that could be moved instead.
-    pub(crate) fn move_with_hanging(
+    /// Costs as much as there is to move: a component's first node never moves.
+    pub(crate) fn move_with_children(
         &mut self,
         to: impl IntoIterator<Item = (usize, Pose2)>,
         moved: &mut Vec<usize>,
     ) {
-        // Whoever knows what a block is has asked for the blocks.
+        // A caller that names nodes of a block has computed the blocks.
         let (nodes, Some(blocks)) = self.nodes_with_blocks() else {
             return;
         };
@@ -27,24 +26,24 @@ impl PoseGraph {
                 continue;
             }
             moved.push(position);
-            open.extend_from_slice(blocks.hanging_off(position));
+            open.extend_from_slice(blocks.child_blocks(position));
             if open.is_empty() {
                 continue;
             }
-            let swing = Swing::new(&before, &pose);
+            let motion = RigidMotion::new(&before, &pose);
             while let Some(block) = open.pop().and_then(|index| blocks.get(index)) {
-                for &carried in &block.nodes {
-                    swing.carry(&mut nodes[carried]);
-                    moved.push(carried);
-                    open.extend_from_slice(blocks.hanging_off(carried));
+                for &child in &block.nodes {
+                    motion.apply(&mut nodes[child]);
+                    moved.push(child);
+                    open.extend_from_slice(blocks.child_blocks(child));
                 }
             }
         }
     }
 }
 
-/// A rigid motion that takes one pose to another, by turning about the first.
-struct Swing {
+/// The rigid motion that takes one pose to another.
+struct RigidMotion {
     from: Pose2,
     to: Pose2,
     turn_rad: f64,
@@ -52,7 +51,7 @@ struct Swing {
     cos: f64,
 }
 
-impl Swing {
+impl RigidMotion {
     fn new(from: &Pose2, to: &Pose2) -> Self {
         let turn_rad = to.theta - from.theta;
         let (sin, cos) = turn_rad.sin_cos();
@@ -65,7 +64,7 @@ impl Swing {
         }
     }
 
-    fn carry(&self, node: &mut Node) {
+    fn apply(&self, node: &mut Node) {
         let (dx, dy) = (node.pose.x - self.from.x, node.pose.y - self.from.y);
         node.pose = Pose2::new(
             self.to.x + self.cos * dx - self.sin * dy,

@@ -1,4 +1,4 @@
-//! What leaves a route's map when its drives have settled, and what is fetched back.
+//! Which nodes are archived between two jobs, and which are reactivated.
 
 use std::collections::BTreeSet;
 
@@ -10,20 +10,19 @@ use crate::ids::{EdgeId, NodeId, RouteId, TripId};
 use crate::mapping::{RouteMap, Stay, TRIP_TAIL};
 use crate::store::{AlertRecord, SETTLED_CLOSURES_MAX, SettledClosure, Store, StoreError};
 
-/// Of the nodes that an alert names the oldest that show the change stay, which tell since when
-/// it is there …
+/// Of the nodes that show an alert's change this many of the oldest stay active, which date it …
 const ALERT_OLDEST: usize = 16;
-/// … and the newest.
+/// … and this many of the newest.
 const ALERT_NEWEST: usize = 48;
 
-/// Lets nodes leave the map whose drives have settled, before a drive of `trip` extends it. Those
-/// that the job names stay.
+/// Archives nodes that are no longer needed, before a job of `trip` extends the map. The nodes `named` by
+/// the job stay.
 ///
-/// A map by the paper's rule keeps everything: the rule reads the places of the whole series.
+/// Detector `seed` keeps everything: the paper's rule reads the places of the whole series.
 ///
 /// # Errors
-/// If what is left does not fit together; the workspace is lost then.
-pub(super) fn settle(
+/// If the remaining graph is inconsistent; the workspace is lost then.
+pub(super) fn archive(
     workspace: &mut Workspace,
     trip: &TripId,
     named: &[NodeId],
@@ -35,8 +34,8 @@ pub(super) fn settle(
     let mut nodes = named_by_alerts(workspace);
     nodes.extend(named);
     let leaving = workspace.map.settled_nodes(&Stay {
-        stretches: options.active_stretches,
-        first_stretches: options.first_stretches,
+        stretches: options.active_segments,
+        first_stretches: options.first_segments,
         trip,
         nodes: &nodes,
     });
@@ -45,15 +44,14 @@ pub(super) fn settle(
     }
     remember_closures(workspace, &leaving);
     let released = workspace.map.release(&leaving);
-    released.context("what is left of the map does not fit together")?;
+    released.context("the remaining map is inconsistent")?;
     let keyframes = workspace.map.keyframes().iter();
     let trips: BTreeSet<TripId> = keyframes.map(|keyframe| keyframe.trip.clone()).collect();
     workspace.vehicles.retain(|trip, _| trips.contains(trip));
     Ok(())
 }
 
-/// What alerts that wait for a decision rest on: of each the oldest and the newest nodes that show
-/// the change.
+/// The evidence of pending alerts: of each, the oldest and the newest nodes that show the change.
 fn named_by_alerts(workspace: &Workspace) -> BTreeSet<NodeId> {
     let pending = workspace.alerts.iter().filter(|a| a.status.is_pending());
     pending
@@ -76,13 +74,13 @@ fn named_by(map: &RouteMap, alert: &AlertRecord) -> Vec<NodeId> {
     showing.into_iter().map(|(_, node)| node).collect()
 }
 
-/// Moves the closures that end at leaving nodes among the settled ones, of which the first stay
-/// known to their series.
+/// Moves the closures that end at leaving nodes to the archived ones, of which the first
+/// [`SETTLED_CLOSURES_MAX`] stay in memory for their residual series.
 fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
     let subgraphs = workspace.subgraph_of_edges();
     let graph = workspace.map.graph();
     let leaves = |node: &NodeId| leaving.binary_search(node).is_ok();
-    let settled = workspace.closures.iter().filter_map(|closure| {
+    let archived = workspace.closures.iter().filter_map(|closure| {
         let edge = graph.edge(closure.edge_id)?;
         if !(leaves(&edge.from) || leaves(&edge.to)) {
             return None;
@@ -95,61 +93,60 @@ fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
             subgraph_id: subgraphs.get(&edge.id).copied(),
             delta_f: closure.delta_f,
             vehicle_id: workspace.vehicles.get(&newer.trip)?.clone(),
-            given: workspace.given.contains(&edge.id),
+            given: workspace.external.contains(&edge.id),
         })
     });
-    let settled: Vec<SettledClosure> = settled.collect();
-    let gone: BTreeSet<EdgeId> = settled.iter().map(|closure| closure.id).collect();
+    let archived: Vec<SettledClosure> = archived.collect();
+    let gone: BTreeSet<EdgeId> = archived.iter().map(|closure| closure.id).collect();
     workspace.closures.retain(|c| !gone.contains(&c.edge_id));
-    workspace.given.retain(|edge| !gone.contains(edge));
-    workspace.settled_closures.extend(settled);
-    workspace.settled_closures.sort_unstable_by_key(|c| c.id);
-    workspace.settled_closures.truncate(SETTLED_CLOSURES_MAX);
+    workspace.external.retain(|edge| !gone.contains(edge));
+    workspace.archived_closures.extend(archived);
+    workspace.archived_closures.sort_unstable_by_key(|c| c.id);
+    workspace.archived_closures.truncate(SETTLED_CLOSURES_MAX);
 }
 
-/// Takes back into the active graph what a trip needs to go on; returns what had left.
+/// Reactivates the archived end of a trip, which its next batch continues; returns these nodes.
 ///
 /// # Errors
 /// [`StoreError`].
-pub(super) async fn recall_trip(
+pub(super) async fn reactivate_trip(
     store: &Store,
     route: &RouteId,
     trip: &TripId,
 ) -> Result<Vec<NodeId>, StoreError> {
-    let settled = store.settled_tail(route, trip, TRIP_TAIL).await?;
-    recall(store, route, settled).await
+    let archived = store.settled_tail(route, trip, TRIP_TAIL).await?;
+    reactivate(store, route, archived).await
 }
 
-/// Takes what has left among some nodes and the ends of some edges back into the active graph;
-/// returns what had left.
+/// Reactivates those of some nodes, and of the ends of some edges, that are archived; returns them.
 ///
 /// # Errors
 /// [`StoreError`].
-pub(super) async fn recall_named(
+pub(super) async fn reactivate_named(
     store: &Store,
     route: &RouteId,
     nodes: &[NodeId],
     edges: &[EdgeId],
 ) -> Result<Vec<NodeId>, StoreError> {
-    let settled = store.settled_among(route, nodes, edges).await?;
-    recall(store, route, settled).await
+    let archived = store.settled_among(route, nodes, edges).await?;
+    reactivate(store, route, archived).await
 }
 
-async fn recall(
+async fn reactivate(
     store: &Store,
     route: &RouteId,
-    settled: Vec<NodeId>,
+    archived: Vec<NodeId>,
 ) -> Result<Vec<NodeId>, StoreError> {
-    if !settled.is_empty() {
-        store.recall_nodes(route, settled.clone()).await?;
+    if !archived.is_empty() {
+        store.recall_nodes(route, archived.clone()).await?;
     }
-    Ok(settled)
+    Ok(archived)
 }
 
-/// Solves the sub-graphs that recalled nodes are part of: the map may have moved since they left.
-pub(super) fn solve_recalled(map: &mut RouteMap, recalled: &[NodeId]) {
+/// Solves the sub-graphs of reactivated nodes: the map may have moved since they were archived.
+pub(super) fn solve_reactivated(map: &mut RouteMap, reactivated: &[NodeId]) {
     let graph = map.graph();
-    let edges = recalled.iter().flat_map(|node| graph.edges_at(*node));
+    let edges = reactivated.iter().flat_map(|node| graph.edges_at(*node));
     let as_they_are: Vec<_> = edges.map(|edge| (edge.id, edge.status)).collect();
     if !as_they_are.is_empty() {
         map.restate_edges(&as_they_are);

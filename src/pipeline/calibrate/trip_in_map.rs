@@ -1,4 +1,4 @@
-//! Who is asked.
+//! A trip whose vehicle is calibrated.
 
 use std::collections::BTreeMap;
 
@@ -6,13 +6,13 @@ use crate::calibration::TripCorrections;
 use crate::ids::{TripId, VehicleId};
 use crate::mapping::RouteMap;
 
-/// A trip that is asked, and the map that it is in.
-pub(in crate::pipeline) struct Asked<'a> {
+/// A trip to calibrate from, and the map that its scans are in.
+pub(in crate::pipeline) struct TripInMap<'a> {
     pub map: &'a RouteMap,
-    /// Whose the other trips in the map are.
+    /// The vehicle of every trip in the map.
     pub vehicles: &'a BTreeMap<TripId, VehicleId>,
     pub trip: &'a TripId,
-    /// Whose the trip is.
+    /// The trip's vehicle.
     pub vehicle: &'a VehicleId,
     /// What was corrected when the trip entered the map.
     pub corrections: &'a TripCorrections,

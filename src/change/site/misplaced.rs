@@ -1,13 +1,13 @@
-//! Observations whose pose is wrong: they miss what everybody else hits.
+//! Misplaced observations: they miss what other passes hit.
 
 use super::Observed;
 
-/// Poses of neighbours go wrong together: so many before and after are asked.
+/// Poses of neighbours are wrong together: this many before and after are considered.
 const NEIGHBOURS: usize = 8;
 
-/// Which of a site's observations say nothing: those whose pose is wrong, and those most of whose
-/// neighbours in their trip are wrong.
-pub fn void_observations(observations: &[Observed]) -> Vec<bool> {
+/// Which of a site's observations are misplaced: their own pose is wrong, or those of most of their
+/// neighbours in the trip are.
+pub fn misplaced_observations(observations: &[Observed]) -> Vec<bool> {
     let is_known = |k: &usize| observations[*k].agreement.is_known();
     let known: Vec<usize> = (0..observations.len()).filter(is_known).collect();
     let is_wrong = |k: usize| observations[k].agreement.is_wrong();

@@ -1,4 +1,4 @@
-//! Drives that settle, and what asks for them again.
+//! Trips that are archived, and what reactivates them.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +11,13 @@ use crate::ids::{NodeId, TripId};
 use crate::model::BatchStatus;
 use crate::store::{BatchContent, NewBatch, NodeRecord};
 
-/// So many stretches stay.
-const STRETCHES: usize = 3;
+/// This many segments stay active.
+const SEGMENTS: usize = 3;
 
 /// A map of two laps, and laps of the hours after that, in which a box stands there.
 async fn driven(hours: std::ops::RangeInclusive<i64>) -> Bench {
     let bench = Bench::new().await;
-    bench.merge(upload("before", 0, 2), STRETCHES).await;
+    bench.merge(upload("before", 0, 2), SEGMENTS).await;
     for hour in hours {
         lap(&bench, hour).await;
     }
@@ -25,7 +25,7 @@ async fn driven(hours: std::ops::RangeInclusive<i64>) -> Bench {
 }
 
 async fn lap(bench: &Bench, hour: i64) {
-    let batch = bench.merge(upload(&format!("lap-{hour}"), hour, 1), STRETCHES);
+    let batch = bench.merge(upload(&format!("lap-{hour}"), hour, 1), SEGMENTS);
     assert_eq!(batch.await.status, BatchStatus::Merged);
 }
 
@@ -34,7 +34,7 @@ fn by_id(nodes: &[NodeRecord]) -> BTreeMap<NodeId, &NodeRecord> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_has_settled_leaves_the_map_and_stays_in_the_store() {
+async fn archived_nodes_leave_the_map_and_stay_in_the_store() {
     let bench = driven(1..=5).await;
     let early = bench.state().await;
     let mut active = Vec::new();
@@ -97,7 +97,7 @@ fn late_first_look(nodes: &[NodeRecord], named: &[NodeId]) -> crate::ids::StampN
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
+async fn a_map_from_the_store_is_archived_as_the_one_in_memory() {
     let kept = driven(1..=8).await;
     let mut restarted = driven(1..=1).await;
     for hour in 2..=8 {
@@ -108,8 +108,8 @@ async fn a_map_from_the_store_settles_as_the_one_in_memory_does() {
     assert!(kept_state.nodes.iter().any(|node| !node.active));
     assert!(kept_state == restarted_state);
     let evidence = |alerts: Vec<crate::store::AlertRecord>| -> Vec<_> {
-        let told = alerts.into_iter();
-        told.map(|a| (a.status, a.evidence, a.residual)).collect()
+        let raised = alerts.into_iter();
+        raised.map(|a| (a.status, a.evidence, a.residual)).collect()
     };
     let (kept, restarted) = (kept.alerts().await, restarted.alerts().await);
     assert_eq!(evidence(kept), evidence(restarted));
@@ -142,7 +142,7 @@ async fn scans_between_keyframes_are_the_same_after_restarts() {
         for batch in [first, second] {
             restarted = restarted.restarted().await;
             for bench in [&kept, &restarted] {
-                let merged = bench.merge(batch.clone(), STRETCHES).await;
+                let merged = bench.merge(batch.clone(), SEGMENTS).await;
                 assert_eq!(merged.status, BatchStatus::Merged);
             }
         }
@@ -164,7 +164,7 @@ async fn scans_between_keyframes_are_the_same_after_restarts() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
+async fn a_late_batch_of_an_archived_trip_goes_on_where_the_trip_ended() {
     let bench = driven(1..=1).await;
     let mut first_half = upload("late", 2, 1);
     let whole = first_half.content.scans();
@@ -172,7 +172,7 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let mut body: serde_json::Value = serde_json::from_slice(&first_half.body).unwrap();
     body["scans"].as_array_mut().unwrap().truncate(from);
     first_half.body = serde_json::to_vec(&body).unwrap();
-    bench.merge(first_half, STRETCHES).await;
+    bench.merge(first_half, SEGMENTS).await;
     for hour in 3..=9 {
         lap(&bench, hour).await;
     }
@@ -184,7 +184,7 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
     let edges_before = store.edges(&route()).await.unwrap().len();
 
     let late = upload_part("late", 2, 1, from);
-    let late = bench.merge(late, STRETCHES).await;
+    let late = bench.merge(late, SEGMENTS).await;
     assert_eq!(late.status, BatchStatus::Merged);
     assert!(late.nodes_added > 10 && late.loop_closures > 10, "{late:?}");
     let after = store.trip_nodes(&route(), &trip).await.unwrap();
@@ -229,7 +229,7 @@ async fn a_late_batch_of_a_settled_trip_goes_on_where_the_trip_ended() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_was_accepted_can_be_undone_after_it_has_settled() {
+async fn what_was_accepted_can_be_undone_after_it_was_archived() {
     let mut bench = driven(1..=2).await;
     let alert = bench.alerts().await.remove(0);
     let before = bench.state().await;

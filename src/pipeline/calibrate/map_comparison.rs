@@ -1,8 +1,8 @@
-//! What a trip's scans say beside those that other vehicles have brought into the map.
+//! Compares a trip's scans with those that other vehicles have brought into the map.
 
 use std::collections::BTreeSet;
 
-use super::asked::Asked;
+use super::trip_in_map::TripInMap;
 use crate::calibration::{MapFit, MapScan, TripCalibration};
 use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
@@ -12,31 +12,39 @@ use crate::matching::ReferenceCloud;
 use crate::pipeline::vehicles::{as_stated, base_from_stated};
 use crate::scan::LaserScan;
 
-/// So many of a trip's scans are compared. Each costs a few milliseconds.
+/// Most scans of a trip that are compared; each costs a few milliseconds.
 const SCANS_MAX: usize = 60;
-/// Other vehicles' scans from no farther than this show the same place, metres, …
+/// Other vehicles' scans from within this distance show the same place, metres, …
 const WITHIN_M: f64 = 3.0;
-/// … from no farther than this they show the same walls, …
+/// … from within this distance they show the same walls, …
 const BESIDE_M: f64 = 1.0;
-/// … and so many of them, the nearest, are enough.
+/// … and this many of the nearest are enough.
 const AROUND_MAX: usize = 6;
 
-/// The trip's word on one of its lidars, with what the map's reference scans of other vehicles say of
-/// its ranges.
+/// The calibration of one of a trip's lidars, completed by the scale of its ranges relative to the reference
+/// scans of other vehicles.
 pub(super) fn beside_others(
-    asked: &Asked<'_>,
+    trip_in_map: &TripInMap<'_>,
     lidar: Option<&LidarId>,
     calibration: TripCalibration,
 ) -> TripCalibration {
-    let placed = || asked.map.keyframes().iter().zip(asked.map.graph().nodes());
+    let placed = || {
+        trip_in_map
+            .map
+            .keyframes()
+            .iter()
+            .zip(trip_in_map.map.graph().nodes())
+    };
     let is_other = |keyframe: &Keyframe| {
-        let whose = asked.vehicles.get(&keyframe.trip);
-        keyframe.reference && whose.is_some_and(|vehicle| vehicle != asked.vehicle)
+        let whose = trip_in_map.vehicles.get(&keyframe.trip);
+        keyframe.reference && whose.is_some_and(|vehicle| vehicle != trip_in_map.vehicle)
     };
     let others = placed().filter(|(keyframe, _)| keyframe.scan.is_some() && is_other(keyframe));
     let others: Vec<(Pose2, &Keyframe)> = others.map(|(k, node)| (node.pose, k)).collect();
     let own = placed().filter(|(keyframe, _)| {
-        keyframe.trip == *asked.trip && keyframe.lidar.as_ref() == lidar && !keyframe.is_lost()
+        keyframe.trip == *trip_in_map.trip
+            && keyframe.lidar.as_ref() == lidar
+            && !keyframe.is_lost()
     });
     let own = own
         .filter_map(|(keyframe, node)| Some((keyframe, node.pose, around(&node.pose, &others)?)));
@@ -44,9 +52,9 @@ pub(super) fn beside_others(
     let every = own.len().div_ceil(SCANS_MAX).max(1);
     let compared = own.iter().step_by(every);
     let compared = compared.filter_map(|(keyframe, pose, around)| {
-        let of_lidar = asked.corrections.of_lidar(lidar);
+        let of_lidar = trip_in_map.corrections.of_lidar(lidar);
         let scan = as_stated(keyframe.scan.as_ref()?, &of_lidar)?;
-        let stated = base_from_stated(keyframe, asked.corrections)?;
+        let stated = base_from_stated(keyframe, trip_in_map.corrections)?;
         let around = around.iter();
         let around = around.map(|(pose, other)| (*pose, other.points.as_slice()));
         Some((scan, pose.compose(&stated), ReferenceCloud::new(around)?))
@@ -57,14 +65,18 @@ pub(super) fn beside_others(
         map,
         map_from_base: *map_from_base,
     });
-    let fit = map_fit(asked, lidar, &others);
+    let fit = map_fit(trip_in_map, lidar, &others);
     calibration.beside_others(fit, &scans.collect::<Vec<_>>())
 }
 
-/// How many of the trip's keyframes stand beside other vehicles' reference keyframes, and how many of
-/// them have a loop closure with one. Keyframes that are lost count where the start pose puts them.
-fn map_fit(asked: &Asked<'_>, lidar: Option<&LidarId>, others: &[(Pose2, &Keyframe)]) -> MapFit {
-    let graph = asked.map.graph();
+/// How many of the trip's keyframes are beside other vehicles' reference keyframes, and how many of these
+/// have a loop closure with one. Keyframes that are not localised count at their start pose.
+fn map_fit(
+    trip_in_map: &TripInMap<'_>,
+    lidar: Option<&LidarId>,
+    others: &[(Pose2, &Keyframe)],
+) -> MapFit {
+    let graph = trip_in_map.map.graph();
     let others_nodes: BTreeSet<NodeId> = others.iter().map(|(_, other)| other.node).collect();
     let is_beside = |pose: &Pose2| {
         let away_m = |other: &Pose2| (other.translation() - pose.translation()).norm();
@@ -79,8 +91,8 @@ fn map_fit(asked: &Asked<'_>, lidar: Option<&LidarId>, others: &[(Pose2, &Keyfra
         })
     };
     let mut fit = MapFit { near: 0, closed: 0 };
-    for (keyframe, node) in asked.map.keyframes().iter().zip(graph.nodes()) {
-        let is_own = keyframe.trip == *asked.trip && keyframe.lidar.as_ref() == lidar;
+    for (keyframe, node) in trip_in_map.map.keyframes().iter().zip(graph.nodes()) {
+        let is_own = keyframe.trip == *trip_in_map.trip && keyframe.lidar.as_ref() == lidar;
         if is_own && is_beside(&node.pose) {
             fit.near += 1;
             fit.closed += u32::from(is_closed(keyframe.node));
@@ -89,7 +101,7 @@ fn map_fit(asked: &Asked<'_>, lidar: Option<&LidarId>, others: &[(Pose2, &Keyfra
     fit
 }
 
-/// The nearest of some keyframes to a pose; `None` if there are none near.
+/// The nearest of some keyframes to a pose; `None` if none is within [`WITHIN_M`].
 fn around<'a>(
     pose: &Pose2,
     others: &[(Pose2, &'a Keyframe)],
