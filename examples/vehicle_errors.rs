@@ -4,7 +4,7 @@
 //! `cargo run --release --example vehicle_errors -- words FIRST_SEED VEHICLES LAPS` drives vehicles that
 //! are off and sound ones, in halls and rooms, with errors for each beam alone and with errors that a
 //! lap shares; every lap is a trip. `… -- maps FIRST_SEED VEHICLES` maps laps in a hall that changes,
-//! with the corrections and without.
+//! with the corrections and without, and with the beam spacing corrected, which the service does not.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -235,7 +235,7 @@ fn map(off: &[Quantity], seed: u64, corrects: bool) -> anyhow::Result<Mapped> {
         let poses = scans.iter().zip(&simulated);
         at.extend(poses.map(|(scan, truly)| (scan.stamp, truly.map_from_base)));
         let corrections = match corrects {
-            true => Corrections::of(&VehicleCalibration::of(trips.clone()).corrections(false)),
+            true => Corrections::of(&VehicleCalibration::of(trips.clone()).sure()),
             false => Corrections::default(),
         };
         mapped.not_merged += extend(&mut map, lap, &scans, &simulated, &corrections)?;

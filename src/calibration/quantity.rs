@@ -80,8 +80,15 @@ impl Quantity {
         FAR_OVER_APPLIED * self.limits().worth
     }
 
-    /// Whether trips together show it of a vehicle, which is then corrected: not the clock, which
-    /// each trip measures for itself.
+    /// Whether the map corrects it where it is sure. Not the clock: each trip's own scans show how far
+    /// it is off. Nor the beam spacing: what a vehicle's earlier trips saw is in the map, bent, and
+    /// scans that are straight fit it nowhere.
+    pub fn is_corrected(self) -> bool {
+        self.is_of_vehicle() && self != Self::BeamSpacing
+    }
+
+    /// Whether trips together show it of a vehicle: not the clock, which each trip measures for
+    /// itself.
     pub fn is_of_vehicle(self) -> bool {
         self != Self::ClockOffset
     }

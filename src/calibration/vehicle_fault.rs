@@ -69,6 +69,22 @@ impl VehicleFault {
         }
     }
 
+    /// Of a value that is off, always alike, and not corrected.
+    pub fn uncorrected(lidar: Option<LidarId>, quantity: Quantity, now: &Estimate) -> Self {
+        let now = rounded(now);
+        Self {
+            lidar,
+            quantity: Some(quantity),
+            before: None,
+            text: format!(
+                "{} is off by {}, which is not corrected: it should be stated as it is",
+                quantity.subject(),
+                quantity.with_unit(&now)
+            ),
+            now: Some(now),
+        }
+    }
+
     /// Of ranges that are off beside the map, always alike, where it is not known which of both is
     /// wrong.
     pub fn unclear_ranges(lidar: Option<LidarId>, now: &Estimate) -> Self {

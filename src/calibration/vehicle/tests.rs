@@ -163,7 +163,7 @@ fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
         }
         corrected += vehicle.sure().len();
         let is_worth =
-            |q: &&Quantity| q.is_of_vehicle() && truth.get(**q).abs() > 1.2 * q.applied_min();
+            |q: &&Quantity| q.is_corrected() && truth.get(**q).abs() > 1.2 * q.applied_min();
         worth += Quantity::ALL.iter().filter(is_worth).count();
     }
     assert!(10 * corrected >= 8 * worth, "{corrected} of {worth}");
