@@ -254,7 +254,7 @@ mod tests {
         let word = |value: &f64| {
             let estimate = Estimate {
                 value: *value,
-                sigma: 0.002,
+                sigma: 0.001,
             };
             TripCalibration {
                 estimates: [(quantity, estimate)].into(),
