@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Estimates, OdometryTrack, Quantity};
 use crate::geometry::{Pose2, Tangent2, Vector3};
-use crate::scan::{LaserScan, Lidar, LidarError, ScanError};
+use crate::scan::{LaserScan, Lidar, LidarError, RANGE_MAX_M, ScanError};
 
 /// A value for each [`Quantity`]; 0 where nothing is to be corrected.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -162,11 +162,11 @@ pub(super) fn with_spacing(lidar: &Lidar, beams: usize, factor: f64) -> Lidar {
     }
 }
 
-/// The lidar with limits of its ranges so many times as far.
+/// The lidar with limits of its ranges so many times as far, as far as a lidar may see.
 fn with_reach(lidar: Lidar, factor: f64) -> Lidar {
     Lidar {
         range_min_m: factor * lidar.range_min_m,
-        range_max_m: factor * lidar.range_max_m,
+        range_max_m: (factor * lidar.range_max_m).min(RANGE_MAX_M),
         ..lidar
     }
 }

@@ -98,8 +98,9 @@ impl VehicleCalibration {
         })
     }
 
-    /// What is to be corrected: what is sure and can be corrected, and the scale of the ranges only where it is the
-    /// vehicle's own and not the map's. Wheels are compared with the ranges as they are corrected.
+    /// What is to be corrected: what is sure and can be corrected, and the scale of the ranges only
+    /// where it is the vehicle's own and not the map's. Wheels are compared with the ranges as they
+    /// are corrected.
     pub fn corrections(&self, has_own_range_scale: bool) -> Estimates {
         let mut sure = self.sure();
         sure.retain(|quantity, _| quantity.is_corrected());

@@ -123,8 +123,8 @@ impl Calibrations {
     }
 
     /// What is corrected for a trip that begins now: what its vehicle's trips up to now are sure of,
-    /// and of the ranges what is the vehicle's own error. `before` is what was corrected in the newest trip that has said something, and `primary`
-    /// the lidar that says how the wheels err.
+    /// and of the ranges what is the vehicle's own error. `before` is what was corrected in the newest
+    /// trip that has said something, and `primary` the lidar that says how the wheels err.
     pub fn corrections_for(
         &self,
         vehicle: &VehicleId,
