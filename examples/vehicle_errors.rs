@@ -4,10 +4,9 @@
 //! `cargo run --release --example vehicle_errors -- words FIRST_SEED VEHICLES LAPS` drives vehicles that
 //! are off and sound ones, in halls and rooms, with errors for each beam alone and with errors that a
 //! lap shares; every lap is a trip. `… -- maps FIRST_SEED VEHICLES` maps laps in a hall that changes,
-//! with the corrections and without.
+//! with the corrections and without, and with the beam spacing corrected, which the service does not.
 
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -16,35 +15,15 @@ use mapshift::calibration::{
     CalibratedTrip, Corrections, Estimates, Quantity, TripCalibration, TripScan, VehicleCalibration,
 };
 use mapshift::change::Finding;
-use mapshift::experiments::region_distance_m;
+use mapshift::experiments::{OffVehicle, region_distance_m};
 use mapshift::geometry::Pose2;
 use mapshift::ids::{StampNs, TripId};
 use mapshift::mapping::{
     Drive, DriveScan, InitialPose, LidarOfVehicle, RouteMap, Scope, Sites, Weighting,
 };
-use mapshift::scan::{LaserScan, Lidar};
-use mapshift::sim::{
-    ChangeEvent, Changes, Hall, OdometryError, PassErrors, Rooms, Scene, SimLidar, SimScan, Vehicle,
-};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use mapshift::sim::{ChangeEvent, Changes, Hall, PassErrors, Rooms, Scene, SimScan};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
-const MOUNT: Pose2 = Pose2 {
-    x: 0.25,
-    y: -0.05,
-    theta: 0.3,
-};
-/// A vehicle is off by as much, in the order of [`OFF`]: least and most, both ways.
-const RANGES: [[f64; 2]; 7] = [
-    [0.0035, 0.087],
-    [0.0, 0.1],
-    [0.0, 0.1],
-    [0.0, 0.05],
-    [0.0, 0.05],
-    [0.0, 0.005],
-    [0.0, 0.05],
-];
 const OFF: [Quantity; 7] = [
     Quantity::MountYaw,
     Quantity::MountX,
@@ -79,74 +58,11 @@ fn main() -> anyhow::Result<()> {
     }
 }
 
-/// What is off of a vehicle, of these quantities.
-fn errors(seed: u64, off: &[Quantity]) -> Corrections {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut truth = Corrections::default();
-    for (quantity, [least, most]) in OFF.into_iter().zip(RANGES) {
-        let size = least + (most - least) * rng.random::<f64>();
-        let value = if rng.random_bool(0.5) { size } else { -size };
-        if off.contains(&quantity) {
-            truth.set(quantity, value);
-        }
-    }
-    truth
-}
-
-/// A vehicle that is off by this much, and its lidar as stated.
-fn vehicle(truth: &Corrections, pass_errors: PassErrors) -> (Vehicle, Lidar) {
-    let stated = SimLidar::sector(4.0 * PI / 3.0, 241, 15.0, 0.01, MOUNT);
-    let mut lidar = stated.clone();
-    let spacing = 1.0 + truth.get(Quantity::BeamSpacing);
-    lidar.geometry.angle_min_rad *= spacing;
-    lidar.geometry.angle_increment_rad *= spacing;
-    lidar.mount_error = MOUNT.between(&truth.mount(&MOUNT));
-    lidar.pass_errors = pass_errors;
-    let vehicle = Vehicle {
-        lidar,
-        odometry: OdometryError {
-            scale: 1.0 / (1.0 + truth.get(Quantity::WayScale)) - 1.0,
-            yaw_drift_rad_per_m: -truth.get(Quantity::TurnPerMetre),
-            sigma_xy_m: 0.005,
-            sigma_theta_rad: 0.002,
-        },
-        path_noise_m: 0.5,
-        scan_spacing_m: 0.2,
-        speed_mps: 1.0,
-    };
-    (vehicle, stated.geometry)
-}
-
 fn world(name: &str, seed: u64) -> anyhow::Result<Scene> {
     Ok(match name {
         "hall" => Scene::of_hall(&Hall::generate(seed)?, seed),
         _ => Rooms::generate(seed)?.scene,
     })
-}
-
-/// A lap as it is sent, by wheels that tell turns too short by the share that is off.
-fn sent(
-    lap: usize,
-    scans: &[SimScan],
-    lidar: &Arc<Lidar>,
-    truth: &Corrections,
-) -> anyhow::Result<Vec<TripScan>> {
-    let start_s = LAP_PAUSE_S * lap as f64;
-    let mut last: Option<(Pose2, Pose2)> = None;
-    let mut scan = |scan: &SimScan| {
-        let odom_from_base = last.map_or(scan.odom_from_base, |(simulated, reported)| {
-            let mut twist = simulated.between(&scan.odom_from_base).log();
-            twist.z /= 1.0 + truth.get(Quantity::TurnScale);
-            reported.compose(&Pose2::exp(&twist))
-        });
-        last = Some((scan.odom_from_base, odom_from_base));
-        Ok(TripScan {
-            stamp: StampNs((1e9 * (start_s + scan.time_s)) as i64),
-            odom_from_base,
-            scan: LaserScan::new(lidar.clone(), scan.ranges_m.iter().copied())?,
-        })
-    };
-    scans.iter().map(&mut scan).collect()
 }
 
 fn word(lap: usize, scans: &[TripScan]) -> anyhow::Result<CalibratedTrip> {
@@ -174,11 +90,10 @@ fn words(first: u64, vehicles: u64, laps: usize) -> anyhow::Result<()> {
             ("a lap errs together", PassErrors::AS_RECORDED),
         ] {
             for (kind, off) in [("sound", &[][..]), ("off", &OFF)] {
-                let reported = (first..first + vehicles).into_par_iter();
-                let reported =
-                    reported.map(|seed| tell(name, pass_errors, &errors(seed, off), seed, laps));
-                let reported: Vec<Reported> = reported.collect::<anyhow::Result<_>>()?;
-                let alerts: usize = reported.iter().map(|reported| reported.alerts).sum();
+                let told = (first..first + vehicles).into_par_iter();
+                let told = told.map(|seed| tell(name, pass_errors, off, seed, laps));
+                let told: Vec<Told> = told.collect::<anyhow::Result<_>>()?;
+                let alerts: usize = told.iter().map(|told| told.alerts).sum();
                 writeln!(
                     console,
                     "{name}, {condition}: {vehicles} vehicles that are {kind}, {laps} laps: \
@@ -235,33 +150,26 @@ fn row(console: &mut impl Write, quantity: Quantity, reported: &[Reported]) -> a
 fn tell(
     name: &str,
     pass_errors: PassErrors,
-    truth: &Corrections,
+    off: &[Quantity],
     seed: u64,
     laps: usize,
 ) -> anyhow::Result<Reported> {
     let scene = world(name, seed)?;
-    let (vehicle, stated) = vehicle(truth, pass_errors);
-    let stated = Arc::new(stated.validated()?);
+    let off = OffVehicle::drawn(off, seed).with_pass_errors(pass_errors);
     let (mut trips, mut sure, mut alerts) = (Vec::new(), Vec::new(), 0);
     for lap in 1..=laps {
-        let scans = sent(
-            lap,
-            &scene.drive(&vehicle, lap..lap + 1, seed),
-            &stated,
-            truth,
-        )?;
+        let driven = scene.drive(&off.vehicle, lap..lap + 1, seed);
+        let scans = off.sent(&driven, LAP_PAUSE_S * lap as f64)?;
         trips.push(word(lap, &scans)?);
         let known = VehicleCalibration::of(trips.clone());
-        let mut values = known.sure();
-        values.extend(known.uncorrected());
-        sure.push(values);
+        sure.push(known.sure());
         let (_, faults) = known.lasting_faults();
         alerts += usize::from(
             !(known.changes().is_empty() && known.unsteady().is_empty() && faults.is_empty()),
         );
     }
-    Ok(Reported {
-        truth: *truth,
+    Ok(Told {
+        truth: off.truth,
         sure,
         alerts,
     })
@@ -289,7 +197,7 @@ fn maps(first: u64, vehicles: u64) -> anyhow::Result<()> {
     ] {
         for corrects in [false, true] {
             let runs = (first..first + vehicles).into_par_iter();
-            let runs = runs.map(|seed| map(&errors(seed, off), seed, corrects));
+            let runs = runs.map(|seed| map(off, seed, corrects));
             let runs: Vec<Mapped> = runs.collect::<anyhow::Result<_>>()?;
             let sum = |of: fn(&Mapped) -> usize| runs.iter().map(of).sum::<usize>();
             let median = |k: usize| {
@@ -315,20 +223,19 @@ fn maps(first: u64, vehicles: u64) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn map(truth: &Corrections, seed: u64, corrects: bool) -> anyhow::Result<Mapped> {
+fn map(off: &[Quantity], seed: u64, corrects: bool) -> anyhow::Result<Mapped> {
     let mut scene = world("hall", seed)?;
     let mut changes = Changes::new(&mut scene, CHANGES_AT, 0.5, seed);
     changes.remove(REMOVED);
     changes.add(ADDED, AREA_SHARE);
-    let (vehicle, stated) = vehicle(truth, PassErrors::NONE);
-    let stated = Arc::new(stated.validated()?);
+    let off = OffVehicle::drawn(off, seed);
     let mut map = RouteMap::new(Weighting::Robust);
     let mut mapped = Mapped::default();
     let (mut trips, mut driven, mut pending) = (Vec::new(), Vec::new(), Vec::new());
     let mut at: BTreeMap<StampNs, Pose2> = BTreeMap::new();
     for lap in 0..LAPS {
-        let simulated = scene.drive(&vehicle, lap..lap + 1, seed);
-        let scans = sent(lap, &simulated, &stated, truth)?;
+        let simulated = scene.drive(&off.vehicle, lap..lap + 1, seed);
+        let scans = off.sent(&simulated, LAP_PAUSE_S * lap as f64)?;
         let poses = scans.iter().zip(&simulated);
         at.extend(poses.map(|(scan, truly)| (scan.stamp, truly.map_from_base)));
         let corrections = match corrects {

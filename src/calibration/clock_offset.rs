@@ -20,7 +20,7 @@ pub struct DrivenPose {
     pub odom_from_base: Pose2,
 }
 
-/// Offsets up to this are looked for, steps of [`STEP_S`]: 0.3 s.
+/// Offsets up to this are searched for, steps of [`STEP_S`]: 0.3 s.
 const STEPS: i64 = 30;
 const STEP_S: f64 = 0.01;
 /// Scans farther apart than this say nothing of such offsets, seconds.
@@ -38,7 +38,7 @@ const LEFT_MAX: f64 = 0.85;
 const OFFSET_MIN_S: f64 = 0.02;
 
 /// How long after the odometry of the same stamp scans show a motion, seconds; 0 if it cannot be
-/// told from none. The poses are a trip's, in the order of time.
+/// distinguished from none. The poses are a trip's, in the order of time.
 pub fn clock_offset_s(poses: &[DrivenPose]) -> f64 {
     let track = OdometryTrack::through(poses.iter().map(|p| (p.stamp, p.odom_from_base)));
     let matched: Vec<(i64, Pose2)> = poses

@@ -18,7 +18,7 @@ pub struct CompanionScan<'a> {
     pub around: Vec<(Pose2, &'a [SurfacePoint])>,
 }
 
-/// Fewest scans that tell a mount.
+/// Fewest scans that show a mount.
 const SCANS_MIN: usize = 8;
 /// Least share of a scan's points with a counterpart, and of those that agree with it.
 const OVERLAP_MIN: f64 = 0.3;
@@ -35,7 +35,7 @@ const MEDIAN_LENGTH: f64 = 1.538;
 const QUANTITIES: [Quantity; 3] = [Quantity::MountX, Quantity::MountY, Quantity::MountYaw];
 
 /// What one scan says of the mount: how far ahead, to the left and turned the lidar sits.
-struct Said {
+struct Measured {
     off: Vector3<f64>,
     information: Matrix3<f64>,
 }
@@ -44,16 +44,16 @@ impl TripCalibration {
     /// How far a companion's lidar sits from where its stated mount has it, taken that the primary
     /// one's mount is as stated; of the scans of one companion, in the order of time.
     pub fn of_companion<'a>(scans: impl Iterator<Item = CompanionScan<'a>>) -> Self {
-        let said: Vec<Said> = scans.filter_map(|scan| scan.said()).collect();
+        let measured: Vec<Measured> = scans.filter_map(|scan| scan.measured()).collect();
         Self {
-            estimates: estimates(&said),
+            estimates: estimates(&measured),
             ..Self::default()
         }
     }
 }
 
 impl CompanionScan<'_> {
-    fn said(&self) -> Option<Said> {
+    fn measured(&self) -> Option<Measured> {
         let reference = ReferenceCloud::new(self.around.iter().copied())?;
         let lidar = self.scan.lidar();
         let (points, sigma_m) = (surface_points(self.scan), lidar.range_sigma_m);
@@ -84,7 +84,7 @@ impl CompanionScan<'_> {
             0.0, 0.0, 1.0,
         );
         let turned = wrap_angle(seen.theta - mount.theta);
-        Some(Said {
+        Some(Measured {
             off: Vector3::new(seen.x - mount.x, seen.y - mount.y, turned),
             information: base_from_mount.transpose()
                 * matched.information.matrix()
@@ -94,20 +94,20 @@ impl CompanionScan<'_> {
 }
 
 /// The robust weighted mean, its error by blocks of scans in the order of time.
-fn estimates(said: &[Said]) -> Estimates {
-    if said.len() < SCANS_MIN {
+fn estimates(measured: &[Measured]) -> Estimates {
+    if measured.len() < SCANS_MIN {
         return Estimates::new();
     }
-    let middle = |k: usize| median(said.iter().map(|one| one.off[k]).collect());
+    let middle = |k: usize| median(measured.iter().map(|one| one.off[k]).collect());
     let mut mean = Vector3::new(middle(0), middle(1), middle(2));
-    let length2 = |one: &Said, mean: &Vector3<f64>| {
+    let length2 = |one: &Measured, mean: &Vector3<f64>| {
         let off = one.off - mean;
         off.dot(&(one.information * off))
     };
     let mut scale = 1.0;
-    let block = |said: &[Said], mean: &Vector3<f64>, scale: f64| {
+    let block = |measured: &[Measured], mean: &Vector3<f64>, scale: f64| {
         let mut block = Block::<3>::EMPTY;
-        for one in said {
+        for one in measured {
             let far2 = length2(one, mean) / (scale * scale * CAUCHY_SCALE * CAUCHY_SCALE);
             let weight = one.information / (scale * scale * (1.0 + far2));
             block.add(&Block {
@@ -118,18 +118,18 @@ fn estimates(said: &[Said]) -> Estimates {
         block
     };
     for _ in 0..STEPS {
-        let lengths = said.iter().map(|one| length2(one, &mean).sqrt());
+        let lengths = measured.iter().map(|one| length2(one, &mean).sqrt());
         scale = (median(lengths.collect()) / MEDIAN_LENGTH).max(1e-6);
-        let whole = block(said, &mean, scale);
+        let whole = block(measured, &mean, scale);
         let Some(inverse) = whole.hessian.try_inverse() else {
             return Estimates::new();
         };
         mean -= inverse * whole.gradient;
     }
-    let size = said.len().div_ceil(block_count(said.len())).max(1);
-    let blocks: Vec<_> = said
+    let size = measured.len().div_ceil(block_count(measured.len())).max(1);
+    let blocks: Vec<_> = measured
         .chunks(size)
-        .map(|said| block(said, &mean, scale))
+        .map(|measured| block(measured, &mean, scale))
         .collect();
     let sigmas = sigmas(&blocks, &Vector3::repeat(1e-9));
     let estimate = |k: usize| Estimate::known(QUANTITIES[k], mean[k], sigmas[k]);
@@ -154,8 +154,8 @@ mod tests {
         scans.collect()
     }
 
-    /// What a lap tells of a rear lidar that sits so far from where it should.
-    fn told(mount_error: Pose2, seed: u64) -> Estimates {
+    /// What a lap shows of a rear lidar that sits so far from where it should.
+    fn found(mount_error: Pose2, seed: u64) -> Estimates {
         let [front, rear] = SimLidar::front_and_rear(std::f64::consts::PI, 181, 15.0, 0.01);
         let rear = SimLidar {
             mount_error,
@@ -195,18 +195,18 @@ mod tests {
 
     #[test]
     fn a_mount_that_is_off_is_measured_and_a_sound_one_too() {
-        // Seen from the rear lidar, which looks back: ahead of it is behind it for the vehicle.
+        // Seen from the rear lidar, which points back: ahead of it is behind it for the vehicle.
         let errors = [
             (Pose2::IDENTITY, [0.0, 0.0, 0.0]),
             (Pose2::new(0.05, -0.03, 0.03), [-0.05, 0.03, 0.03]),
         ];
         for (seed, (error, truth)) in [(3, errors[0]), (4, errors[1]), (5, errors[1])] {
-            let told = told(error, seed);
+            let found_all = found(error, seed);
             for (quantity, truth) in QUANTITIES.into_iter().zip(truth) {
-                let Estimate { value, sigma } = told[&quantity];
-                let said = format!("{seed} {quantity:?}: {value} ± {sigma}, not {truth}");
-                assert!((value - truth).abs() < 3.0 * sigma, "{said}");
-                assert!(sigma < 2.0 * quantity.floor(), "{said}");
+                let Estimate { value, sigma } = found_all[&quantity];
+                let found = format!("{seed} {quantity:?}: {value} ± {sigma}, not {truth}");
+                assert!((value - truth).abs() < 3.0 * sigma, "{found}");
+                assert!(sigma < 2.0 * quantity.floor(), "{found}");
             }
         }
     }

@@ -1,6 +1,6 @@
 //! A match of two scans with one unknown more than the pose.
 
-use super::shared_value::Said;
+use super::shared_value::Measured;
 use crate::geometry::{Matrix3, Pose2, Vector2, Vector3};
 use crate::matching::ReferenceCloud;
 use crate::scan::SurfacePoint;
@@ -43,7 +43,7 @@ pub(super) fn step_of_unknown(
     sigmas: &PoseSigmas,
     range_sigma_m: f64,
     moving: &Moving<impl Fn(&SurfacePoint) -> Vector2<f64>, impl Fn(&Vector2<f64>) -> Vector2<f64>>,
-) -> Option<Said> {
+) -> Option<Measured> {
     let to_reference = pose.to_transform();
     let (mut of_pose, mut of_both, mut of_unknown) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
     let (mut pose_gradient, mut gradient) = (Vector3::zeros(), 0.0);
@@ -94,7 +94,7 @@ pub(super) fn step_of_unknown(
     let factor = (of_pose + Matrix3::from_diagonal(&prior)).cholesky()?;
     let information = of_unknown - of_both.dot(&factor.solve(&of_both));
     let asked = of_both.dot(&factor.solve(&pose_gradient)) - gradient;
-    (information > 1e-9 * of_unknown).then_some(Said {
+    (information > 1e-9 * of_unknown).then_some(Measured {
         value: asked / information,
         information: information / of_point_m2,
     })

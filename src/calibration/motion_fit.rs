@@ -25,9 +25,9 @@ const OFFSET_STEP_S: f64 = 0.025;
 const TURN_DIFFERENCE_MAX_RAD: f64 = 0.1;
 /// A clock offset is a start if it leaves no more than this share of the differences.
 const OFFSET_LEAVES_MAX: f64 = 0.9;
-/// Turns from which on they tell where the lidar sits, and how turns are scaled, radians.
+/// Turns from which on they show where the lidar sits, and how turns are scaled, radians.
 const TURN_SHOWN_RAD: f64 = 0.06;
-/// Changes of speed from which on they tell a clock offset, metres a second …
+/// Changes of speed from which on they show a clock offset, metres a second …
 const SPEED_SHOWN_MPS: f64 = 0.1;
 /// … and radians a second.
 const TURN_RATE_SHOWN_RADPS: f64 = 0.1;
@@ -66,7 +66,7 @@ pub fn fit_motions(motions: &Motions) -> Option<MotionFit> {
     let fitted = if has_offset {
         fitted
     } else {
-        // Beyond what is looked for: no clock, then, explains the motions.
+        // Beyond what is searched: no clock, then, explains the motions.
         let mut held = free;
         held[Quantity::ClockOffset as usize] = HELD_SIGMA;
         Fitted::to(motions, Corrections::default(), &held)?
@@ -130,8 +130,8 @@ impl Fitted {
     }
 }
 
-/// Whether there are enough motions that tell a quantity by more than their noise: noise of the
-/// wheels looks like small turns and small changes of speed, and would seem to show what turns and
+/// Whether there are enough motions that show a quantity by more than their noise: noise of the
+/// wheels resembles small turns and small changes of speed, and would seem to show what turns and
 /// changes of speed show.
 fn is_shown(motions: &Motions, quantity: Quantity, corrections: &Corrections) -> bool {
     let offset_ns = corrections.clock_offset_ns();

@@ -14,7 +14,7 @@ const WAY_MAX_M: f64 = 2.0;
 const TURN_MAX_RAD: f64 = 0.9;
 /// … and seconds.
 const TIME_MAX_S: f64 = 20.0;
-/// Largest clock offset that is looked for, seconds.
+/// Largest clock offset that is searched for, seconds.
 pub(super) const OFFSET_MAX_S: f64 = 0.5;
 
 /// How the base moved between two scans, as matching has it with the stated mount.

@@ -22,7 +22,7 @@ const CHANGED_OVER_APPLIED: f64 = 2.0;
 const FAR_OVER_APPLIED: f64 = 4.0;
 
 impl Quantity {
-    /// How many of them, the first of [`Quantity::ALL`], motions tell.
+    /// How many of them, the first of [`Quantity::ALL`], motions show.
     pub(super) const BY_MOTIONS: usize = 7;
 
     /// Whether it is one of the wheels; all others but the clock are of a lidar.
@@ -80,14 +80,14 @@ impl Quantity {
         FAR_OVER_APPLIED * self.limits().worth
     }
 
-    /// Whether the map corrects it. A clock is not: each trip's own scans say how far it is off. Nor
-    /// is what bends or scales scans: what the vehicle's earlier trips saw is in the map as it was
-    /// stated, and would contradict what later ones see.
+    /// Whether the map corrects it where it is sure. Not the clock: each trip's own scans show how far
+    /// it is off. Nor the beam spacing: what a vehicle's earlier trips saw is in the map, bent, and
+    /// scans that are straight fit it nowhere.
     pub fn is_corrected(self) -> bool {
-        self.is_of_vehicle() && !matches!(self, Self::BeamSpacing | Self::RangeScale)
+        self.is_of_vehicle() && self != Self::BeamSpacing
     }
 
-    /// Whether trips together say it of a vehicle: not the clock, which each trip measures for
+    /// Whether trips together show it of a vehicle: not the clock, which each trip measures for
     /// itself.
     pub fn is_of_vehicle(self) -> bool {
         self != Self::ClockOffset

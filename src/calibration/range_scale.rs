@@ -1,6 +1,6 @@
 //! Range scale, against a map that other vehicles have made.
 //!
-//! What a vehicle sees by itself does not tell it. Scans whose ranges are all 2 % short match each
+//! What a vehicle sees by itself does not show it. Scans whose ranges are all 2 % short match each
 //! other as well as true ones, and show ways that are 2 % short; compared with the wheels, that is
 //! a way scale ([`Quantity::WayScale`]), and whether wheels or ranges are wrong stays open. Against
 //! the walls of a map of true size a scan shows it at once: a room is too small for it. If the map
@@ -10,7 +10,7 @@
 
 use super::corrections::scaled;
 use super::joint_match::{Moving, PoseSigmas, step_of_unknown};
-use super::shared_value::{Said, shared_value};
+use super::shared_value::{Measured, shared_value};
 use super::{Estimate, Quantity};
 use crate::geometry::{Pose2, Vector2};
 use crate::matching::{IcpParams, ReferenceCloud, Termination, align};
@@ -45,22 +45,22 @@ const UNKNOWN_POSE: PoseSigmas = PoseSigmas {
 /// What scans of a trip, in the order of time, say of [`Quantity::RangeScale`]. `None` without
 /// enough of them that match and have walls on several sides.
 pub(super) fn range_scale(scans: &[MapScan<'_>]) -> Option<Estimate> {
-    let said: Vec<Said> = scans.iter().filter_map(said_by).collect();
-    shared_value(Quantity::RangeScale, &said)
+    let measured: Vec<Measured> = scans.iter().filter_map(measured_by).collect();
+    shared_value(Quantity::RangeScale, &measured)
 }
 
-fn said_by(one: &MapScan<'_>) -> Option<Said> {
+fn measured_by(one: &MapScan<'_>) -> Option<Measured> {
     let nearby = fitted(one, 0.0);
     let best = nearby.or_else(|| {
         let all = STARTS.into_iter().filter_map(|start| fitted(one, start));
         all.max_by(|a, b| a.inlier_share.total_cmp(&b.inlier_share))
     });
-    best.map(|fitted| fitted.said)
+    best.map(|fitted| fitted.measured)
 }
 
 /// What a match says, and how well it fits.
 struct Fitted {
-    said: Said,
+    measured: Measured,
     inlier_share: f64,
 }
 
@@ -97,7 +97,7 @@ fn fitted(one: &MapScan<'_>, start: f64) -> Option<Fitted> {
         if step.value.abs() < STEP_TOLERANCE {
             let inlier_share = estimate.inlier_share;
             return (inlier_share >= INLIER_SHARE_MIN).then_some(Fitted {
-                said: Said {
+                measured: Measured {
                     value: scale,
                     information: step.information,
                 },
@@ -117,7 +117,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn another_vehicle_s_map_tells_the_scale() {
+    fn another_vehicle_s_map_shows_the_scale() {
         let sound = Corrections::default();
         let (maker, vehicle) = (drive_with(&sound, 4, 1), drive_with(&sound, 4, 2));
         let points: Vec<_> = maker.scans().map(surface_points).collect();
@@ -146,7 +146,7 @@ mod tests {
 
     /// Walls are up to 30 m away, where 3 % are 0.9 m.
     #[test]
-    fn a_lidar_that_sees_far_tells_it_too() {
+    fn a_lidar_that_sees_far_shows_it_too() {
         let hall = Hall::generate(1).unwrap();
         let scene = Scene::lasting(hall.route, hall.world.shapes().cloned(), 0);
         let (maker, vehicle) = (Vehicle::of_fleet(0, 0.3), Vehicle::of_fleet(2, 0.3));

@@ -1,7 +1,7 @@
 //! Beam spacing as a fourth unknown of the match of two scans.
 //!
-//! A pure turn says nothing of it: with beams stated too far apart the whole turn looks too large,
-//! and so does every bearing. What tells it is the way between two scans: things come to lie at
+//! A pure turn says nothing of it: with beams stated too far apart the whole turn seems too large,
+//! and so does every bearing. What shows it is the way between two scans: things come to lie at
 //! other bearings than that way allows. Pairs without a turn are left out all the same: on
 //! recordings of corridors they are wrong by two per cent, always to the same side.
 //!
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use super::corrections::with_spacing;
 use super::joint_match::{Moving, PoseSigmas, step_of_unknown};
-use super::shared_value::{Said, shared_value};
+use super::shared_value::{Measured, shared_value};
 use super::{Estimate, Quantity};
 use crate::geometry::{Pose2, Vector2, wrap_angle};
 use crate::matching::{IcpParams, ReferenceCloud, Termination, align};
@@ -50,7 +50,7 @@ pub fn spacing_by_matches(pairs: &[ScanPair<'_>]) -> Option<Estimate> {
     let pairs: Vec<ScanPair<'_>> = pairs.iter().filter(is_turned).copied().collect();
     let mut spacing = 0.0;
     let mut matched: Vec<Pose2> = pairs.iter().map(|pair| pair.motion).collect();
-    let mut asked: Vec<Said> = Vec::new();
+    let mut asked: Vec<Measured> = Vec::new();
     for _ in 0..STEPS_MAX {
         asked = asked_by(&pairs, &mut matched, spacing);
         if asked.len() < PAIRS_MIN {
@@ -65,15 +65,15 @@ pub fn spacing_by_matches(pairs: &[ScanPair<'_>]) -> Option<Estimate> {
             break;
         }
     }
-    for said in &mut asked {
-        said.value += spacing;
+    for measured in &mut asked {
+        measured.value += spacing;
     }
     shared_value(Quantity::BeamSpacing, &asked)
 }
 
 /// Weighted mean of what lies within reach of the median.
-fn mean(asked: &[Said]) -> f64 {
-    let mut values: Vec<f64> = asked.iter().map(|said| said.value).collect();
+fn mean(asked: &[Measured]) -> f64 {
+    let mut values: Vec<f64> = asked.iter().map(|measured| measured.value).collect();
     values.sort_unstable_by(f64::total_cmp);
     let (low, high) = (
         values[values.len() / 8],
@@ -81,25 +81,25 @@ fn mean(asked: &[Said]) -> f64 {
     );
     let near = asked
         .iter()
-        .filter(|said| (low..=high).contains(&said.value));
-    let (sum, weights) = near.fold((0.0, 0.0), |(sum, weights), said| {
+        .filter(|measured| (low..=high).contains(&measured.value));
+    let (sum, weights) = near.fold((0.0, 0.0), |(sum, weights), measured| {
         (
-            sum + said.information * said.value,
-            weights + said.information,
+            sum + measured.information * measured.value,
+            weights + measured.information,
         )
     });
     sum / weights
 }
 
 /// The step that each pair asks for; `matched` is where the pairs were matched last.
-fn asked_by(pairs: &[ScanPair<'_>], matched: &mut [Pose2], spacing: f64) -> Vec<Said> {
+fn asked_by(pairs: &[ScanPair<'_>], matched: &mut [Pose2], spacing: f64) -> Vec<Measured> {
     let pairs = pairs.iter().zip(matched);
     pairs
         .filter_map(|(pair, matched)| asked_by_pair(pair, matched, spacing))
         .collect()
 }
 
-fn asked_by_pair(pair: &ScanPair<'_>, matched: &mut Pose2, spacing: f64) -> Option<Said> {
+fn asked_by_pair(pair: &ScanPair<'_>, matched: &mut Pose2, spacing: f64) -> Option<Measured> {
     let stated = pair.from.lidar();
     let beams = pair.from.beam_count();
     let lidar = Arc::new(with_spacing(stated, beams, 1.0 + spacing));
@@ -172,14 +172,14 @@ impl Fan {
 
     /// The same for what lies at a place, base frame.
     fn stated_rad_of(&self, place: &Vector2<f64>) -> f64 {
-        let sight = place - self.eye;
-        wrap_angle(sight.y.atan2(sight.x) - self.middle_rad) / self.factor
+        let ray = place - self.eye;
+        wrap_angle(ray.y.atan2(ray.x) - self.middle_rad) / self.factor
     }
 
     /// How a point moves with the factor, metres.
     fn swung(&self, point: &Vector2<f64>, stated_rad: f64) -> Vector2<f64> {
-        let sight = point - self.eye;
-        stated_rad * Vector2::new(-sight.y, sight.x)
+        let ray = point - self.eye;
+        stated_rad * Vector2::new(-ray.y, ray.x)
     }
 }
 

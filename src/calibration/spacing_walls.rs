@@ -5,7 +5,7 @@
 //! wall's middle beam and f what the stated spacing is to be multiplied by. Three unknowns for many
 //! beams; the scale of the ranges goes into a and b and does not bend anything.
 
-use super::shared_value::{Said, shared_value};
+use super::shared_value::{Measured, shared_value};
 use super::{Estimate, Quantity};
 use crate::geometry::{Matrix3, Vector3};
 use crate::scan::{LaserScan, SurfacePoint, surface_points};
@@ -33,11 +33,11 @@ const SPACING_MAX: f64 = 0.25;
 /// What the straight walls in a trip's scans (in the order of time) say of [`Quantity::BeamSpacing`].
 /// `None` without enough long walls.
 pub fn spacing_by_walls<'a>(scans: impl IntoIterator<Item = &'a LaserScan>) -> Option<Estimate> {
-    let said: Vec<Said> = scans.into_iter().flat_map(by_scan).collect();
-    shared_value(Quantity::BeamSpacing, &said)
+    let measured: Vec<Measured> = scans.into_iter().flat_map(by_scan).collect();
+    shared_value(Quantity::BeamSpacing, &measured)
 }
 
-fn by_scan(scan: &LaserScan) -> Vec<Said> {
+fn by_scan(scan: &LaserScan) -> Vec<Measured> {
     let spacing_rad = scan.lidar().angle_increment_rad;
     let points = surface_points(scan);
     let mut walls = Vec::new();
@@ -66,7 +66,7 @@ fn is_one_wall(before: &SurfacePoint, point: &SurfacePoint, spacing_rad: f64) ->
 }
 
 /// What one wall says: its own fit of (a, b, f).
-fn by_wall(wall: &[SurfacePoint], spacing_rad: f64, range_sigma_m: f64) -> Option<Said> {
+fn by_wall(wall: &[SurfacePoint], spacing_rad: f64, range_sigma_m: f64) -> Option<Measured> {
     let (first, last) = (wall.first()?.beam, wall.last()?.beam);
     let span_rad = (last - first) as f64 * spacing_rad;
     if wall.len() < POINTS_MIN || span_rad < SPAN_MIN_RAD {
@@ -89,7 +89,7 @@ fn by_wall(wall: &[SurfacePoint], spacing_rad: f64, range_sigma_m: f64) -> Optio
     let variance = range_sigma_m.max(rms_m).powi(2) * hessian.try_inverse()?[(2, 2)];
     let is_wall = rms_m <= RMS_MAX_SIGMAS * range_sigma_m + RMS_SLACK_M;
     let says = is_wall && variance > 0.0 && variance <= SIGMA_MAX * SIGMA_MAX;
-    says.then_some(Said {
+    says.then_some(Measured {
         value: fitted.z - 1.0,
         information: 1.0 / variance,
     })

@@ -124,13 +124,22 @@ pub(super) struct SimulatedDrive {
     pub truth: Vec<Pose2>,
 }
 
-/// A noisy lap of a vehicle whose mount and beam spacing (of 180 beams over 180°) are not as stated.
+/// What the lidars of simulated drives state: 180 beams over 180°.
+pub(super) fn stated_lidar() -> SimLidar {
+    SimLidar::sector(std::f64::consts::PI, 180, 15.0, 0.01, MOUNT)
+}
+
+/// A noisy lap of a vehicle whose mount and beam spacing are not as stated.
 pub(super) fn drive_with(truth: &Corrections, hall: u64, seed: u64) -> SimulatedDrive {
-    let stated = SimLidar::sector(std::f64::consts::PI, 180, 15.0, 0.01, MOUNT);
-    let mut lidar = stated.clone();
+    let mut lidar = stated_lidar();
     let factor = 1.0 + truth.get(Quantity::BeamSpacing);
-    lidar.geometry = with_spacing(&stated.geometry, stated.beams, factor);
+    lidar.geometry = with_spacing(&lidar.geometry, lidar.beams, factor);
     lidar.mount_error = MOUNT.between(&truth.mount(&MOUNT));
+    drive_of(lidar, hall, seed)
+}
+
+/// A noisy lap of a vehicle with this lidar, which states another one ([`stated_lidar`]).
+pub(super) fn drive_of(lidar: SimLidar, hall: u64, seed: u64) -> SimulatedDrive {
     let vehicle = Vehicle {
         lidar,
         odometry: OdometryError {
@@ -144,7 +153,7 @@ pub(super) fn drive_with(truth: &Corrections, hall: u64, seed: u64) -> Simulated
         speed_mps: 1.0,
     };
     let hall = Hall::generate(hall).unwrap();
-    let stated = Arc::new(stated.geometry);
+    let stated = Arc::new(stated_lidar().geometry);
     let scene = Scene::lasting(hall.route, hall.world.shapes().cloned(), 0);
     let mut driven = scene.drive(&vehicle, 1..2, seed);
     driven.truncate(160);

@@ -17,7 +17,7 @@ pub struct TripCalibration {
     pub spacing: Spacing,
     /// Faults that no correction mends, as texts.
     pub faults: Vec<String>,
-    /// How it fits other vehicles' map; `None` where that was not looked at.
+    /// How it fits other vehicles' map; `None` where that was not compared.
     #[serde(default)]
     pub map_fit: Option<MapFit>,
 }

@@ -30,7 +30,7 @@ const PAIR_TURN_RAD: std::ops::Range<f64> = 0.1..0.9;
 const PAIR_BACK_MAX_M: f64 = 1.2;
 /// So many pairs are matched.
 const PAIRS_MAX: usize = 120;
-/// Way between two scans whose walls are looked at, metres.
+/// Way between two scans whose walls are compared, metres.
 const WALLS_EVERY_M: f64 = 0.4;
 /// Least share of a match's points with a counterpart, and of those that agree with it.
 const OVERLAP_MIN: f64 = 0.5;
@@ -165,7 +165,7 @@ fn pairs_of(scans: &[TripScan]) -> Vec<ScanPair<'_>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::testing::drive_with;
+    use crate::calibration::testing::{drive_of, drive_with, stated_lidar};
 
     #[test]
     fn scans_alone_are_enough() {
@@ -179,6 +179,26 @@ mod tests {
         assert!((spacing.value + 0.05).abs() < 0.005, "{trip:?}");
         assert!(trip.faults.is_empty());
         assert_eq!(TripCalibration::of_scans(&[]), TripCalibration::default());
+    }
+
+    /// The first beam is where the lidar states it, all others are not. About the middle of the fan
+    /// that is a turn of the mount, so that spacing and yaw together give each beam its bearing.
+    #[test]
+    fn beams_get_their_true_bearings_whichever_of_them_was_stated_right() {
+        let stated = stated_lidar();
+        let mut lidar = stated.clone();
+        lidar.geometry.angle_increment_rad *= 0.95;
+        let trip = TripCalibration::of_scans(&drive_of(lidar.clone(), 3, 3).scans);
+        let corrections = Corrections::of(&trip.estimates);
+        let corrected = corrections.lidar(&stated.geometry, stated.beams).unwrap();
+        for beam in [0, stated.beams / 2, stated.beams - 1] {
+            let bearing_rad = |lidar: &Lidar| lidar.mount.theta + lidar.beam_angle_rad(beam);
+            let off_rad = bearing_rad(&corrected) - bearing_rad(&lidar.geometry);
+            assert!(off_rad.abs() < 0.012, "beam {beam}: {off_rad}, {trip:?}");
+        }
+        let half_fan_rad = 0.5 * (stated.beams - 1) as f64 * stated.geometry.angle_increment_rad;
+        let yaw_rad = corrections.get(Quantity::MountYaw);
+        assert!((yaw_rad + 0.05 * half_fan_rad).abs() < 0.012, "{trip:?}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What is known of a vehicle over its trips, what of it is sure, and what has changed.
 
-use super::episodes::{Episodes, TRIPS_MIN, Word, combined, mean_and_deviation, sure};
+use super::episodes::{Episodes, Sample, TRIPS_MIN, combined, mean_and_deviation, sure};
 use super::{Combined, Estimate, Estimates, MapFit, Quantity, TripCalibration};
 use crate::ids::{StampNs, TripId};
 
@@ -25,7 +25,7 @@ pub struct CalibratedTrip {
 
 /// A lidar's and its vehicle's systematic errors, by the newest trips.
 ///
-/// It is a function of the trips' words and their order alone, and what trips say is about the
+/// It is a function of the trips' estimates and their order alone, and what trips say is about the
 /// vehicle as stated: no correction rests on another one.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VehicleCalibration {
@@ -59,12 +59,12 @@ impl VehicleCalibration {
     pub fn of(mut trips: Vec<CalibratedTrip>) -> Self {
         trips.drain(..trips.len().saturating_sub(TRIPS_MAX));
         let episodes = Quantity::ALL.map(|quantity| {
-            let words = trips.iter().enumerate();
-            let words = words.filter_map(|(trip, said)| {
-                let estimate = *said.calibration.estimates.get(&quantity)?;
-                Some(Word { trip, estimate })
+            let samples = trips.iter().enumerate();
+            let samples = samples.filter_map(|(trip, known)| {
+                let estimate = *known.calibration.estimates.get(&quantity)?;
+                Some(Sample { trip, estimate })
             });
-            Episodes::of(quantity, words)
+            Episodes::of(quantity, samples)
         });
         Self {
             trips,
@@ -77,13 +77,57 @@ impl VehicleCalibration {
         combined(quantity, &self.episodes_of(quantity)?.now)
     }
 
-    /// What is to be corrected: nothing that the newest trip contradicts.
+    /// What the trips are sure of: nothing that the newest one contradicts.
     pub fn sure(&self) -> Estimates {
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
-        let known = known.filter(|(quantity, of)| quantity.is_corrected() && of.odd.is_none());
+        let known = known.filter(|(quantity, of)| quantity.is_of_vehicle() && of.odd.is_none());
         known
             .filter_map(|(quantity, of)| Some((quantity, sure(quantity, &of.now)?)))
             .collect()
+    }
+
+    /// Whether trips, enough to be sure, show that a quantity is as stated, or too little off to be
+    /// corrected.
+    pub fn is_as_stated(&self, quantity: Quantity) -> bool {
+        let of = self.episodes_of(quantity);
+        let known = of.filter(|of| of.odd.is_none() && of.now.len() >= TRIPS_MIN);
+        let known = known.and_then(|of| combined(quantity, &of.now));
+        known.is_some_and(|known| {
+            let Estimate { value, sigma } = known.estimate;
+            value.abs() < quantity.applied_min() && sigma <= quantity.applied_sigma_max()
+        })
+    }
+
+    /// What is to be corrected: what is sure and can be corrected, and the scale of the ranges only
+    /// where it is the vehicle's own and not the map's. Wheels are compared with the ranges as they
+    /// are corrected.
+    pub fn corrections(&self, has_own_range_scale: bool) -> Estimates {
+        let mut sure = self.sure();
+        sure.retain(|quantity, _| quantity.is_corrected());
+        if !has_own_range_scale {
+            sure.remove(&Quantity::RangeScale);
+        }
+        if let Some(ranges) = sure.get(&Quantity::RangeScale) {
+            let wheels = self.way_scale_beside(ranges);
+            sure.remove(&Quantity::WayScale);
+            sure.extend(wheels.map(|wheels| (Quantity::WayScale, wheels)));
+        }
+        sure
+    }
+
+    /// What the wheels err if the ranges err so: ways by scans, with which they are compared, are
+    /// as much too long as the ranges. `None` if it is not worth a correction, not known well
+    /// enough, or contradicted by the newest trip.
+    fn way_scale_beside(&self, ranges: &Estimate) -> Option<Estimate> {
+        let of = self.episodes_of(Quantity::WayScale)?;
+        let ways = combined(Quantity::WayScale, &of.now)?.estimate;
+        let wheels = Estimate {
+            value: (1.0 + ways.value) * (1.0 + ranges.value) - 1.0,
+            sigma: ways.sigma.hypot(ranges.sigma),
+        };
+        let is_worth_it = wheels.value.abs() >= Quantity::WayScale.applied_min()
+            && wheels.sigma <= Quantity::WayScale.applied_sigma_max();
+        (of.odd.is_none() && is_worth_it).then_some(wheels)
     }
 
     /// What has changed within the trips that are weighed, the last time for each quantity.
@@ -95,31 +139,19 @@ impl VehicleCalibration {
             .collect()
     }
 
-    /// What is sure and not corrected.
-    pub fn uncorrected(&self) -> Estimates {
-        let known = Quantity::ALL.into_iter().zip(&self.episodes);
-        let known = known.filter(|(quantity, of)| {
-            quantity.is_of_vehicle() && !quantity.is_corrected() && of.odd.is_none()
-        });
-        known
-            .filter_map(|(quantity, of)| Some((quantity, sure(quantity, &of.now)?)))
-            .collect()
-    }
-
     /// The quantities that are far off in most trips and not sure enough to be corrected, since they
     /// differ from trip to trip: what trips say on average, and the standard deviation among them.
     pub fn unsteady(&self) -> Vec<(Quantity, Estimate)> {
-        let (sure, uncorrected) = (self.sure(), self.uncorrected());
+        let sure = self.sure();
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
         let known = known.filter(|(quantity, _)| quantity.is_of_vehicle());
         let is_unsteady = |(quantity, of): &(Quantity, &Episodes)| {
             let far = of.now.iter();
-            let far = far.filter(|word| word.estimate.value.abs() >= quantity.far_min());
+            let far = far.filter(|sample| sample.estimate.value.abs() >= quantity.far_min());
             of.now.len() >= TRIPS_MIN
                 && 2 * far.count() > of.now.len()
                 && of.odd.is_none()
                 && !sure.contains_key(quantity)
-                && !uncorrected.contains_key(quantity)
         };
         known
             .filter(is_unsteady)
@@ -174,9 +206,9 @@ fn change(quantity: Quantity, of: &Episodes) -> Option<Change> {
         last_before: before.last()?.trip,
         before: combined(quantity, before)?.estimate,
         now: combined(quantity, now)?.estimate,
-        trips: now.iter().map(|word| word.trip).collect(),
+        trips: now.iter().map(|sample| sample.trip).collect(),
         is_confirmed: now.len() > 1,
-        known_anew: now.get(TRIPS_MIN - 1).map(|word| word.trip),
+        known_anew: now.get(TRIPS_MIN - 1).map(|sample| sample.trip),
     })
 }
 

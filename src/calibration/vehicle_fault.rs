@@ -9,12 +9,12 @@ use crate::ids::LidarId;
 /// are off by so many times the error of the spacing.
 const HALF_FAN_RAD: f64 = 2.36;
 
-/// A fault of a vehicle, as an alert tells it.
+/// A fault of a vehicle, as an alert reports it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VehicleFault {
     /// The lidar whose scans say it; `None` for the vehicle's only one.
     pub lidar: Option<LidarId>,
-    /// What is off; `None` for a fault that no quantity tells.
+    /// What is off; `None` for a fault that no quantity describes.
     pub quantity: Option<Quantity>,
     /// What held before, of a change.
     pub before: Option<Estimate>,
@@ -45,8 +45,8 @@ impl VehicleFault {
             text: format!(
                 "{} changed from {} to {}",
                 quantity.subject(),
-                quantity.told(&before),
-                quantity.told(&now)
+                quantity.with_unit(&before),
+                quantity.with_unit(&now)
             ),
             before: Some(before),
             now: Some(now),
@@ -63,7 +63,7 @@ impl VehicleFault {
             text: format!(
                 "{} is far off and differs from trip to trip, by {}, so that it is not corrected",
                 quantity.subject(),
-                quantity.told(&now)
+                quantity.with_unit(&now)
             ),
             now: Some(now),
         }
@@ -79,7 +79,26 @@ impl VehicleFault {
             text: format!(
                 "{} is off by {}, which is not corrected: it should be stated as it is",
                 quantity.subject(),
-                quantity.told(&now)
+                quantity.with_unit(&now)
+            ),
+            now: Some(now),
+        }
+    }
+
+    /// Of ranges that are off beside the map, always alike, where it is not known which of both is
+    /// wrong.
+    pub fn unclear_ranges(lidar: Option<LidarId>, now: &Estimate) -> Self {
+        let now = rounded(now);
+        let quantity = Quantity::RangeScale;
+        Self {
+            lidar,
+            quantity: Some(quantity),
+            before: None,
+            text: format!(
+                "{} is off by {} beside the map, and it is not corrected until the ranges of two \
+                 other vehicles show that the map is right",
+                quantity.subject(),
+                quantity.with_unit(&now)
             ),
             now: Some(now),
         }
@@ -168,7 +187,7 @@ impl Quantity {
     }
 
     /// A value with its unit, as people read it.
-    fn told(self, estimate: &Estimate) -> String {
+    fn with_unit(self, estimate: &Estimate) -> String {
         let Estimate { value, sigma } = *estimate;
         match self {
             Self::MountYaw => format!("{:.2} ± {:.2}°", value.to_degrees(), sigma.to_degrees()),

@@ -6,6 +6,7 @@
 mod backup;
 mod backup_file;
 mod buildings;
+mod calibration;
 mod comparison;
 mod config;
 mod demo;
@@ -70,6 +71,8 @@ enum Command {
     Buildings(buildings::Args),
     /// Measure the effect of odometry faults on a map: jumps, slip, a robot that is carried.
     Faults(faults::Args),
+    /// Measure how well trips show the errors of simulated vehicles: mounts, wheels, clocks, beams, ranges.
+    Calibration(calibration::Args),
     /// Check a database: checksums and the invariants of its tables.
     Fsck(fsck::Args),
     /// Write a checked copy of the database while the service runs.
@@ -112,6 +115,7 @@ pub fn run() -> ExitCode {
         Command::Stability(args) => stability::run(args),
         Command::Buildings(args) => buildings::run(&args),
         Command::Faults(args) => faults::run(&args),
+        Command::Calibration(args) => calibration::run(&args),
         Command::Fsck(args) => return exit(fsck::run(&args)),
         Command::Backup(args) => backup::run(&args),
         Command::Restore(args) => restore::run(&args),

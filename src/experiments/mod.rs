@@ -9,12 +9,13 @@
 //! it. Begin with [`score_recordings`], or with [`score_worlds`] for simulated worlds, which are
 //! another measure: there the truth is whole, and the noise is ours; [`score_bands`] has furniture in
 //! them, and a 3D lidar. [`measure_stability`], [`measure_buildings`], [`measure_faults`] and
-//! [`measure_pose_consistency`] ask of the map alone. [`Protocol::run`] is the paper's.
+//! [`measure_pose_consistency`] ask of the map alone, [`measure_calibration`] of vehicles. [`Protocol::run`] is the paper's.
 
 mod alert;
 mod bands;
 mod baselines;
 mod buildings;
+mod calibration_errors;
 mod correlation;
 mod cpu;
 mod detector;
@@ -23,6 +24,7 @@ mod drawn;
 mod labels;
 mod mending;
 mod odometry_faults;
+mod off_vehicle;
 mod pictures;
 mod placed;
 mod places;
@@ -44,6 +46,7 @@ mod worlds;
 pub use alert::ScoredAlert;
 pub use bands::{BandsRow, BandsStudy, bands_text, score_bands};
 pub use buildings::{BUILDINGS, Building, BuildingCase, buildings_text, measure_buildings};
+pub use calibration_errors::{CalibrationCase, calibration_text, measure_calibration};
 pub use correlation::Correlation;
 pub use detector::Detector;
 pub use distance::region_distance_m;
@@ -54,6 +57,7 @@ pub use mending::{
     measure_mending, mending_text,
 };
 pub use odometry_faults::{Fault, FaultCase, FaultyTrip, faults_text, measure_faults};
+pub use off_vehicle::OffVehicle;
 pub use pictures::Picture;
 pub use pose_consistency::{PoseConsistency, measure_pose_consistency, pose_consistency_text};
 pub use recording::{Recording, in_sequence};

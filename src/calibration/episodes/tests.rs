@@ -7,52 +7,52 @@ use crate::sim::normal;
 
 const YAW: Quantity = Quantity::MountYaw;
 
-fn words(values: &[f64]) -> Vec<Word> {
-    let word = |(trip, value): (usize, &f64)| Word {
+fn samples(values: &[f64]) -> Vec<Sample> {
+    let sample = |(trip, value): (usize, &f64)| Sample {
         trip,
         estimate: Estimate {
             value: *value,
             sigma: 0.0015,
         },
     };
-    values.iter().enumerate().map(word).collect()
+    values.iter().enumerate().map(sample).collect()
 }
 
 fn episodes(values: &[f64]) -> Episodes {
-    Episodes::of(YAW, words(values))
+    Episodes::of(YAW, samples(values))
 }
 
-fn trips(words: &[Word]) -> Vec<usize> {
-    words.iter().map(|word| word.trip).collect()
+fn trips(samples: &[Sample]) -> Vec<usize> {
+    samples.iter().map(|sample| sample.trip).collect()
 }
 
 #[test]
 fn four_trips_that_agree_are_sure_and_fewer_are_not() {
     let values = [0.030, 0.031, 0.029, 0.0305];
-    assert_eq!(sure(YAW, &words(&values[..3])), None);
-    let told = sure(YAW, &words(&values)).unwrap();
-    assert!((told.value - 0.030125).abs() < 1e-9, "{told:?}");
+    assert_eq!(sure(YAW, &samples(&values[..3])), None);
+    let known = sure(YAW, &samples(&values)).unwrap();
+    assert!((known.value - 0.030125).abs() < 1e-9, "{known:?}");
     // Too small to be worth it, and too far apart for so few.
-    assert_eq!(sure(YAW, &words(&[0.006, 0.0061, 0.006, 0.006])), None);
-    assert_eq!(sure(YAW, &words(&[0.02, 0.03, 0.04, 0.03])), None);
+    assert_eq!(sure(YAW, &samples(&[0.006, 0.0061, 0.006, 0.006])), None);
+    assert_eq!(sure(YAW, &samples(&[0.02, 0.03, 0.04, 0.03])), None);
     // The newest does not confirm the others, which are sure enough among themselves.
     let contradicted = [0.030, 0.0301, 0.0299, 0.030, 0.030, 0.030, 0.030, 0.012];
-    assert!(sure(YAW, &words(&contradicted[..7])).is_some());
-    assert_eq!(sure(YAW, &words(&contradicted)), None);
+    assert!(sure(YAW, &samples(&contradicted[..7])).is_some());
+    assert_eq!(sure(YAW, &samples(&contradicted)), None);
 }
 
 #[test]
 fn turns_are_no_surer_than_the_spacing_of_the_beams_leaves_them() {
-    let words: Vec<Word> = words(&[0.0266, 0.024, 0.0259, 0.0259]);
-    let with_sigma = |sigma: f64| -> Vec<Word> {
-        let word = |word: &Word| Word {
+    let samples: Vec<Sample> = samples(&[0.0266, 0.024, 0.0259, 0.0259]);
+    let with_sigma = |sigma: f64| -> Vec<Sample> {
+        let sample = |sample: &Sample| Sample {
             estimate: Estimate {
                 sigma,
-                ..word.estimate
+                ..sample.estimate
             },
-            ..*word
+            ..*sample
         };
-        words.iter().map(word).collect()
+        samples.iter().map(sample).collect()
     };
     assert!(sure(Quantity::TurnScale, &with_sigma(0.007)).is_some());
     assert_eq!(sure(Quantity::TurnScale, &with_sigma(0.0165)), None);
@@ -107,7 +107,7 @@ fn what_scatters_as_one_is_no_change() {
 }
 
 proptest! {
-    /// No word counts twice, none is lost but for odd ones, and the order stays.
+    /// No sample counts twice, none is lost but for odd ones, and the order stays.
     #[test]
     fn every_word_is_somewhere(values in prop::collection::vec(-0.1..0.1_f64, 0..20)) {
         let episodes = episodes(&values);
@@ -122,7 +122,7 @@ proptest! {
     #[test]
     fn left_is_as_right(values in prop::collection::vec(0.02..0.04_f64, 4..12)) {
         let turned: Vec<f64> = values.iter().map(|value| -value).collect();
-        let (left, right) = (sure(YAW, &words(&values)), sure(YAW, &words(&turned)));
+        let (left, right) = (sure(YAW, &samples(&values)), sure(YAW, &samples(&turned)));
         prop_assert_eq!(left.map(|e| -e.value), right.map(|e| e.value));
     }
 }

@@ -9,7 +9,7 @@ fn estimate(value: f64, sigma: f64) -> Estimate {
     Estimate { value, sigma }
 }
 
-fn said(calibrations: impl IntoIterator<Item = TripCalibration>) -> VehicleCalibration {
+fn vehicle_of(calibrations: impl IntoIterator<Item = TripCalibration>) -> VehicleCalibration {
     let trips = calibrations.into_iter().enumerate();
     let trips = trips.map(|(k, calibration)| CalibratedTrip {
         trip: TripId::new(format!("t{k}")).unwrap(),
@@ -28,7 +28,7 @@ fn yaw(value: f64) -> TripCalibration {
 }
 
 fn yaws(values: &[f64]) -> VehicleCalibration {
-    said(values.iter().map(|value| yaw(*value)))
+    vehicle_of(values.iter().map(|value| yaw(*value)))
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn a_clock_is_never_corrected_twice() {
         estimates: [(Quantity::ClockOffset, estimate(0.2, 0.003))].into(),
         ..TripCalibration::default()
     };
-    let vehicle = said(std::iter::repeat_n(trip, 6));
+    let vehicle = vehicle_of(std::iter::repeat_n(trip, 6));
     assert!(vehicle.sure().is_empty() && vehicle.unsteady().is_empty());
     assert!(vehicle.combined(Quantity::ClockOffset).is_some());
 }
@@ -105,7 +105,7 @@ fn witnesses_that_disagree_are_reported_when_it_lasts() {
         by_walls: Some(estimate(-0.03, 0.003)),
     };
     let trip = TripCalibration::of(&motions, Some(&spacing));
-    let vehicle = said([trip.clone()]);
+    let vehicle = vehicle_of([trip.clone()]);
     assert_eq!(
         (
             vehicle.newest_faults().len(),
@@ -114,10 +114,10 @@ fn witnesses_that_disagree_are_reported_when_it_lasts() {
         (1, 0)
     );
     assert!(vehicle.sure().is_empty());
-    let vehicle = said(std::iter::repeat_n(trip.clone(), 4));
+    let vehicle = vehicle_of(std::iter::repeat_n(trip.clone(), 4));
     assert_eq!(vehicle.lasting_faults().1.len(), 1);
     let once_sound = [trip.clone(), trip.clone(), yaw(0.0), trip];
-    assert_eq!(said(once_sound).lasting_faults().1.len(), 0);
+    assert_eq!(vehicle_of(once_sound).lasting_faults().1.len(), 0);
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn wheels_that_slip_are_reported() {
     );
     let trip = TripCalibration::of(&motions, None);
     assert_eq!(trip.faults.len(), 1, "{trip:?}");
-    assert!(said(std::iter::repeat_n(trip, 5)).sure().is_empty());
+    assert!(vehicle_of(std::iter::repeat_n(trip, 5)).sure().is_empty());
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn sound_vehicles_stay_as_they_are_and_others_are_corrected() {
         let sound = Corrections::default();
         let of = |truth: &Corrections, seed: u64| {
             let laps = (0..4).map(|lap| motions_along(&path, truth, 10 * seed + lap));
-            said(laps.map(|motions| TripCalibration::of(&motions, None)))
+            vehicle_of(laps.map(|motions| TripCalibration::of(&motions, None)))
         };
         let vehicle = of(&sound, 100 + seed);
         assert!(vehicle.sure().is_empty(), "{:?}", vehicle.sure());
