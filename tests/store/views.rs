@@ -1,4 +1,4 @@
-//! What is read of a part of a map, against all of its nodes and edges.
+//! Reads of a part of a map, compared with all of its nodes and edges.
 
 use std::collections::BTreeMap;
 
@@ -136,7 +136,7 @@ async fn tracks_are_the_nodes_of_the_newest_trips_in_their_order() {
     }
 }
 
-/// How late a vehicle's batches arrive is asked of its trip before the present one.
+/// The lags are those of the vehicle's trip before the given one.
 #[tokio::test]
 async fn lags_are_of_the_trip_before_and_of_what_is_in_the_map() {
     let fixture = Fixture::new().await;
