@@ -1,4 +1,4 @@
-//! Alerts as others ask for them: by batch, by what they keep out of the map, and in a report.
+//! Alerts by batch, the changes that they keep out of a map, the end of their events, and reports.
 
 use std::collections::BTreeMap;
 
@@ -99,7 +99,7 @@ async fn the_alerts_of_a_batch_are_those_that_name_its_nodes() {
 }
 
 #[tokio::test]
-async fn what_is_kept_out_of_a_map_follows_from_its_alerts() {
+async fn pending_changes_follow_from_the_alerts_of_a_route() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     for (number, batch) in [(1, "b1"), (2, "b2"), (3, "b3")] {

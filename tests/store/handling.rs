@@ -1,4 +1,4 @@
-//! What people and zones add to alerts: none of it raises an alert's own revision.
+//! Assignments, comments and zones: none of them raises the own revision of an alert.
 
 use mapshift::change::Tier;
 use mapshift::geometry::Vector2;
@@ -19,7 +19,7 @@ fn zone_id(number: u128) -> ZoneId {
 }
 
 #[tokio::test]
-async fn an_alert_is_assigned_and_talked_about_without_a_revision_of_its_own() {
+async fn assignments_and_comments_do_not_raise_the_own_revision_of_an_alert() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     write(&fixture, "b0", &alert(1, Tier::Confirmed))
@@ -50,7 +50,7 @@ async fn an_alert_is_assigned_and_talked_about_without_a_revision_of_its_own() {
             at(second),
         )
     };
-    assert_eq!(say(9, "nobody hears it", 12).await.unwrap(), None);
+    assert_eq!(say(9, "there is no such alert", 12).await.unwrap(), None);
     let mut said = Vec::new();
     for (text, second) in [("a lorry?", 13), ("a lorry", 12), ("gone", 14)] {
         said.push(say(1, text, second).await.unwrap().unwrap());
@@ -83,7 +83,7 @@ async fn make(store: &Store, number: u128) -> ZoneMade {
 
 /// An alert is muted while a zone covers it: when one is made, moved, or taken away.
 #[tokio::test]
-async fn a_zone_holds_as_it_is_edited_and_not_when_somebody_else_was_faster() {
+async fn an_edit_of_a_zone_takes_effect_at_once_unless_it_is_stale() {
     let fixture = Fixture::new().await;
     let store = &fixture.store;
     write(&fixture, "b0", &alert(1, Tier::Confirmed))

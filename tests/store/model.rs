@@ -1,4 +1,4 @@
-//! What the contract says of batches, trips, jobs and decisions, in memory: the oracle of `random.rs`.
+//! The contract for batches, trips, jobs and decisions, in memory: the oracle of `random.rs`.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ use mapshift::store::Journaled;
 
 pub const LEASE_S: i64 = 60;
 pub const HOLD_S: i64 = 30;
-/// A job is tried so often.
+/// How often a job is tried.
 const TRIES_MAX: i64 = 5;
 
-/// An upload; its route, name, trip and vehicle by number.
+/// An upload; route, name, trip and vehicle are numbers.
 #[derive(Debug, Clone, Copy)]
 pub struct Upload {
     pub route: u8,
@@ -21,7 +21,7 @@ pub struct Upload {
     pub trip: u8,
     pub vehicle: u8,
     pub sequence: i64,
-    /// Uploads of one name with another body are in conflict.
+    /// Two uploads of one name with different bodies are in conflict.
     pub body: u8,
 }
 
@@ -29,7 +29,7 @@ pub struct Upload {
 pub struct Batch {
     pub upload: Upload,
     pub status: BatchStatus,
-    /// Whether it had its turn: one that was refused on arrival had none.
+    /// Whether its turn is over; a batch that was refused on arrival had none.
     had_turn: bool,
     received_s: i64,
 }
@@ -101,8 +101,8 @@ impl Model {
         Journaled::Stored
     }
 
-    /// The order within a trip: who is due is queued, who is early waits, and who is late, a
-    /// second of its sequence, or of another vehicle is refused.
+    /// The order within a trip: the batch that is due is queued, an early one is held, and one that is
+    /// late, repeats a sequence, or is of another vehicle is quarantined.
     fn placed(&mut self, upload: &Upload) -> BatchStatus {
         let trip = (upload.route, upload.trip);
         let (vehicle, due) = *self.trips.entry(trip).or_insert((upload.vehicle, 0));
@@ -259,7 +259,7 @@ impl Model {
         }
     }
 
-    /// Lets the first of the held batches of a trip go that have waited too long for another.
+    /// Queues the first held batch of every trip that has waited too long for its predecessor.
     pub fn release_overdue(&mut self, now_s: i64) -> u64 {
         let mut released = 0;
         for trip in self.trips.keys().copied().collect::<Vec<_>>() {
@@ -278,7 +278,7 @@ impl Model {
         released
     }
 
-    /// Whoever holds a job when the store is closed is cut off.
+    /// Closing a store gives back all jobs that are held.
     pub fn reopen(&mut self) {
         let held: Vec<usize> = self.jobs.keys().copied().collect();
         for key in held {
@@ -303,7 +303,7 @@ impl Model {
         true
     }
 
-    /// What was the route's is gone, and its place is taken by another one.
+    /// Removes everything of a route.
     pub fn delete_route(&mut self, route: u8) {
         self.batches.retain(|_, batch| batch.upload.route != route);
         let batches = &self.batches;

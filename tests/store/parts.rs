@@ -1,4 +1,4 @@
-//! Lists that are asked for in parts: the parts follow each other without gap or repetition.
+//! Lists that are read in pages: the pages follow each other without gap or repetition.
 
 use mapshift::ids::{KeyId, OperationId, RouteId, TripId, WebhookId};
 use mapshift::model::{Role, WebhookTopic};
@@ -9,7 +9,7 @@ use uuid::Uuid;
 
 use crate::support::{Fixture, at, by, put_route, route};
 
-/// All of a list, and what of it comes after each of its parts of a length.
+/// A whole list, read in pages of a length.
 async fn in_parts<T: Clone>(limit: u32, part: impl AsyncFn(Option<T>, u32) -> Vec<T>) -> Vec<T> {
     let mut all: Vec<T> = Vec::new();
     loop {
@@ -55,7 +55,7 @@ async fn routes_are_listed_by_name_and_some_of_them_alone() {
     assert!(store.routes_among(&[], None, 9).await.unwrap().is_empty());
 }
 
-/// Whoever is responsible for some routes sees what is sent of those alone, not what is sent of all.
+/// Webhooks of all routes are not among those of some routes.
 #[tokio::test]
 async fn webhooks_are_listed_by_age_and_those_of_some_routes_alone() {
     let fixture = Fixture::new().await;
@@ -122,7 +122,7 @@ async fn keys_are_listed_by_age_live_or_not() {
     assert_eq!(listed.await, [1, 2, 3, 4].map(key_id));
 }
 
-/// One operation at a time, in the order in which they were asked for.
+/// One operation at a time, in the order of their requests.
 #[tokio::test]
 async fn operations_have_their_turn_one_after_the_other() {
     let fixture = Fixture::new().await;

@@ -24,12 +24,12 @@ enum Step {
     Upload(Upload),
     Wait(i64),
     Claim,
-    /// A worker, by the order of claims, ends its job; perhaps with an alert.
+    /// The worker of a claim ends its job, perhaps with an alert.
     Finish(usize, BatchStatus, Option<u8>),
     Fail(usize),
     GiveBack(usize),
     ReleaseOverdue,
-    /// An alert, by number; whether the one who decides has seen the route as it is.
+    /// A decision about an alert, made on the present revision of the route or on an earlier one.
     Decide(usize, AlertAction, bool),
     DeleteRoute(u8),
     Reopen,
@@ -128,7 +128,7 @@ impl Both {
         store.put_route(&id, update, by(), at(0)).await.unwrap();
     }
 
-    /// A claim by some number, from the newest ones most of the time.
+    /// A claim chosen by a number, mostly one of the newest.
     fn claimed(&self, number: usize) -> Option<&(ClaimedJob, Claim)> {
         let back = match number % 4 {
             3 => number % self.claims.len().max(1),
@@ -228,7 +228,7 @@ impl Both {
         assert_eq!(applied == Applied::Committed, is_held);
     }
 
-    /// The first revision of an alert, or the one after what is stored.
+    /// The next revision of an alert, or its first.
     async fn next_alert(&self, number: u128, route: u8) -> AlertRecord {
         let first = AlertRecord {
             route_id: route_id(route),
@@ -350,7 +350,7 @@ impl Both {
         }
     }
 
-    /// Whatever was acknowledged is known for good, and sending it again changes nothing.
+    /// Repeats every upload: what was acknowledged is still known, and nothing changes.
     async fn send_everything_again(&mut self) {
         for upload in self.uploads.clone().into_values() {
             self.upload(upload).await;

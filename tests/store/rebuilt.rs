@@ -1,4 +1,4 @@
-//! The journal of inputs, and a map that is made anew from it.
+//! The journal of inputs, and a map that is rebuilt from it.
 
 use mapshift::ids::BatchId;
 use mapshift::model::BatchStatus;
@@ -70,8 +70,8 @@ async fn inputs(store: &Store) -> Vec<InputRecord> {
     }
 }
 
-/// Says of an input what it is.
-fn said(record: &InputRecord) -> String {
+/// An input in short.
+fn in_short(record: &InputRecord) -> String {
     match &record.input {
         Input::Settings(settings) => format!("hold {}", settings.hold_s),
         Input::Job(job) => job.batches.iter().map(BatchId::as_str).collect(),
@@ -81,10 +81,10 @@ fn said(record: &InputRecord) -> String {
 }
 
 #[tokio::test]
-async fn whatever_shapes_a_map_is_in_the_journal_in_its_order() {
+async fn the_journal_names_in_order_what_shaped_a_map() {
     let fixture = shaped().await;
     let inputs = inputs(&fixture.store).await;
-    let found: Vec<String> = inputs.iter().map(said).collect();
+    let found: Vec<String> = inputs.iter().map(in_short).collect();
     assert_eq!(
         found,
         ["hold 600", "b0", "b1", "b2", "bad quarantined", "hold 7"]
@@ -143,7 +143,7 @@ async fn rebuilt(hold_s: Option<u32>) -> (Fixture, Comparison) {
 }
 
 #[tokio::test]
-async fn a_map_made_anew_is_the_same_to_the_bit_and_what_waited_still_waits() {
+async fn a_rebuilt_map_is_the_same_to_the_bit_and_waiting_batches_still_wait() {
     let (fixture, comparison) = rebuilt(None).await;
     assert!(comparison.same, "{comparison:?}");
     assert_eq!(fixture.status("waits").await, BatchStatus::Held);
@@ -160,7 +160,7 @@ async fn a_map_made_anew_is_the_same_to_the_bit_and_what_waited_still_waits() {
 }
 
 #[tokio::test]
-async fn a_map_made_anew_from_other_inputs_is_not_called_the_same() {
+async fn a_map_rebuilt_from_other_inputs_differs() {
     let (_fixture, comparison) = rebuilt(Some(8)).await;
     assert!(!comparison.same);
     assert!(comparison.tables.contains_key("routes"), "{comparison:?}");

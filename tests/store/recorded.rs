@@ -91,7 +91,7 @@ async fn a_recording_of_no_route_or_of_nothing_is_refused() {
     assert_eq!(names(store).await, []);
 }
 
-/// What is received of a recording is nobody else's, and leaves nothing behind.
+/// The file that a recording is received into has no name, so that a crash leaves nothing behind.
 #[tokio::test]
 async fn a_temporary_file_holds_what_is_written_and_has_no_name() {
     let fixture = Fixture::new().await;

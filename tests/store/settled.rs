@@ -8,7 +8,7 @@ use mapshift::model::BatchStatus;
 use mapshift::store::{Applied, ClosureRecord, DeletedBodies, Journaled, NodeChange, Store};
 use sqlx::Row;
 
-use crate::support::{Fixture, at, batch_id, edge, route, upload};
+use crate::support::{Fixture, at, batch_id, edge, intermediate, route, upload};
 
 fn ids(ids: impl IntoIterator<Item = i64>) -> Vec<NodeId> {
     ids.into_iter().map(NodeId).collect()
@@ -129,6 +129,50 @@ async fn what_has_left_is_found_and_recalled() {
     let elsewhere = RouteId::new("elsewhere").unwrap();
     store.recall_nodes(&elsewhere, ids([5])).await.unwrap();
     assert_eq!(active(store).await.0.len(), 10);
+}
+
+/// What lies between archived keyframes goes; what lies between active ones stays, and so do keyframes.
+#[tokio::test]
+async fn only_trajectories_between_archived_keyframes_are_deleted() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    fixture.journal(upload("b0", "t", 0)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut result = fixture.chain(&job, 3).await;
+    result.intermediate = (0..3).map(|place| intermediate(2, place)).collect();
+    result.intermediate.push(intermediate(3, 0));
+    let archived = result.nodes[1].node.clone();
+    store.apply_result(result).await.unwrap();
+    fixture.journal(upload("b1", "t", 1)).await;
+    let job = fixture.claim(0).await.unwrap();
+    let mut result = fixture.result(&job, BatchStatus::Merged).await;
+    result.changed_nodes.push(NodeChange {
+        id: archived.id,
+        pose: archived.pose,
+        sigma: archived.sigma,
+        subgraph_id: archived.subgraph_id,
+        drift_m: archived.drift_m,
+        reference: false,
+        active: false,
+    });
+    store.apply_result(result).await.unwrap();
+
+    // Results are of second 50.
+    let early = store.delete_trajectories(at(50), 0).await.unwrap();
+    assert_eq!((early.scans, early.next), (0, None));
+    let (mut deleted, mut after) = (0, Some(0));
+    while let Some(key) = after {
+        let step = store.delete_trajectories(at(51), key).await.unwrap();
+        assert!(step.next.is_none_or(|next| next > key));
+        (deleted, after) = (deleted + step.scans, step.next);
+    }
+    assert_eq!(deleted, 3);
+    let nodes = store
+        .scans_of_nodes(&route(), &ids(1..=3), 9)
+        .await
+        .unwrap();
+    let behind: Vec<usize> = nodes.iter().map(|node| node.intermediate.len()).collect();
+    assert_eq!(behind, [0, 0, 1]);
 }
 
 /// Whether the bodies of batches are there.

@@ -12,11 +12,10 @@ use crate::support::Fixture;
 /// Statements that are composed while the program runs, which cannot be prepared from the source:
 /// how many a file has, and which functions of the contract execute them. `coverage.rs` sees to it
 /// that a test calls those.
-pub const COMPOSED: [(&str, usize, &[&str]); 7] = [
+pub const COMPOSED: [(&str, usize, &[&str]); 6] = [
     ("alerts.rs", 1, &["alert_page"]),
     ("audit.rs", 1, &["audit_page"]),
     ("comparison.rs", 2, &["compare"]),
-    ("connection.rs", 1, &["open"]),
     ("graph_rows.rs", 6, &["apply_result"]),
     ("intermediate_scans.rs", 1, &["apply_result"]),
     ("journal.rs", 1, &["batches"]),
@@ -24,43 +23,7 @@ pub const COMPOSED: [(&str, usize, &[&str]); 7] = [
 
 /// Files that still have `?` for a value. None may be added; `$1` is understood by other
 /// databases too.
-const WITH_QUESTION_MARKS: [&str; 35] = [
-    "acceptances.rs",
-    "alert_rows.rs",
-    "audit.rs",
-    "backlog.rs",
-    "claims.rs",
-    "client_nodes.rs",
-    "connection.rs",
-    "decisions.rs",
-    "failures.rs",
-    "figures.rs",
-    "gaps.rs",
-    "handling.rs",
-    "intermediate_scans.rs",
-    "jobs.rs",
-    "journal.rs",
-    "keys.rs",
-    "map_layers.rs",
-    "map_versions.rs",
-    "notices.rs",
-    "recordings.rs",
-    "releases.rs",
-    "results.rs",
-    "retention.rs",
-    "routes.rs",
-    "sessions.rs",
-    "settled.rs",
-    "trip_records.rs",
-    "trips.rs",
-    "vehicle_states.rs",
-    "vehicles.rs",
-    "webhook_attempts.rs",
-    "webhook_deliveries.rs",
-    "webhook_secrets.rs",
-    "webhooks.rs",
-    "zones.rs",
-];
+const WITH_QUESTION_MARKS: [&str; 0] = [];
 
 fn texts() -> BTreeMap<String, Texts> {
     texts_of(&sources("src/store"))

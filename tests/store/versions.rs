@@ -1,4 +1,4 @@
-//! Decisions that change a map: what it has taken in, its versions, and the way back.
+//! Decisions that change a map: accepted changes, versions, and undo.
 
 use mapshift::change::{AcceptedChange, AlertAction, AlertStatus, Tier};
 use mapshift::ids::{AlertId, EdgeId, NodeId};
@@ -25,7 +25,7 @@ fn taken_in(alert: &AlertRecord, map_version: i64) -> Acceptance {
     }
 }
 
-/// Somebody decides about alerts as they are; the picture of the map that ends bears the second.
+/// A decision about the present revisions of alerts; the picture of the superseded map encodes the second.
 async fn decision(
     fixture: &Fixture,
     alerts: &[AlertId],

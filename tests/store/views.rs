@@ -1,4 +1,4 @@
-//! What is read of a part of a map, against all of its nodes and edges.
+//! Reads of a part of a map, compared with all of its nodes and edges.
 
 use std::collections::BTreeMap;
 
@@ -136,7 +136,7 @@ async fn tracks_are_the_nodes_of_the_newest_trips_in_their_order() {
     }
 }
 
-/// How late a vehicle's batches arrive is asked of its trip before the present one.
+/// The lags are those of the vehicle's trip before the given one.
 #[tokio::test]
 async fn lags_are_of_the_trip_before_and_of_what_is_in_the_map() {
     let fixture = Fixture::new().await;
@@ -167,6 +167,44 @@ async fn lags_are_of_the_trip_before_and_of_what_is_in_the_map() {
     let stranger = VehicleId::new("w").unwrap();
     let none = store.upload_lags(&route(), &stranger, &trip("a")).await;
     assert_eq!(none.unwrap(), []);
+}
+
+/// The lags of a trip, and of the newest trip of each vehicle but one.
+#[tokio::test]
+async fn lags_of_others_are_those_of_their_newest_trips() {
+    let fixture = Fixture::new().await;
+    let store = &fixture.store;
+    let vehicle = |name: &str| VehicleId::new(name).unwrap();
+    let trip = |name: &str| TripId::new(name).unwrap();
+    for (id, name, of, received) in [
+        ("a0", "a", "v", 10),
+        ("w0", "w1", "w", 20),
+        ("w1", "w2", "w", 30),
+    ] {
+        let mut batch = upload(id, name, 0);
+        (batch.vehicle_id, batch.received_at) = (vehicle(of), at(received));
+        fixture.journal(batch).await;
+        let job = fixture.claim(40).await.unwrap();
+        let chain = fixture.chain(&job, 2).await;
+        store.apply_result(chain).await.unwrap();
+    }
+    let lag = |node: i64, received| UploadLag {
+        newest: StampNs(1_000 * node),
+        received_at: at(received),
+    };
+    for (name, expected) in [
+        ("a", vec![lag(2, 10)]),
+        ("w2", vec![lag(6, 30)]),
+        ("x", vec![]),
+    ] {
+        let lags = store.trip_lags(&route(), &trip(name)).await;
+        assert_eq!(lags.unwrap(), expected, "{name}");
+    }
+    for (of, name, expected) in [("v", "a", lag(6, 30)), ("w", "w2", lag(2, 10))] {
+        let (vehicle, trip) = (vehicle(of), trip(name));
+        let lags = store.lags_of_others(&route(), &vehicle, &trip).await;
+        assert_eq!(lags.unwrap(), [[expected]], "{of}");
+    }
 }
 
 #[tokio::test]
