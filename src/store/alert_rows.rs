@@ -6,8 +6,8 @@ use super::alert_records::{AlertRecord, HistoryEntry};
 use super::columns::{json_text, micros, polygon_bytes};
 use super::error::StoreError;
 use super::handling::{Handled, Happening, count_open, happen};
+use super::mutes::Mutes;
 use super::vehicle_states::note_state;
-use super::zones::Mutes;
 use crate::model::{ChangeKind, Clearance, DismissReason};
 use crate::scan::HeightBand;
 

@@ -2,7 +2,9 @@
 
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::acceptances::AcceptedChanges;
+use super::active_graph::ActiveEdges;
 use super::alerts::RouteAlerts;
 use super::columns::text;
 use super::error::StoreError;
@@ -10,7 +12,8 @@ use super::nodes::ActiveNodes;
 use super::query::Query;
 use super::records::RouteGraph;
 use super::routes::settings_of;
-use super::{Store, series_closures, settled, vehicles};
+use super::series_closures::FirstArchivedClosures;
+use super::trip_calibrations::RouteCalibrations;
 use crate::ids::{EdgeId, NodeId, RouteId};
 
 impl Store {
@@ -41,8 +44,8 @@ impl Query for ActiveGraph<'_> {
         .await?;
         let Some(row) = row else { return Ok(None) };
         let nodes = ActiveNodes(route).answer(reader).await?;
-        let edges = settled::active_edges(reader, route).await?;
-        let settled_closures = series_closures::first_archived(reader, route).await?;
+        let edges = ActiveEdges(route).answer(reader).await?;
+        let settled_closures = FirstArchivedClosures(route).answer(reader).await?;
         Ok(Some(RouteGraph {
             revision: row.try_get("revision")?,
             stage: text(&row, "stage")?,
@@ -55,7 +58,7 @@ impl Query for ActiveGraph<'_> {
             map_version: row.try_get("map_version")?,
             alerts: RouteAlerts(route).answer(reader).await?,
             accepted: AcceptedChanges(route).answer(reader).await?,
-            calibrations: vehicles::route_calibrations(reader, route).await?,
+            calibrations: RouteCalibrations(route).answer(reader).await?,
         }))
     }
 }

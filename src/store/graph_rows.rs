@@ -6,8 +6,8 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::body::checksum;
 use super::error::StoreError;
+use super::members::Members;
 use super::records::{ClosureRecord, EdgeChange, EdgeRecord, NodeChange, NodeWithScan};
-use super::results::Members;
 use super::{archive, row_sums};
 use crate::geometry::{Information, Pose2, PoseSigma};
 use crate::ids::{BatchId, EdgeId, LidarId, NodeId};

@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
 
+use super::batch_ends::batch_ended;
 use super::columns::micros;
 use super::error::StoreError;
 use super::inputs;
 use super::news::GivenUp;
-use super::notices::batch_ended;
 use super::request::Request;
 use super::trips::{Place, end_turn};
 
@@ -53,7 +53,7 @@ pub(super) async fn held_job(
 ) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query(
         "SELECT job_id, attempts, orphaned, batch_key, route_key, trip_id, sequence FROM jobs \
-         WHERE job_id = ? AND generation = ? AND state = 'running'",
+         WHERE job_id = $1 AND generation = $2 AND state = 'running'",
     )
     .bind(job_id)
     .bind(generation)
@@ -69,8 +69,8 @@ pub(super) async fn put_back(
     run_after_us: i64,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL, run_after_us = ? \
-         WHERE job_id = ?",
+        "UPDATE jobs SET state = 'queued', lease_expires_us = NULL, run_after_us = $1 \
+         WHERE job_id = $2",
     )
     .bind(run_after_us)
     .bind(job.job_id)
@@ -99,8 +99,8 @@ pub(super) async fn quarantine(
     now: Timestamp,
 ) -> Result<GivenUp, StoreError> {
     let (route_id, batch_id) = sqlx::query_as(
-        "UPDATE batches SET status = 'quarantined', reason = ?, processed_at_us = ? \
-         WHERE batch_key = ? RETURNING \
+        "UPDATE batches SET status = 'quarantined', reason = $1, processed_at_us = $2 \
+         WHERE batch_key = $3 RETURNING \
          (SELECT id FROM routes WHERE routes.route_key = batches.route_key), id",
     )
     .bind(reason)

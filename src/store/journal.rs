@@ -1,16 +1,17 @@
 //! The durable journal of uploads.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::batch_ends::batch_ended;
 use super::body::{SealedBody, unseal};
 use super::columns::{flags_text, json_text, micros, name, optional_time, parse_flags, text, time};
 use super::error::{Corruption, StoreError};
-use super::notices::batch_ended;
+use super::query::Query;
 use super::records::{BatchFilter, BatchRecord, JournalEntry, Journaled, NewBatch, OutOfRange};
 use super::request::Request;
 use super::trips::{Place, Placement, add_job, place};
-use super::{Store, body, named, news, outcome};
+use super::{Store, body, news, outcome};
 use crate::ids::{BatchId, RouteId};
 use crate::model::BatchStatus;
 
@@ -43,7 +44,7 @@ impl Store {
         route: &RouteId,
         id: &BatchId,
     ) -> Result<Option<BatchRecord>, StoreError> {
-        named(batch(&self.shared.readers, route, id).await)
+        self.read(OneBatch { route, id }).await
     }
 
     /// One upload with its body; `None` also if the body was deleted when its time was over.
@@ -55,7 +56,10 @@ impl Store {
         route: &RouteId,
         id: &BatchId,
     ) -> Result<Option<JournalEntry>, StoreError> {
-        named(entry(&self.shared.readers, route, id).await)
+        match self.read(OneEntry { route, id }).await? {
+            Some(sealed) => sealed.open().await.map(Some),
+            None => Ok(None),
+        }
     }
 
     /// In the order of arrival, after `after`, at most `limit`; none if `after` is not there.
@@ -69,7 +73,13 @@ impl Store {
         after: Option<&BatchId>,
         limit: u32,
     ) -> Result<Vec<BatchRecord>, StoreError> {
-        named(batches(&self.shared.readers, route, filter, after, limit).await)
+        let page = BatchPage {
+            route,
+            filter,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
@@ -107,8 +117,8 @@ impl Request for Journal {
         // writes, and the table's UNIQUE stands behind it.
         let found: Option<(i64, Option<Vec<u8>>)> = sqlx::query_as(
             "SELECT routes.route_key, body_sha256 FROM routes \
-             LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = ? \
-             WHERE routes.id = ?",
+             LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = $1 \
+             WHERE routes.id = $2",
         )
         .bind(self.batch.id.as_str())
         .bind(self.batch.route_id.as_str())
@@ -147,7 +157,7 @@ impl Journal {
         self.count(transaction, route_key).await?;
         let placement = place(transaction, route_key, &self.batch).await?;
         let batch_key = self.insert(transaction, route_key, &placement).await?;
-        sqlx::query("INSERT INTO batch_bodies (batch_key, body) VALUES (?, ?)")
+        sqlx::query("INSERT INTO batch_bodies (batch_key, body) VALUES ($1, $2)")
             .bind(batch_key)
             .bind(&self.body.compressed)
             .execute(&mut *transaction)
@@ -174,9 +184,9 @@ impl Journal {
         route_key: i64,
     ) -> Result<(), StoreError> {
         sqlx::query(
-            "UPDATE routes SET batches = batches + 1, scans = scans + ?, vehicles = vehicles + \
-             NOT EXISTS (SELECT 1 FROM batches WHERE route_key = ?2 AND vehicle_id = ?3) \
-             WHERE route_key = ?2",
+            "UPDATE routes SET batches = batches + 1, scans = scans + $1, vehicles = vehicles + \
+             NOT EXISTS (SELECT 1 FROM batches WHERE route_key = $2 AND vehicle_id = $3) \
+             WHERE route_key = $2",
         )
         .bind(self.batch.content.scans())
         .bind(route_key)
@@ -197,7 +207,7 @@ impl Journal {
             "INSERT INTO batches (route_key, id, vehicle_id, trip_id, kind, sequence, status, \
              reason, flags, above_range_max, below_range_min, extensions, scans, body_sha256, \
              body_bytes, received_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING batch_key",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16) RETURNING batch_key",
         )
         .bind(route_key)
         .bind(batch.id.as_str())
@@ -222,93 +232,131 @@ impl Journal {
 }
 
 /// One upload.
-pub(super) async fn batch(
-    readers: &SqlitePool,
-    route: &RouteId,
-    id: &BatchId,
-) -> Result<Option<BatchRecord>, StoreError> {
-    let row = sqlx::query(select_batches!(
-        "",
-        "WHERE routes.id = ? AND batches.id = ?"
-    ))
-    .bind(route.as_str())
-    .bind(id.as_str())
-    .fetch_optional(readers)
-    .await?;
-    row.as_ref().map(batch_of).transpose()
+struct OneBatch<'a> {
+    route: &'a RouteId,
+    id: &'a BatchId,
+}
+
+impl Query for OneBatch<'_> {
+    type Answer = Option<BatchRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_batches!(
+            "",
+            "WHERE routes.id = $1 AND batches.id = $2"
+        ))
+        .bind(self.route.as_str())
+        .bind(self.id.as_str())
+        .fetch_optional(reader)
+        .await?;
+        row.as_ref().map(batch_of).transpose()
+    }
 }
 
 /// Uploads in the order of arrival, after `after`; none after an id that is not there.
-pub(super) async fn batches(
-    readers: &SqlitePool,
-    route: &RouteId,
-    filter: &BatchFilter,
-    after: Option<&BatchId>,
-    limit: u32,
-) -> Result<Vec<BatchRecord>, StoreError> {
-    let mut query: QueryBuilder<Sqlite> =
-        QueryBuilder::new(select_batches!("", "WHERE routes.id = "));
-    query.push_bind(route.as_str());
-    if let Some(ids) = &filter.ids {
-        query.push(" AND batches.id IN (SELECT value FROM json_each(");
-        query.push_bind(json_text(ids)?).push("))");
-    }
-    if let Some(vehicle_id) = &filter.vehicle_id {
-        query.push(" AND vehicle_id = ");
-        query.push_bind(vehicle_id.as_str());
-    }
-    if let Some(status) = filter.status {
-        query.push(" AND status = ");
-        query.push_bind(status.name());
-    }
-    if let Some(after) = after {
-        query.push(
-            " AND batch_key > (SELECT cursor.batch_key FROM batches AS cursor \
-             WHERE cursor.route_key = routes.route_key AND cursor.id = ",
-        );
-        query.push_bind(after.as_str());
-        query.push(")");
-    }
-    query.push(" ORDER BY batch_key LIMIT ");
-    query.push_bind(limit);
-    let rows = query.build().fetch_all(readers).await?;
-    rows.iter().map(batch_of).collect()
+pub(super) struct BatchPage<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) filter: &'a BatchFilter,
+    pub(super) after: Option<&'a BatchId>,
+    pub(super) limit: u32,
 }
 
-/// An upload with its body.
-///
-/// # Errors
-/// [`Corruption::Body`] if the body has lost its checksum.
-pub(super) async fn entry(
-    readers: &SqlitePool,
-    route: &RouteId,
-    id: &BatchId,
-) -> Result<Option<JournalEntry>, StoreError> {
-    let row = sqlx::query(select_batches!(
-        ", body, body_bytes, body_sha256, body_kept",
-        "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = ? AND batches.id = ?"
-    ))
-    .bind(route.as_str())
-    .bind(id.as_str())
-    .fetch_optional(readers)
-    .await?;
-    let Some(row) = row else { return Ok(None) };
-    if !row.try_get::<bool, _>("body_kept")? {
-        return Ok(None);
+impl Query for BatchPage<'_> {
+    type Answer = Vec<BatchRecord>;
+
+    /// One condition for each wish: SQLite chooses an index only for a condition that is there.
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let mut query: QueryBuilder<Sqlite> =
+            QueryBuilder::new(select_batches!("", "WHERE routes.id = "));
+        query.push_bind(self.route.as_str());
+        if let Some(ids) = &self.filter.ids {
+            query.push(" AND batches.id IN (SELECT value FROM json_each(");
+            query.push_bind(json_text(ids)?).push("))");
+        }
+        if let Some(vehicle_id) = &self.filter.vehicle_id {
+            query.push(" AND vehicle_id = ");
+            query.push_bind(vehicle_id.as_str());
+        }
+        if let Some(status) = self.filter.status {
+            query.push(" AND status = ");
+            query.push_bind(status.name());
+        }
+        if let Some(after) = self.after {
+            query.push(
+                " AND batch_key > (SELECT cursor.batch_key FROM batches AS cursor \
+             WHERE cursor.route_key = routes.route_key AND cursor.id = ",
+            );
+            query.push_bind(after.as_str());
+            query.push(")");
+        }
+        query.push(" ORDER BY batch_key LIMIT ");
+        query.push_bind(self.limit);
+        let rows = query.build().fetch_all(reader).await?;
+        rows.iter().map(batch_of).collect()
     }
-    let batch = batch_of(&row)?;
-    let compressed: Option<Vec<u8>> = row.try_get("body")?;
-    let bytes: i64 = row.try_get("body_bytes")?;
-    let sha256: Vec<u8> = row.try_get("body_sha256")?;
-    // Decompressing a large body takes milliseconds: not on the async threads.
-    let body = tokio::task::spawn_blocking(move || unseal(&compressed?, bytes, &sha256))
-        .await
-        .map_err(|_| StoreError::Unavailable)?;
-    let Some(body) = body else {
-        let (route_id, batch_id) = (route.clone(), id.clone());
-        return Err(StoreError::Corrupt(Corruption::Body { route_id, batch_id }));
-    };
-    Ok(Some(JournalEntry { batch, body }))
+}
+
+/// An upload with its body as it is stored; `None` also if the body was deleted.
+pub(super) struct OneEntry<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) id: &'a BatchId,
+}
+
+impl Query for OneEntry<'_> {
+    type Answer = Option<SealedEntry>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_batches!(
+            ", body, body_bytes, body_sha256, body_kept",
+            "LEFT JOIN batch_bodies USING (batch_key) WHERE routes.id = $1 AND batches.id = $2"
+        ))
+        .bind(self.route.as_str())
+        .bind(self.id.as_str())
+        .fetch_optional(reader)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        if !row.try_get::<bool, _>("body_kept")? {
+            return Ok(None);
+        }
+        Ok(Some(SealedEntry {
+            batch: batch_of(&row)?,
+            compressed: row.try_get("body")?,
+            bytes: row.try_get("body_bytes")?,
+            sha256: row.try_get("body_sha256")?,
+        }))
+    }
+}
+
+/// An upload with its body as it is stored: opened once no reader is held any more.
+pub(super) struct SealedEntry {
+    batch: BatchRecord,
+    compressed: Option<Vec<u8>>,
+    bytes: i64,
+    sha256: Vec<u8>,
+}
+
+impl SealedEntry {
+    /// Decompresses the body and verifies its checksum.
+    ///
+    /// # Errors
+    /// [`Corruption::Body`].
+    pub(super) async fn open(self) -> Result<JournalEntry, StoreError> {
+        let Self {
+            batch,
+            compressed,
+            bytes,
+            sha256,
+        } = self;
+        // A large body takes milliseconds: not on the async threads.
+        let body = tokio::task::spawn_blocking(move || unseal(&compressed?, bytes, &sha256));
+        match body.await.map_err(|_| StoreError::Unavailable)? {
+            Some(body) => Ok(JournalEntry { batch, body }),
+            None => Err(StoreError::Corrupt(Corruption::Body {
+                route_id: batch.route_id,
+                batch_id: batch.id,
+            })),
+        }
+    }
 }
 
 fn batch_of(row: &SqliteRow) -> Result<BatchRecord, StoreError> {

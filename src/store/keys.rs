@@ -5,17 +5,18 @@ use std::sync::atomic::Ordering;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::audit::{self, Change};
 use super::columns::{
     corrupt, json_text, micros, optional_json, optional_name, optional_time, text, time,
 };
 use super::error::StoreError;
 use super::key_records::{KeyRecord, NewKey};
+use super::query::Query;
 use super::request::Request;
 use super::secrets::KeyText;
-use super::{Store, named};
 use crate::ids::KeyId;
 use crate::model::{Actor, AuditAction};
 
@@ -66,7 +67,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn key(&self, id: KeyId) -> Result<Option<KeyRecord>, StoreError> {
-        named(key(&self.shared.readers, id).await)
+        self.read(OneKey(id)).await
     }
 
     /// By id, that is the oldest first, after `after`, at most `limit`.
@@ -78,7 +79,7 @@ impl Store {
         after: Option<KeyId>,
         limit: u32,
     ) -> Result<Vec<KeyRecord>, StoreError> {
-        named(keys(&self.shared.readers, after, limit).await)
+        self.read(KeyPage { after, limit }).await
     }
 
     /// The key whose secret somebody has shown, if it is live; notes its use from time to time.
@@ -90,7 +91,7 @@ impl Store {
         shown: &KeyText,
         now: Timestamp,
     ) -> Result<Option<KeyRecord>, StoreError> {
-        let found = named(key_shown(&self.shared.readers, shown).await)?;
+        let found = self.read(KeyShown(shown)).await?;
         let key = found.filter(|key| key.is_live(now));
         if let Some(key) = &key
             && is_worth_noting(key.last_used_at, now)
@@ -128,7 +129,7 @@ impl Request for Create {
         let id = new.id.to_string();
         sqlx::query(
             "INSERT INTO keys (id, name, role, vehicle_id, routes, secret_sha256, created_at_us, \
-             created_by, expires_at_us) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             created_by, expires_at_us) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
         )
         .bind(&id)
         .bind(&new.name)
@@ -141,7 +142,7 @@ impl Request for Create {
         .bind(new.expires_at.map(micros))
         .execute(&mut *transaction)
         .await?;
-        let made = key(&mut *transaction, new.id).await?;
+        let made = OneKey(new.id).answer(transaction).await?;
         let change = Change {
             at: new.created_at,
             actor: &self.by,
@@ -168,22 +169,24 @@ impl Request for Revoke {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
         let id = self.id.to_string();
-        let Some(before) = key(&mut *transaction, self.id).await? else {
+        let Some(before) = OneKey(self.id).answer(transaction).await? else {
             return Ok(false);
         };
         if before.revoked_at.is_some() {
             return Ok(true);
         }
-        sqlx::query("UPDATE keys SET revoked_at_us = ? WHERE id = ?")
+        sqlx::query("UPDATE keys SET revoked_at_us = $1 WHERE id = $2")
             .bind(micros(self.now))
             .bind(&id)
             .execute(&mut *transaction)
             .await?;
-        sqlx::query("DELETE FROM sessions WHERE key_key = (SELECT key_key FROM keys WHERE id = ?)")
-            .bind(&id)
-            .execute(&mut *transaction)
-            .await?;
-        let after = key(&mut *transaction, self.id).await?;
+        sqlx::query(
+            "DELETE FROM sessions WHERE key_key = (SELECT key_key FROM keys WHERE id = $1)",
+        )
+        .bind(&id)
+        .execute(&mut *transaction)
+        .await?;
+        let after = OneKey(self.id).answer(transaction).await?;
         let change = Change {
             at: self.now,
             actor: &self.by,
@@ -209,7 +212,7 @@ impl Request for NoteUse {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("UPDATE keys SET last_used_at_us = ? WHERE id = ?")
+        sqlx::query("UPDATE keys SET last_used_at_us = $1 WHERE id = $2")
             .bind(micros(self.now))
             .bind(self.id.to_string())
             .execute(transaction)
@@ -231,39 +234,60 @@ fn audited(key: &KeyRecord) -> String {
     .to_string()
 }
 
-async fn key(reader: impl SqliteExecutor<'_>, id: KeyId) -> Result<Option<KeyRecord>, StoreError> {
-    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
-        .bind(id.to_string())
-        .fetch_optional(reader)
-        .await?;
-    row.as_ref().map(key_of).transpose()
-}
+/// One key.
+struct OneKey(KeyId);
 
-async fn key_shown(readers: &SqlitePool, shown: &KeyText) -> Result<Option<KeyRecord>, StoreError> {
-    let row = sqlx::query("SELECT * FROM keys WHERE id = ?")
-        .bind(shown.id.to_string())
-        .fetch_optional(readers)
-        .await?;
-    let Some(row) = row else {
-        return Ok(None);
-    };
-    match shown.secret.has_digest(row.try_get("secret_sha256")?) {
-        true => key_of(&row).map(Some),
-        false => Ok(None),
+impl Query for OneKey {
+    type Answer = Option<KeyRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = row_of(reader, self.0).await?;
+        row.as_ref().map(key_of).transpose()
     }
 }
 
-async fn keys(
-    readers: &SqlitePool,
+/// The key of an id, if the secret is its own.
+struct KeyShown<'a>(&'a KeyText);
+
+impl Query for KeyShown<'_> {
+    type Answer = Option<KeyRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let Some(row) = row_of(reader, self.0.id).await? else {
+            return Ok(None);
+        };
+        match self.0.secret.has_digest(row.try_get("secret_sha256")?) {
+            true => key_of(&row).map(Some),
+            false => Ok(None),
+        }
+    }
+}
+
+async fn row_of(reader: &mut SqliteConnection, id: KeyId) -> Result<Option<SqliteRow>, StoreError> {
+    let row = sqlx::query("SELECT * FROM keys WHERE id = $1")
+        .bind(id.to_string())
+        .fetch_optional(reader)
+        .await?;
+    Ok(row)
+}
+
+/// By id, after `after`.
+struct KeyPage {
     after: Option<KeyId>,
     limit: u32,
-) -> Result<Vec<KeyRecord>, StoreError> {
-    let rows = sqlx::query("SELECT * FROM keys WHERE id > ? ORDER BY id LIMIT ?")
-        .bind(after.map_or_else(String::new, |id| id.to_string()))
-        .bind(limit)
-        .fetch_all(readers)
-        .await?;
-    rows.iter().map(key_of).collect()
+}
+
+impl Query for KeyPage {
+    type Answer = Vec<KeyRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query("SELECT * FROM keys WHERE id > $1 ORDER BY id LIMIT $2")
+            .bind(self.after.map_or_else(String::new, |id| id.to_string()))
+            .bind(self.limit)
+            .fetch_all(reader)
+            .await?;
+        rows.iter().map(key_of).collect()
+    }
 }
 
 /// The key of a row that has all columns of the table.

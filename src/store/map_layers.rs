@@ -4,12 +4,13 @@
 use std::collections::BTreeMap;
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
+use super::active_graph::join_active_edges;
 use super::columns::{information, name, pose, text};
 use super::error::StoreError;
-use super::settled::join_active_edges;
-use super::{Store, named};
+use super::query::Query;
 use crate::geometry::{Pose2, Vector2};
 use crate::ids::{EdgeId, RouteId, StampNs, TripId, VehicleId};
 use crate::model::{BatchStatus, EdgeKind, EdgeStatus};
@@ -54,7 +55,7 @@ impl Store {
         route: &RouteId,
         limit: usize,
     ) -> Result<Vec<TripTrack>, StoreError> {
-        named(tracks(&self.shared.readers, route, limit).await)
+        self.read(NewestTracks { route, limit }).await
     }
 
     /// The loop closures between active nodes with the largest residuals, the largest first.
@@ -66,7 +67,7 @@ impl Store {
         route: &RouteId,
         limit: usize,
     ) -> Result<Vec<ActiveClosure>, StoreError> {
-        named(worst_closures(&self.shared.readers, route, limit).await)
+        self.read(WorstClosures { route, limit }).await
     }
 
     /// Where the active reference keyframes are, map frame, metres, by id.
@@ -77,33 +78,44 @@ impl Store {
         &self,
         route: &RouteId,
     ) -> Result<Vec<Vector2<f64>>, StoreError> {
-        named(reference_positions(&self.shared.readers, route).await)
+        self.read(ReferencePositions(route)).await
     }
 }
 
-async fn tracks(
-    readers: &SqlitePool,
-    route: &RouteId,
+/// The newest trips, the one with the newest keyframe first.
+struct NewestTracks<'a> {
+    route: &'a RouteId,
     limit: usize,
-) -> Result<Vec<TripTrack>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT newest.trip_id, newest.vehicle_id, stamp_ns, x, y, theta \
+}
+
+impl Query for NewestTracks<'_> {
+    type Answer = Vec<TripTrack>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT newest.trip_id, newest.vehicle_id, stamp_ns, x, y, theta \
          FROM (SELECT batch_key, trip_id, vehicle_id \
                FROM batches INDEXED BY batches_by_status \
-               WHERE route_key = (SELECT route_key FROM routes WHERE id = ?1) AND status = ?2 \
-               ORDER BY batch_key DESC LIMIT ?3) AS newest \
+               WHERE route_key = (SELECT route_key FROM routes WHERE id = $1) AND status = $2 \
+               ORDER BY batch_key DESC LIMIT $3) AS newest \
          CROSS JOIN nodes INDEXED BY nodes_by_batch ON nodes.batch_key = newest.batch_key \
-         ORDER BY stamp_ns DESC, node_id DESC LIMIT ?4",
-    )
-    .bind(route.as_str())
-    .bind(BatchStatus::Merged.name())
-    .bind(BATCHES_MAX)
-    .bind(NODES_MAX)
-    .fetch_all(readers)
-    .await?;
+         ORDER BY stamp_ns DESC, node_id DESC LIMIT $4",
+        )
+        .bind(self.route.as_str())
+        .bind(BatchStatus::Merged.name())
+        .bind(BATCHES_MAX)
+        .bind(NODES_MAX)
+        .fetch_all(reader)
+        .await?;
+        by_trip(&rows, self.limit)
+    }
+}
+
+/// The tracks of nodes that are sorted by time, the newest first; of the first `limit` trips.
+fn by_trip(rows: &[SqliteRow], limit: usize) -> Result<Vec<TripTrack>, StoreError> {
     let mut tracks: Vec<TripTrack> = Vec::new();
     let mut place_of: BTreeMap<TripId, usize> = BTreeMap::new();
-    for row in &rows {
+    for row in rows {
         let trip_id: TripId = name(row, "trip_id")?;
         let known = place_of.get(&trip_id).copied();
         if known.is_none() && tracks.len() == limit {
@@ -126,31 +138,37 @@ async fn tracks(
     Ok(tracks)
 }
 
-async fn worst_closures(
-    readers: &SqlitePool,
-    route: &RouteId,
+/// The closures between active nodes with the largest residuals, the largest first.
+struct WorstClosures<'a> {
+    route: &'a RouteId,
     limit: usize,
-) -> Result<Vec<ActiveClosure>, StoreError> {
-    let rows = sqlx::query(concat!(
+}
+
+impl Query for WorstClosures<'_> {
+    type Answer = Vec<ActiveClosure>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(concat!(
         "SELECT edges.edge_id, edges.kind, edges.x, edges.y, edges.theta, info_xx, info_xy, info_xt, \
          info_yy, info_yt, info_tt, older.x AS a_x, older.y AS a_y, older.theta AS a_theta, \
          newer.x AS b_x, newer.y AS b_y, newer.theta AS b_theta FROM routes ",
         join_active_edges!(),
-        " WHERE routes.id = ?1 AND edges.status = ?2 AND edges.kind = ?3"
+        " WHERE routes.id = $1 AND edges.status = $2 AND edges.kind = $3"
     ))
-    .bind(route.as_str())
+    .bind(self.route.as_str())
     .bind(EdgeStatus::Active.name())
     .bind(EdgeKind::LoopClosure.name())
-    .fetch_all(readers)
+    .fetch_all(reader)
     .await?;
-    let closures = rows.iter().map(closure_of);
-    let mut closures = closures.collect::<Result<Vec<_>, _>>()?;
-    closures.sort_by(|a, b| {
-        let by_residual = b.residual.total_cmp(&a.residual);
-        by_residual.then(a.edge_id.cmp(&b.edge_id))
-    });
-    closures.truncate(limit);
-    Ok(closures)
+        let closures = rows.iter().map(closure_of);
+        let mut closures = closures.collect::<Result<Vec<_>, _>>()?;
+        closures.sort_by(|a, b| {
+            let by_residual = b.residual.total_cmp(&a.residual);
+            by_residual.then(a.edge_id.cmp(&b.edge_id))
+        });
+        closures.truncate(self.limit);
+        Ok(closures)
+    }
 }
 
 fn closure_of(row: &SqliteRow) -> Result<ActiveClosure, StoreError> {
@@ -168,17 +186,21 @@ fn closure_of(row: &SqliteRow) -> Result<ActiveClosure, StoreError> {
     })
 }
 
-async fn reference_positions(
-    readers: &SqlitePool,
-    route: &RouteId,
-) -> Result<Vec<Vector2<f64>>, StoreError> {
-    let positions: Vec<(f64, f64)> = sqlx::query_as(
-        "SELECT x, y FROM routes CROSS JOIN nodes INDEXED BY nodes_active USING (route_key) \
-         WHERE routes.id = ? AND active = 1 AND reference = 1 ORDER BY node_id",
-    )
-    .bind(route.as_str())
-    .fetch_all(readers)
-    .await?;
-    let positions = positions.into_iter();
-    Ok(positions.map(|(x, y)| Vector2::new(x, y)).collect())
+/// The positions of the active reference keyframes, by id.
+struct ReferencePositions<'a>(&'a RouteId);
+
+impl Query for ReferencePositions<'_> {
+    type Answer = Vec<Vector2<f64>>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let positions: Vec<(f64, f64)> = sqlx::query_as(
+            "SELECT x, y FROM routes CROSS JOIN nodes INDEXED BY nodes_active USING (route_key) \
+         WHERE routes.id = $1 AND active = 1 AND reference = 1 ORDER BY node_id",
+        )
+        .bind(self.0.as_str())
+        .fetch_all(reader)
+        .await?;
+        let positions = positions.into_iter();
+        Ok(positions.map(|(x, y)| Vector2::new(x, y)).collect())
+    }
 }

@@ -2,13 +2,14 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::alert_records::{MapPicture, MapVersionRecord, VersionCause, VersionRelease};
 use super::body::{SealedBody, unseal};
 use super::columns::{alert_id, corrupt, micros, optional_time, text, time};
 use super::error::StoreError;
-use super::{Store, named};
+use super::query::Query;
 use crate::ids::{AlertId, RouteId};
 use crate::model::{AlertStatus, VersionAction};
 
@@ -24,7 +25,12 @@ impl Store {
         after: i64,
         limit: u32,
     ) -> Result<Vec<MapVersionRecord>, StoreError> {
-        named(map_versions(&self.shared.readers, route, after, limit).await)
+        let page = VersionPage {
+            route,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// One version of a route's map.
@@ -47,14 +53,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn newest_release(&self, route: &RouteId) -> Result<Option<i64>, StoreError> {
-        let newest = sqlx::query_scalar(
-            "SELECT max(version) FROM routes JOIN map_versions USING (route_key) \
-             WHERE routes.id = ? AND released_at_us IS NOT NULL AND retired_at_us IS NULL",
-        )
-        .bind(route.as_str())
-        .fetch_one(&self.shared.readers)
-        .await;
-        named(newest.map_err(StoreError::from))
+        self.read(NewestRelease(route)).await
     }
 
     /// The alerts that a route's map has taken in, or let go again, after one moment and until another, by
@@ -68,7 +67,12 @@ impl Store {
         after: Timestamp,
         until: Timestamp,
     ) -> Result<Vec<AlertId>, StoreError> {
-        named(alerts_between(&self.shared.readers, route, after, until).await)
+        let alerts = AlertsInMapBetween {
+            route,
+            after,
+            until,
+        };
+        self.read(alerts).await
     }
 
     /// The picture of a version that another one has followed.
@@ -80,35 +84,40 @@ impl Store {
         route: &RouteId,
         version: i64,
     ) -> Result<Option<MapPicture>, StoreError> {
-        named(picture(&self.shared.readers, route, version).await)
+        self.read(VersionPicture { route, version }).await
     }
 }
 
 /// Versions after `after`, the oldest first.
-pub(super) async fn map_versions(
-    readers: &SqlitePool,
-    route: &RouteId,
-    after: i64,
-    limit: u32,
-) -> Result<Vec<MapVersionRecord>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT version, map_versions.epoch, map_versions.created_at_us AS began_at_us, \
+pub(super) struct VersionPage<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) after: i64,
+    pub(super) limit: u32,
+}
+
+impl Query for VersionPage<'_> {
+    type Answer = Vec<MapVersionRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT version, map_versions.epoch, map_versions.created_at_us AS began_at_us, \
          superseded_at_us, cause_alert_id, cause_action, cause_by, cause_note, \
          max_displacement_m, released_at_us, released_by, release_note, retired_at_us, pgm_sha256 \
-         FROM routes JOIN map_versions USING (route_key) WHERE routes.id = ?1 AND version > ?2 \
+         FROM routes JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version > $2 \
          UNION ALL \
          SELECT map_version, epoch, coalesce(version_created_at_us, created_at_us), \
          NULL, version_alert_id, version_action, version_by, version_note, \
          version_max_displacement_m, NULL, NULL, NULL, NULL, NULL \
-         FROM routes WHERE id = ?1 AND map_version > ?2 \
-         ORDER BY 1 LIMIT ?3",
-    )
-    .bind(route.as_str())
-    .bind(after)
-    .bind(limit)
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(version_of).collect()
+         FROM routes WHERE id = $1 AND map_version > $2 \
+         ORDER BY 1 LIMIT $3",
+        )
+        .bind(self.route.as_str())
+        .bind(self.after)
+        .bind(self.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(version_of).collect()
+    }
 }
 
 fn version_of(row: &SqliteRow) -> Result<MapVersionRecord, StoreError> {
@@ -154,57 +163,86 @@ fn cause_of(row: &SqliteRow) -> Result<Option<VersionCause>, StoreError> {
     }))
 }
 
-/// Alerts that became accepted in a time, or ceased to be: nothing but an undo leads out of it.
-async fn alerts_between(
-    readers: &SqlitePool,
-    route: &RouteId,
+/// The newest version that is released and not withdrawn.
+struct NewestRelease<'a>(&'a RouteId);
+
+impl Query for NewestRelease<'_> {
+    type Answer = Option<i64>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let newest = sqlx::query_scalar(
+            "SELECT max(version) FROM routes JOIN map_versions USING (route_key) \
+             WHERE routes.id = $1 AND released_at_us IS NOT NULL AND retired_at_us IS NULL",
+        )
+        .bind(self.0.as_str())
+        .fetch_one(reader)
+        .await?;
+        Ok(newest)
+    }
+}
+
+/// Alerts that became accepted in a time, or were accepted before it and undone in it: nothing but
+/// an undo ends that status.
+struct AlertsInMapBetween<'a> {
+    route: &'a RouteId,
     after: Timestamp,
     until: Timestamp,
-) -> Result<Vec<AlertId>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT DISTINCT alerts.id \
+}
+
+impl Query for AlertsInMapBetween<'_> {
+    type Answer = Vec<AlertId>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT DISTINCT alerts.id \
          FROM alert_history AS entry INDEXED BY alert_history_by_time \
              JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
-         WHERE entry.at_us > ?1 AND entry.at_us <= ?2 AND routes.id = ?3 \
-         AND (entry.status = ?4 OR EXISTS ( \
+         WHERE entry.at_us > $1 AND entry.at_us <= $2 AND routes.id = $3 \
+         AND (entry.status = $4 OR EXISTS ( \
              SELECT 1 FROM alert_history AS before WHERE before.alert_key = entry.alert_key \
-             AND before.position = entry.position - 1 AND before.status = ?4)) \
+             AND before.position = entry.position - 1 AND before.status = $4)) \
          ORDER BY alerts.id",
-    )
-    .bind(micros(after))
-    .bind(micros(until))
-    .bind(route.as_str())
-    .bind(AlertStatus::Accepted.name())
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(|row| alert_id(row, "id")).collect()
+        )
+        .bind(micros(self.after))
+        .bind(micros(self.until))
+        .bind(self.route.as_str())
+        .bind(AlertStatus::Accepted.name())
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(|row| alert_id(row, "id")).collect()
+    }
 }
 
 /// The picture of a version that another one has followed.
-pub(super) async fn picture(
-    readers: &SqlitePool,
-    route: &RouteId,
-    version: i64,
-) -> Result<Option<MapPicture>, StoreError> {
-    let row = sqlx::query(
-        "SELECT png, pgm, pgm_bytes, pgm_sha256, yaml FROM routes \
-         JOIN map_versions USING (route_key) WHERE routes.id = ? AND version = ?",
-    )
-    .bind(route.as_str())
-    .bind(version)
-    .fetch_optional(readers)
-    .await?;
-    let Some(row) = row else { return Ok(None) };
-    let pgm = unseal(
-        row.try_get("pgm")?,
-        row.try_get("pgm_bytes")?,
-        row.try_get("pgm_sha256")?,
-    );
-    Ok(Some(MapPicture {
-        png: row.try_get("png")?,
-        pgm: pgm.ok_or_else(|| corrupt("pgm"))?,
-        yaml: row.try_get("yaml")?,
-    }))
+pub(super) struct VersionPicture<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) version: i64,
+}
+
+impl Query for VersionPicture<'_> {
+    type Answer = Option<MapPicture>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(
+            "SELECT png, pgm, pgm_bytes, pgm_sha256, yaml FROM routes \
+         JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version = $2",
+        )
+        .bind(self.route.as_str())
+        .bind(self.version)
+        .fetch_optional(reader)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        let pgm = unseal(
+            row.try_get("pgm")?,
+            row.try_get("pgm_bytes")?,
+            row.try_get("pgm_sha256")?,
+        );
+        Ok(Some(MapPicture {
+            png: row.try_get("png")?,
+            pgm: pgm.ok_or_else(|| corrupt("pgm"))?,
+            yaml: row.try_get("yaml")?,
+        }))
+    }
 }
 
 /// The picture of the version that ends, its PGM compressed.
@@ -255,9 +293,9 @@ pub(super) async fn file(
          cause_alert_id, cause_action, cause_by, cause_note, max_displacement_m, \
          png, pgm, pgm_bytes, pgm_sha256, yaml) \
          SELECT route_key, map_version, epoch, coalesce(version_created_at_us, created_at_us), \
-         ?2, version_alert_id, version_action, version_by, version_note, \
-         version_max_displacement_m, ?3, ?4, ?5, ?6, ?7 \
-         FROM routes WHERE route_key = ?1",
+         $2, version_alert_id, version_action, version_by, version_note, \
+         version_max_displacement_m, $3, $4, $5, $6, $7 \
+         FROM routes WHERE route_key = $1",
     )
     .bind(route_key)
     .bind(at_us)
@@ -279,10 +317,10 @@ pub(super) async fn begin(
     next: &Beginning<'_>,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "UPDATE routes SET map_version = map_version + 1, epoch = epoch + (?3 IS NOT NULL), \
-         version_created_at_us = ?2, version_alert_id = ?3, version_action = ?4, \
-         version_by = ?5, version_note = ?6, version_max_displacement_m = ?7 \
-         WHERE route_key = ?1",
+        "UPDATE routes SET map_version = map_version + 1, epoch = epoch + ($3 IS NOT NULL), \
+         version_created_at_us = $2, version_alert_id = $3, version_action = $4, \
+         version_by = $5, version_note = $6, version_max_displacement_m = $7 \
+         WHERE route_key = $1",
     )
     .bind(route_key)
     .bind(next.at_us)

@@ -5,6 +5,7 @@ use serde::Serialize;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::audit::{self, Change};
 use super::columns::{
     corrupt, json, json_text, micros, optional_json, optional_name, optional_time, text, time,
@@ -12,9 +13,9 @@ use super::columns::{
 use super::error::StoreError;
 use super::notices::operation_ended;
 use super::operation_records::{OperationRecord, OperationRequest, OperationResult};
+use super::query::Query;
 use super::removal_records::{Meant, RemovalRequest};
 use super::request::Request;
-use super::{Store, named};
 use crate::ids::{OperationId, RouteId};
 use crate::model::{Actor, AuditAction, OperationKind, OperationStatus};
 
@@ -47,14 +48,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn operation(&self, id: OperationId) -> Result<Option<OperationRecord>, StoreError> {
-        let row = sqlx::query(select_operations!("WHERE operations.id = $1"))
-            .bind(id.to_string())
-            .fetch_optional(&self.shared.readers)
-            .await;
-        named(
-            row.map_err(StoreError::from)
-                .and_then(|row| row.as_ref().map(operation_of).transpose()),
-        )
+        self.read(OneOperation(id)).await
     }
 
     /// The operation whose turn it is.
@@ -62,15 +56,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn next_operation(&self) -> Result<Option<OperationRecord>, StoreError> {
-        let row = sqlx::query(select_operations!(
-            "WHERE ended_at_us IS NULL ORDER BY operation_key LIMIT 1"
-        ))
-        .fetch_optional(&self.shared.readers)
-        .await;
-        named(
-            row.map_err(StoreError::from)
-                .and_then(|row| row.as_ref().map(operation_of).transpose()),
-        )
+        self.read(NextOperation).await
     }
 
     /// Ends an operation: with a result, or the reason why there is none. A removal that takes something
@@ -97,7 +83,37 @@ macro_rules! select_operations {
         )
     };
 }
-use select_operations;
+
+/// One operation.
+struct OneOperation(OperationId);
+
+impl Query for OneOperation {
+    type Answer = Option<OperationRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_operations!("WHERE operations.id = $1"))
+            .bind(self.0.to_string())
+            .fetch_optional(reader)
+            .await?;
+        row.as_ref().map(operation_of).transpose()
+    }
+}
+
+/// The oldest operation that has not ended.
+struct NextOperation;
+
+impl Query for NextOperation {
+    type Answer = Option<OperationRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_operations!(
+            "WHERE ended_at_us IS NULL ORDER BY operation_key LIMIT 1"
+        ))
+        .fetch_optional(reader)
+        .await?;
+        row.as_ref().map(operation_of).transpose()
+    }
+}
 
 struct Ask {
     id: OperationId,

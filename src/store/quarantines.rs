@@ -8,9 +8,10 @@ use super::audit::{self, Change};
 use super::columns::{json_text, micros, time};
 use super::error::StoreError;
 use super::inputs::{self, Input};
+use super::query::Query;
 use super::request::Request;
 use super::vehicle_states::note_state;
-use super::{Store, named, news};
+use super::{Store, news};
 use crate::ids::{RouteId, VehicleId};
 use crate::model::{Actor, AuditAction};
 
@@ -33,8 +34,7 @@ impl Store {
         route: &RouteId,
         vehicle: &VehicleId,
     ) -> Result<Option<Quarantine>, StoreError> {
-        let mut reader = self.reader().await?;
-        named(quarantine_of(&mut reader, route, vehicle).await)
+        self.read(QuarantineOf { route, vehicle }).await
     }
 
     /// Keeps a vehicle's uploads out of a route's map from now on (`Some`), or no longer; what is so
@@ -61,26 +61,32 @@ impl Store {
     }
 }
 
-pub(super) async fn quarantine_of(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-    vehicle: &VehicleId,
-) -> Result<Option<Quarantine>, StoreError> {
-    let row = sqlx::query(
-        "SELECT since_us, note FROM routes JOIN vehicle_quarantines USING (route_key) \
+/// Whether a vehicle's uploads are kept out of a route's map.
+pub(super) struct QuarantineOf<'a> {
+    pub(super) route: &'a RouteId,
+    pub(super) vehicle: &'a VehicleId,
+}
+
+impl Query for QuarantineOf<'_> {
+    type Answer = Option<Quarantine>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(
+            "SELECT since_us, note FROM routes JOIN vehicle_quarantines USING (route_key) \
          WHERE routes.id = $1 AND vehicle_id = $2",
-    )
-    .bind(route.as_str())
-    .bind(vehicle.as_str())
-    .fetch_optional(reader)
-    .await?;
-    let quarantine = row.map(|row| {
-        Ok::<_, StoreError>(Quarantine {
-            since: time(&row, "since_us")?,
-            note: row.try_get("note")?,
-        })
-    });
-    quarantine.transpose()
+        )
+        .bind(self.route.as_str())
+        .bind(self.vehicle.as_str())
+        .fetch_optional(reader)
+        .await?;
+        let quarantine = row.map(|row| {
+            Ok::<_, StoreError>(Quarantine {
+                since: time(&row, "since_us")?,
+                note: row.try_get("note")?,
+            })
+        });
+        quarantine.transpose()
+    }
 }
 
 struct PutQuarantine {
@@ -111,7 +117,7 @@ impl Request for PutQuarantine {
         let Some(route_key) = route_key else {
             return Ok(None);
         };
-        let before = quarantine_of(transaction, &self.route, &self.vehicle).await?;
+        let before = self.present(transaction).await?;
         let written = match &self.quarantine {
             Some(quarantine) => sqlx::query(
                 "INSERT INTO vehicle_quarantines (route_key, vehicle_id, since_us, note) \
@@ -140,6 +146,14 @@ impl Request for PutQuarantine {
 }
 
 impl PutQuarantine {
+    async fn present(
+        &self,
+        transaction: &mut SqliteConnection,
+    ) -> Result<Option<Quarantine>, StoreError> {
+        let (route, vehicle) = (&self.route, &self.vehicle);
+        QuarantineOf { route, vehicle }.answer(transaction).await
+    }
+
     /// Writes the rows of the audit and of the inputs, unless everything is as it was: returns whether
     /// it did.
     async fn note(
@@ -148,7 +162,7 @@ impl PutQuarantine {
         route_key: i64,
         before: Option<Quarantine>,
     ) -> Result<bool, StoreError> {
-        let after = quarantine_of(transaction, &self.route, &self.vehicle).await?;
+        let after = self.present(transaction).await?;
         if before == after {
             return Ok(false);
         }

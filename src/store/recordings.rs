@@ -9,9 +9,10 @@ use sqlx::SqliteConnection;
 use super::body::{Checksum, SealedBody};
 use super::error::StoreError;
 use super::journal::Journal;
+use super::query::Query;
 use super::records::NewBatch;
 use super::request::Request;
-use super::{Store, named, outcome};
+use super::{Store, outcome};
 use crate::ids::{BatchId, RouteId, TripId};
 
 /// The batches of a recording in the order of time, ready to be stored. The last one has the recording's
@@ -89,17 +90,12 @@ impl Store {
         id: &BatchId,
         identity: &Checksum,
     ) -> Result<Option<RecordingJournaled>, StoreError> {
-        let found = sqlx::query_scalar(
-            "SELECT recording_sha256 FROM batches JOIN routes USING (route_key) \
-             WHERE routes.id = ? AND batches.id = ?",
-        )
-        .bind(route.as_str())
-        .bind(id.as_str())
-        .fetch_optional(&self.shared.readers)
-        .await
-        .map_err(StoreError::from);
-        let found: Option<Option<Vec<u8>>> = named(found)?;
-        Ok(found.map(|stored| same_or_conflict(stored.as_deref(), identity)))
+        let recorded = RecordedAs {
+            route,
+            id,
+            identity,
+        };
+        self.read(recorded).await
     }
 
     /// A file for at most so many bytes in the data directory that nobody else can open, and that is gone
@@ -115,6 +111,29 @@ impl Store {
             false => Err(StoreError::Full),
         });
         made.await.map_err(|_| StoreError::Unavailable)?
+    }
+}
+
+/// What a batch of this name says of a recording that is about to be stored.
+struct RecordedAs<'a> {
+    route: &'a RouteId,
+    id: &'a BatchId,
+    identity: &'a Checksum,
+}
+
+impl Query for RecordedAs<'_> {
+    type Answer = Option<RecordingJournaled>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let found: Option<Option<Vec<u8>>> = sqlx::query_scalar(
+            "SELECT recording_sha256 FROM batches JOIN routes USING (route_key) \
+             WHERE routes.id = $1 AND batches.id = $2",
+        )
+        .bind(self.route.as_str())
+        .bind(self.id.as_str())
+        .fetch_optional(reader)
+        .await?;
+        Ok(found.map(|stored| same_or_conflict(stored.as_deref(), self.identity)))
     }
 }
 
@@ -153,7 +172,7 @@ impl Request for JournalRecording {
             ));
         };
         let route_key: Option<i64> =
-            sqlx::query_scalar("SELECT route_key FROM routes WHERE id = ?")
+            sqlx::query_scalar("SELECT route_key FROM routes WHERE id = $1")
                 .bind(last.route_id.as_str())
                 .fetch_optional(&mut *transaction)
                 .await?;
@@ -173,7 +192,7 @@ impl Request for JournalRecording {
         for part in &self.parts {
             part.store(transaction, route_key).await?;
         }
-        sqlx::query("UPDATE batches SET recording_sha256 = ? WHERE route_key = ? AND id = ?")
+        sqlx::query("UPDATE batches SET recording_sha256 = $1 WHERE route_key = $2 AND id = $3")
             .bind(self.identity.as_slice())
             .bind(route_key)
             .bind(last.id.as_str())
@@ -190,7 +209,7 @@ async fn identity_of(
     id: &BatchId,
 ) -> Result<Option<Option<Vec<u8>>>, StoreError> {
     let found =
-        sqlx::query_scalar("SELECT recording_sha256 FROM batches WHERE route_key = ? AND id = ?")
+        sqlx::query_scalar("SELECT recording_sha256 FROM batches WHERE route_key = $1 AND id = $2")
             .bind(route_key)
             .bind(id.as_str())
             .fetch_optional(transaction)
@@ -205,8 +224,8 @@ async fn is_taken(
     trip_id: &TripId,
 ) -> Result<bool, StoreError> {
     let is_taken = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = ?1 AND trip_id = ?2 AND next_sequence > 0) \
-         OR EXISTS (SELECT 1 FROM batches WHERE route_key = ?1 AND trip_id = ?2 AND status <> 'removed')",
+        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = $1 AND trip_id = $2 AND next_sequence > 0) \
+         OR EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 AND status <> 'removed')",
     )
     .bind(route_key)
     .bind(trip_id.as_str())

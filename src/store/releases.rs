@@ -112,7 +112,7 @@ impl Request for ApplyRelease {
             ..
         } = &self.release;
         let route_key: Option<i64> = sqlx::query_scalar(
-            "SELECT route_key FROM routes WHERE id = ? AND revision = ? AND map_version = ?",
+            "SELECT route_key FROM routes WHERE id = $1 AND revision = $2 AND map_version = $3",
         )
         .bind(route_id.as_str())
         .bind(base_revision)
@@ -125,8 +125,8 @@ impl Request for ApplyRelease {
         let at_us = micros(release.at);
         map_versions::file(transaction, route_key, &self.picture, at_us).await?;
         sqlx::query(
-            "UPDATE map_versions SET released_at_us = ?, released_by = ?, release_note = ? \
-             WHERE route_key = ? AND version = ?",
+            "UPDATE map_versions SET released_at_us = $1, released_by = $2, release_note = $3 \
+             WHERE route_key = $4 AND version = $5",
         )
         .bind(at_us)
         .bind(&release.by)
@@ -162,8 +162,8 @@ impl Request for RetireVersion {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<bool, StoreError> {
         let retired: Option<i64> = sqlx::query_scalar(
-            "UPDATE map_versions SET retired_at_us = ? \
-             WHERE route_key = (SELECT route_key FROM routes WHERE id = ?) AND version = ? \
+            "UPDATE map_versions SET retired_at_us = $1 \
+             WHERE route_key = (SELECT route_key FROM routes WHERE id = $2) AND version = $3 \
              AND released_at_us IS NOT NULL AND retired_at_us IS NULL RETURNING route_key",
         )
         .bind(micros(self.at))

@@ -1,7 +1,7 @@
 //! Taking uploads out of a route: what they hold, and their removal in one transaction.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row, SqliteConnection};
+use sqlx::{Row, SqliteConnection};
 
 use super::alert_rows::write_alerts;
 use super::columns::{json_text, micros, name};
@@ -9,12 +9,13 @@ use super::error::StoreError;
 use super::graph_rows::{update_edges, update_nodes};
 use super::inputs::{self, Input};
 use super::operation_records::OperationResult;
+use super::query::Query;
 use super::removal_records::{Meant, Removable, Removal};
 use super::request::Request;
 use super::results::count_blocks;
 use super::trips::{Place, end_turn};
 use super::vehicle_states::note_state;
-use super::{Store, news, of_snapshot, operations};
+use super::{Store, news, operations};
 use crate::ids::{BatchId, EdgeId, NodeId, RouteId, TripId, VehicleId};
 use crate::model::BatchStatus;
 
@@ -24,9 +25,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn removable(&self, route: &RouteId, meant: &Meant) -> Result<Removable, StoreError> {
-        let mut reader = self.reader().await?;
-        let removable = removable(&mut reader, route, meant).await;
-        of_snapshot(reader, removable)
+        self.read(RemovableOf { route, meant }).await
     }
 
     /// Writes a removal, all or nothing; false if the route has moved on since it was computed.
@@ -38,46 +37,80 @@ impl Store {
     }
 }
 
-async fn removable(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-    meant: &Meant,
-) -> Result<Removable, StoreError> {
-    let mut snapshot = reader.begin().await?;
-    let (by_batch, by_trip, vehicle, since) = match meant {
-        Meant::Batches(ids) => (Some(json_text(ids)?), None, None, None),
-        Meant::Trips(trips) => (None, Some(json_text(trips)?), None, None),
-        Meant::Vehicle { id, since } => (None, None, Some(id.as_str()), since.map(micros)),
-    };
-    let rows = sqlx::query(
-        "SELECT batch_key, batches.id, trip_id FROM routes JOIN batches USING (route_key) \
+/// The uploads that are meant and what they hold of the graph.
+struct RemovableOf<'a> {
+    route: &'a RouteId,
+    meant: &'a Meant,
+}
+
+impl Query for RemovableOf<'_> {
+    type Answer = Removable;
+    const ONE_SNAPSHOT: bool = true;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = self.batches(reader).await?;
+        let keys: Vec<i64> = rows
+            .iter()
+            .map(|row| row.try_get("batch_key"))
+            .collect::<Result<_, _>>()?;
+        let keys = json_text(&keys)?;
+        let nodes: Vec<i64> = sqlx::query_scalar(
+            "SELECT node_id FROM nodes WHERE batch_key IN (SELECT value FROM json_each($1)) \
+             ORDER BY node_id",
+        )
+        .bind(&keys)
+        .fetch_all(&mut *reader)
+        .await?;
+        let edges = self.edges(reader, &keys, &nodes).await?;
+        let id = |row: &SqliteRow| name::<BatchId>(row, "id");
+        let trip = |row: &SqliteRow| name::<TripId>(row, "trip_id");
+        let mut trips: Vec<TripId> = rows.iter().map(trip).collect::<Result<_, _>>()?;
+        trips.sort_unstable();
+        trips.dedup();
+        Ok(Removable {
+            batches: rows.iter().map(id).collect::<Result<_, _>>()?,
+            trips,
+            nodes: nodes.into_iter().map(NodeId).collect(),
+            edges: edges.into_iter().map(EdgeId).collect(),
+        })
+    }
+}
+
+impl RemovableOf<'_> {
+    /// The batches that are meant and not removed yet, in the order of arrival.
+    async fn batches(&self, reader: &mut SqliteConnection) -> Result<Vec<SqliteRow>, StoreError> {
+        let (by_batch, by_trip, vehicle, since) = match self.meant {
+            Meant::Batches(ids) => (Some(json_text(ids)?), None, None, None),
+            Meant::Trips(trips) => (None, Some(json_text(trips)?), None, None),
+            Meant::Vehicle { id, since } => (None, None, Some(id.as_str()), since.map(micros)),
+        };
+        let rows = sqlx::query(
+            "SELECT batch_key, batches.id, trip_id FROM routes JOIN batches USING (route_key) \
          WHERE routes.id = $1 AND status <> 'removed' \
          AND ($2 IS NULL OR batches.id IN (SELECT value FROM json_each($2))) \
          AND ($3 IS NULL OR trip_id IN (SELECT value FROM json_each($3))) \
          AND ($4 IS NULL OR vehicle_id = $4) \
          AND ($5 IS NULL OR received_at_us >= $5) ORDER BY batch_key",
-    )
-    .bind(route.as_str())
-    .bind(by_batch)
-    .bind(by_trip)
-    .bind(vehicle)
-    .bind(since)
-    .fetch_all(&mut *snapshot)
-    .await?;
-    let keys: Vec<i64> = rows
-        .iter()
-        .map(|row| row.try_get("batch_key"))
-        .collect::<Result<_, _>>()?;
-    let keys = json_text(&keys)?;
-    let nodes: Vec<i64> = sqlx::query_scalar(
-        "SELECT node_id FROM nodes WHERE batch_key IN (SELECT value FROM json_each($1)) \
-         ORDER BY node_id",
-    )
-    .bind(&keys)
-    .fetch_all(&mut *snapshot)
-    .await?;
-    let edges: Vec<i64> = sqlx::query_scalar(
-        "WITH gone AS (SELECT value AS id FROM json_each($1)), \
+        )
+        .bind(self.route.as_str())
+        .bind(by_batch)
+        .bind(by_trip)
+        .bind(vehicle)
+        .bind(since)
+        .fetch_all(reader)
+        .await?;
+        Ok(rows)
+    }
+
+    /// The edges of batches (`keys`, as JSON) and those of others that end at their nodes, ascending.
+    async fn edges(
+        &self,
+        reader: &mut SqliteConnection,
+        keys: &str,
+        nodes: &[i64],
+    ) -> Result<Vec<i64>, StoreError> {
+        let edges = sqlx::query_scalar(
+            "WITH gone AS (SELECT value AS id FROM json_each($1)), \
              place AS (SELECT route_key FROM routes WHERE id = $2) \
          SELECT edge_id FROM edges WHERE batch_key IN (SELECT value FROM json_each($3)) \
          UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_from \
@@ -85,24 +118,14 @@ async fn removable(
          UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_to \
              ON edges.route_key = place.route_key AND to_node = gone.id \
          ORDER BY 1",
-    )
-    .bind(json_text(&nodes)?)
-    .bind(route.as_str())
-    .bind(&keys)
-    .fetch_all(&mut *snapshot)
-    .await?;
-    snapshot.commit().await?;
-    let id = |row: &SqliteRow| name::<BatchId>(row, "id");
-    let trip = |row: &SqliteRow| name::<TripId>(row, "trip_id");
-    let mut trips: Vec<TripId> = rows.iter().map(trip).collect::<Result<_, _>>()?;
-    trips.sort_unstable();
-    trips.dedup();
-    Ok(Removable {
-        batches: rows.iter().map(id).collect::<Result<_, _>>()?,
-        trips,
-        nodes: nodes.into_iter().map(NodeId).collect(),
-        edges: edges.into_iter().map(EdgeId).collect(),
-    })
+        )
+        .bind(json_text(nodes)?)
+        .bind(self.route.as_str())
+        .bind(keys)
+        .fetch_all(reader)
+        .await?;
+        Ok(edges)
+    }
 }
 
 struct ApplyRemoval(Removal);

@@ -40,8 +40,8 @@ impl Request for DeleteBodies {
         let keys: Vec<i64> = sqlx::query_scalar(
             "UPDATE batches SET body_kept = 0 WHERE batch_key IN ( \
                  SELECT batch_key FROM batches \
-                 WHERE status = 'merged' AND body_kept = 1 AND processed_at_us < ? \
-                 ORDER BY processed_at_us LIMIT ?) \
+                 WHERE status = 'merged' AND body_kept = 1 AND processed_at_us < $1 \
+                 ORDER BY processed_at_us LIMIT $2) \
              RETURNING batch_key",
         )
         .bind(micros(self.before))
@@ -51,7 +51,7 @@ impl Request for DeleteBodies {
         let mut deleted = DeletedBodies::default();
         for key in keys {
             let bytes: Option<i64> = sqlx::query_scalar(
-                "DELETE FROM batch_bodies WHERE batch_key = ? RETURNING length(body)",
+                "DELETE FROM batch_bodies WHERE batch_key = $1 RETURNING length(body)",
             )
             .bind(key)
             .fetch_optional(&mut *transaction)

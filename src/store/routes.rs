@@ -2,18 +2,18 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
 use super::columns::{json_text, micros, name, text, time};
 use super::error::StoreError;
 use super::inputs::{self, Input};
+use super::query::Query;
 use super::records::{
     GeoAnchor, RouteCounts, RouteEdition, RouteRecord, RouteSettings, RouteUpdate,
 };
 use super::request::Request;
-use super::webhooks::webhooks_of;
-use super::{Deleted, Put};
-use super::{Store, named, route_audit, webhook_audit};
+use super::webhooks::RouteWebhooks;
+use super::{Deleted, Put, Store, route_audit, webhook_audit};
 use crate::ids::RouteId;
 use crate::model::{Actor, Detector, Stage};
 
@@ -43,7 +43,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn route(&self, id: &RouteId) -> Result<Option<RouteRecord>, StoreError> {
-        named(route(&self.shared.readers, id).await)
+        self.read(OneRoute(id)).await
     }
 
     /// By id, after `after`, at most `limit`.
@@ -55,7 +55,12 @@ impl Store {
         after: Option<&RouteId>,
         limit: u32,
     ) -> Result<Vec<RouteRecord>, StoreError> {
-        named(routes(&self.shared.readers, None, after, limit).await)
+        let page = RoutePage {
+            among: None,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// Those of some routes that are there, as [`Store::routes`] has them.
@@ -68,7 +73,12 @@ impl Store {
         after: Option<&RouteId>,
         limit: u32,
     ) -> Result<Vec<RouteRecord>, StoreError> {
-        named(routes(&self.shared.readers, Some(among), after, limit).await)
+        let page = RoutePage {
+            among: Some(among),
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// Deletes a route with its uploads, jobs and graph; where an edition is expected, only that.
@@ -118,7 +128,7 @@ impl Request for PutRoute {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Put, StoreError> {
-        let present = route(&mut *transaction, &self.id).await?;
+        let present = OneRoute(&self.id).answer(transaction).await?;
         if self.change(transaction).await? {
             self.note(transaction, present).await?;
             return Ok(Put::Updated);
@@ -144,7 +154,7 @@ impl PutRoute {
         transaction: &mut SqliteConnection,
         before: Option<RouteRecord>,
     ) -> Result<(), StoreError> {
-        let after = route(&mut *transaction, &self.id).await?;
+        let after = OneRoute(&self.id).answer(transaction).await?;
         let (before, after) = (before.as_ref(), after.as_ref());
         let was = before.map(|before| &before.settings);
         if let Some(after) = after.filter(|after| was != Some(&after.settings)) {
@@ -194,7 +204,7 @@ impl PutRoute {
             "INSERT INTO routes (id, display_name, geo_latitude, geo_longitude, geo_heading, \
              detector, false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, \
              next_node_id, next_edge_id, created_at_us, updated_at_us) \
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, 1, 0, 1, 1, ?, ?)",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 1, 1, 0, 1, 1, $11, $12)",
         )
         .bind(self.id.as_str())
         .bind(self.update.display_name.as_deref())
@@ -232,8 +242,8 @@ impl Request for DeleteRoute {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Deleted, StoreError> {
-        let before = route(&mut *transaction, &self.id).await?;
-        let webhooks = webhooks_of(transaction, &self.id).await?;
+        let before = OneRoute(&self.id).answer(transaction).await?;
+        let webhooks = RouteWebhooks(&self.id).answer(transaction).await?;
         let deleted = sqlx::query(
             "DELETE FROM routes WHERE id = $1 \
                  AND ($2 IS NULL OR revision = $2 AND updated_at_us = $3)",
@@ -258,34 +268,42 @@ impl Request for DeleteRoute {
 }
 
 /// One route.
-pub(super) async fn route(
-    reader: impl SqliteExecutor<'_>,
-    id: &RouteId,
-) -> Result<Option<RouteRecord>, StoreError> {
-    let row = sqlx::query(select_routes!("WHERE id = ?"))
-        .bind(id.as_str())
-        .fetch_optional(reader)
-        .await?;
-    row.as_ref().map(route_of).transpose()
+struct OneRoute<'a>(&'a RouteId);
+
+impl Query for OneRoute<'_> {
+    type Answer = Option<RouteRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_routes!("WHERE id = $1"))
+            .bind(self.0.as_str())
+            .fetch_optional(reader)
+            .await?;
+        row.as_ref().map(route_of).transpose()
+    }
 }
 
-/// Routes by id, after `after`.
-pub(super) async fn routes(
-    readers: &SqlitePool,
-    among: Option<&[RouteId]>,
-    after: Option<&RouteId>,
-    limit: u32,
-) -> Result<Vec<RouteRecord>, StoreError> {
-    let rows = sqlx::query(select_routes!(
-        "WHERE id > ?1 AND (?3 IS NULL OR id IN (SELECT value FROM json_each(?3))) \
-         ORDER BY id LIMIT ?2"
-    ))
-    .bind(after.map_or("", RouteId::as_str))
-    .bind(limit)
-    .bind(among.map(json_text).transpose()?)
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(route_of).collect()
+/// Routes by id, after `after`: all, or those of some that are there.
+pub(super) struct RoutePage<'a> {
+    pub(super) among: Option<&'a [RouteId]>,
+    pub(super) after: Option<&'a RouteId>,
+    pub(super) limit: u32,
+}
+
+impl Query for RoutePage<'_> {
+    type Answer = Vec<RouteRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_routes!(
+            "WHERE id > $1 AND ($3 IS NULL OR id IN (SELECT value FROM json_each($3))) \
+         ORDER BY id LIMIT $2"
+        ))
+        .bind(self.after.map_or("", RouteId::as_str))
+        .bind(self.limit)
+        .bind(self.among.map(json_text).transpose()?)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(route_of).collect()
+    }
 }
 
 /// The settings in a route's row.

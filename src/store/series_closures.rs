@@ -1,18 +1,18 @@
-//! The closures that residual series are read from: as many as the active graph has, and the first
-//! that have left it.
+//! The closures that residual series are made of: all of the active graph, and the first that were
+//! archived.
 
 use std::collections::BTreeMap;
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row, SqliteConnection};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
+use super::active_graph::join_active_edges;
 use super::archive::{ArchivedSums, SubgraphSums};
 use super::columns::name;
 use super::error::StoreError;
 use super::query::Query;
 use super::records::{SETTLED_CLOSURES_MAX, SettledClosure};
-use super::settled::join_active_edges;
-use super::{Store, of_snapshot};
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 
 /// A closure with what residual series are made of.
@@ -24,7 +24,7 @@ pub struct SeriesClosure {
     pub from: NodeId,
     /// Its newer node.
     pub to: NodeId,
-    /// The block of the graph it lies in, or lay in last.
+    /// The block of the graph it lies in; of an archived closure, the last one.
     pub subgraph_id: Option<i64>,
     /// What it added to the optimum F when it was inserted (paper: ΔF).
     pub delta_f: f64,
@@ -33,7 +33,7 @@ pub struct SeriesClosure {
     pub all_points_residual: Option<f64>,
     /// Who drove the node with the larger id.
     pub vehicle_id: VehicleId,
-    /// Whether one of its nodes has left the active graph.
+    /// Whether one of its nodes is archived.
     pub archived: bool,
 }
 
@@ -54,10 +54,9 @@ impl From<SeriesClosure> for SettledClosure {
 /// The closures of a route that residual series are read from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeriesClosures {
-    /// Those between active nodes, and of the others the first [`SETTLED_CLOSURES_MAX`]: by id.
+    /// By id: those between active nodes, and the first [`SETTLED_CLOSURES_MAX`] archived ones.
     pub closures: Vec<SeriesClosure>,
-    /// Sums over everything that has left, by sub-graph: more than is among `closures` where more
-    /// than so many have left.
+    /// Sums over everything that is archived, by sub-graph, also what is not among `closures`.
     pub archive: BTreeMap<Option<i64>, SubgraphSums>,
 }
 
@@ -95,42 +94,46 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn series_closures(&self, route: &RouteId) -> Result<SeriesClosures, StoreError> {
-        let mut reader = self.reader().await?;
-        let closures = read(&mut reader, route).await;
-        of_snapshot(reader, closures)
+        self.read(RouteSeriesClosures(route)).await
     }
 }
 
-async fn read(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<SeriesClosures, StoreError> {
-    let mut snapshot = reader.begin().await?;
-    let mut closures = first_archived(&mut snapshot, route).await?;
-    let active = sqlx::query(ACTIVE)
-        .bind(route.as_str())
-        .fetch_all(&mut *snapshot)
-        .await?;
-    let archive = ArchivedSums(route).answer(&mut snapshot).await?;
-    snapshot.commit().await?;
-    for row in &active {
-        closures.push(closure_of(row, false)?);
+/// The closures of a route that residual series are read from.
+struct RouteSeriesClosures<'a>(&'a RouteId);
+
+impl Query for RouteSeriesClosures<'_> {
+    type Answer = SeriesClosures;
+    const ONE_SNAPSHOT: bool = true;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let mut closures = FirstArchivedClosures(self.0).answer(reader).await?;
+        let active = sqlx::query(ACTIVE)
+            .bind(self.0.as_str())
+            .fetch_all(&mut *reader)
+            .await?;
+        for row in &active {
+            closures.push(closure_of(row, false)?);
+        }
+        closures.sort_unstable_by_key(|closure| closure.id);
+        let archive = ArchivedSums(self.0).answer(reader).await?;
+        Ok(SeriesClosures { closures, archive })
     }
-    closures.sort_unstable_by_key(|closure| closure.id);
-    Ok(SeriesClosures { closures, archive })
 }
 
-/// Of the closures that have left the active graph the first [`SETTLED_CLOSURES_MAX`], by id.
-pub(super) async fn first_archived(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<Vec<SeriesClosure>, StoreError> {
-    let rows = sqlx::query(ARCHIVED)
-        .bind(route.as_str())
-        .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
-        .fetch_all(reader)
-        .await?;
-    rows.iter().map(|row| closure_of(row, true)).collect()
+/// The first [`SETTLED_CLOSURES_MAX`] closures with an archived node, by id.
+pub(super) struct FirstArchivedClosures<'a>(pub(super) &'a RouteId);
+
+impl Query for FirstArchivedClosures<'_> {
+    type Answer = Vec<SeriesClosure>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(ARCHIVED)
+            .bind(self.0.as_str())
+            .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
+            .fetch_all(reader)
+            .await?;
+        rows.iter().map(|row| closure_of(row, true)).collect()
+    }
 }
 
 fn closure_of(row: &SqliteRow, archived: bool) -> Result<SeriesClosure, StoreError> {

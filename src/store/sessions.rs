@@ -1,15 +1,16 @@
 //! Sessions: what a person's browser holds in place of a key.
 
 use jiff::Timestamp;
-use sqlx::{SqliteConnection, SqlitePool};
+use sqlx::SqliteConnection;
 
+use super::Store;
 use super::columns::{micros, time};
 use super::error::StoreError;
 use super::key_records::{SESSION_IDLE_MAX, SESSION_MAX, SessionRecord};
 use super::keys::{is_worth_noting, key_of};
+use super::query::Query;
 use super::request::Request;
 use super::secrets::Secret;
-use super::{Store, named};
 use crate::ids::KeyId;
 
 impl Store {
@@ -37,7 +38,7 @@ impl Store {
         now: Timestamp,
     ) -> Result<Option<SessionRecord>, StoreError> {
         let id = id.digest();
-        let found = named(session(&self.shared.readers, &id).await)?;
+        let found = self.read(OneSession(&id)).await?;
         let session = found.filter(|session| session.is_live(now));
         if let Some(session) = &session
             && is_worth_noting(Some(session.last_used_at), now)
@@ -70,14 +71,14 @@ impl Request for Begin {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let before = |age| self.now.saturating_sub(age).map_or(0, micros);
-        sqlx::query("DELETE FROM sessions WHERE created_at_us <= ? OR last_used_at_us <= ?")
+        sqlx::query("DELETE FROM sessions WHERE created_at_us <= $1 OR last_used_at_us <= $2")
             .bind(before(SESSION_MAX))
             .bind(before(SESSION_IDLE_MAX))
             .execute(&mut *transaction)
             .await?;
         sqlx::query(
             "INSERT INTO sessions (id_sha256, key_key, created_at_us, last_used_at_us) \
-             SELECT ?1, key_key, ?3, ?3 FROM keys WHERE id = ?2",
+             SELECT $1, key_key, $3, $3 FROM keys WHERE id = $2",
         )
         .bind(self.id.as_slice())
         .bind(self.key.to_string())
@@ -99,7 +100,7 @@ impl Request for NoteUse {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("UPDATE sessions SET last_used_at_us = ? WHERE id_sha256 = ?")
+        sqlx::query("UPDATE sessions SET last_used_at_us = $1 WHERE id_sha256 = $2")
             .bind(micros(self.now))
             .bind(self.id.as_slice())
             .execute(transaction)
@@ -118,7 +119,7 @@ impl Request for End {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        sqlx::query("DELETE FROM sessions WHERE id_sha256 = ?")
+        sqlx::query("DELETE FROM sessions WHERE id_sha256 = $1")
             .bind(self.id.as_slice())
             .execute(transaction)
             .await?;
@@ -126,21 +127,28 @@ impl Request for End {
     }
 }
 
-async fn session(readers: &SqlitePool, id: &[u8; 32]) -> Result<Option<SessionRecord>, StoreError> {
-    let row = sqlx::query(
-        "SELECT keys.*, sessions.created_at_us AS begun_at_us, \
+/// The session of an id's digest, whether it goes on or not.
+struct OneSession<'a>(&'a [u8; 32]);
+
+impl Query for OneSession<'_> {
+    type Answer = Option<SessionRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(
+            "SELECT keys.*, sessions.created_at_us AS begun_at_us, \
          sessions.last_used_at_us AS session_used_at_us \
-         FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = ?",
-    )
-    .bind(id.as_slice())
-    .fetch_optional(readers)
-    .await?;
-    let record = |row: &_| {
-        Ok(SessionRecord {
-            key: key_of(row)?,
-            created_at: time(row, "begun_at_us")?,
-            last_used_at: time(row, "session_used_at_us")?,
-        })
-    };
-    row.as_ref().map(record).transpose()
+         FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = $1",
+        )
+        .bind(self.0.as_slice())
+        .fetch_optional(reader)
+        .await?;
+        let record = |row: &_| {
+            Ok(SessionRecord {
+                key: key_of(row)?,
+                created_at: time(row, "begun_at_us")?,
+                last_used_at: time(row, "session_used_at_us")?,
+            })
+        };
+        row.as_ref().map(record).transpose()
+    }
 }

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use sqlx::SqliteConnection;
 
+use super::Store;
+use super::active_graph::ActiveEdges;
 use super::archive::{ArchivedSums, SubgraphSums};
 use super::error::StoreError;
 use super::query::Query;
-use super::{Store, settled};
 use crate::ids::RouteId;
 
 impl Store {
@@ -32,7 +33,7 @@ impl Query for Subgraphs<'_> {
 
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let archived = ArchivedSums(self.0).answer(reader).await?;
-        let edges = settled::active_edges(reader, self.0).await?;
+        let edges = ActiveEdges(self.0).answer(reader).await?;
         let mut sums = active_nodes(reader, self.0).await?;
         for edge in &edges {
             if let Some(subgraph) = edge.subgraph_id {

@@ -2,11 +2,12 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::columns::{name, time};
 use super::error::StoreError;
-use super::{Store, named};
+use super::query::Query;
 use crate::ids::{RouteId, StampNs, TripId, VehicleId};
 
 /// A trip as a route knows it.
@@ -41,19 +42,28 @@ impl Store {
         after: Option<&TripId>,
         limit: u32,
     ) -> Result<Vec<TripRecord>, StoreError> {
-        let after = after.map_or("", TripId::as_str);
-        named(trips(&self.shared.readers, route, after, limit).await)
+        let page = TripPage {
+            route,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
-async fn trips(
-    readers: &SqlitePool,
-    route: &RouteId,
-    after: &str,
+/// Trips by name, after `after`.
+struct TripPage<'a> {
+    route: &'a RouteId,
+    after: Option<&'a TripId>,
     limit: u32,
-) -> Result<Vec<TripRecord>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT trips.trip_id, trips.vehicle_id, count(*) AS batch_count, \
+}
+
+impl Query for TripPage<'_> {
+    type Answer = Vec<TripRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT trips.trip_id, trips.vehicle_id, count(*) AS batch_count, \
              sum(status = 'merged') AS merged_count, sum(batches.scans) AS scan_count, \
              min(received_at_us) AS first_us, max(received_at_us) AS last_us, \
              min((SELECT min(stamp_ns) FROM nodes \
@@ -63,15 +73,16 @@ async fn trips(
          FROM routes JOIN trips USING (route_key) \
              JOIN batches ON batches.route_key = trips.route_key \
                  AND batches.trip_id = trips.trip_id \
-         WHERE routes.id = ?1 AND trips.trip_id > ?2 \
-         GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT ?3",
-    )
-    .bind(route.as_str())
-    .bind(after)
-    .bind(limit)
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(trip_of).collect()
+         WHERE routes.id = $1 AND trips.trip_id > $2 \
+         GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT $3",
+        )
+        .bind(self.route.as_str())
+        .bind(self.after.map_or("", TripId::as_str))
+        .bind(self.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(trip_of).collect()
+    }
 }
 
 fn trip_of(row: &SqliteRow) -> Result<TripRecord, StoreError> {

@@ -49,7 +49,7 @@ pub(super) async fn place(
     .execute(&mut *transaction)
     .await?;
     let (vehicle_id, next_sequence): (String, i64) = sqlx::query_as(
-        "SELECT vehicle_id, next_sequence FROM trips WHERE route_key = ? AND trip_id = ?",
+        "SELECT vehicle_id, next_sequence FROM trips WHERE route_key = $1 AND trip_id = $2",
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
@@ -105,7 +105,7 @@ async fn sequence_after_all(
     batch: &NewBatch,
 ) -> Result<i64, StoreError> {
     let sequence = sqlx::query_scalar(
-        "SELECT coalesce(max(sequence) + 1, 0) FROM batches WHERE route_key = ? AND trip_id = ?",
+        "SELECT coalesce(max(sequence) + 1, 0) FROM batches WHERE route_key = $1 AND trip_id = $2",
     )
     .bind(route_key)
     .bind(batch.trip_id.as_str())
@@ -121,7 +121,7 @@ async fn has_others(
     batch: &NewBatch,
 ) -> Result<bool, StoreError> {
     let has_others = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = ? AND trip_id = ? AND kind <> ? \
+        "SELECT EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 AND kind <> $3 \
          AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL))",
     )
@@ -142,7 +142,7 @@ async fn holder(
     sequence: i64,
 ) -> Result<Option<String>, StoreError> {
     let holder: Option<String> = sqlx::query_scalar(
-        "SELECT id FROM batches WHERE route_key = ? AND trip_id = ? AND sequence = ? \
+        "SELECT id FROM batches WHERE route_key = $1 AND trip_id = $2 AND sequence = $3 \
          AND status <> 'removed' \
          AND (status <> 'quarantined' OR processed_at_us IS NOT NULL) LIMIT 1",
     )
@@ -159,7 +159,7 @@ pub(super) async fn queue(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = ?")
+    sqlx::query("UPDATE batches SET status = 'queued' WHERE batch_key = $1")
         .bind(place.batch_key)
         .execute(&mut *transaction)
         .await?;
@@ -173,7 +173,7 @@ pub(super) async fn add_job(
 ) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO jobs (batch_key, route_key, trip_id, sequence, state) \
-         VALUES (?, ?, ?, ?, 'queued')",
+         VALUES ($1, $2, $3, $4, 'queued')",
     )
     .bind(place.batch_key)
     .bind(place.route_key)
@@ -189,14 +189,14 @@ pub(super) async fn end_turn(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM jobs WHERE batch_key = ?")
+    sqlx::query("DELETE FROM jobs WHERE batch_key = $1")
         .bind(place.batch_key)
         .execute(&mut *transaction)
         .await?;
     // The greater of the two: an unanchored batch has its turn again after later ones had theirs.
     let next_sequence: i64 = sqlx::query_scalar(
-        "UPDATE trips SET next_sequence = max(next_sequence, ?) \
-         WHERE route_key = ? AND trip_id = ? RETURNING next_sequence",
+        "UPDATE trips SET next_sequence = max(next_sequence, $1) \
+         WHERE route_key = $2 AND trip_id = $3 RETURNING next_sequence",
     )
     .bind(place.sequence + 1)
     .bind(place.route_key)
@@ -205,7 +205,7 @@ pub(super) async fn end_turn(
     .await?;
     let successor: Option<i64> = sqlx::query_scalar(
         "SELECT batch_key FROM batches \
-         WHERE route_key = ? AND trip_id = ? AND sequence = ? AND status = 'held'",
+         WHERE route_key = $1 AND trip_id = $2 AND sequence = $3 AND status = 'held'",
     )
     .bind(place.route_key)
     .bind(&place.trip_id)
@@ -228,7 +228,7 @@ pub(super) async fn skip_gap(
     transaction: &mut SqliteConnection,
     place: &Place,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE trips SET next_sequence = ? WHERE route_key = ? AND trip_id = ?")
+    sqlx::query("UPDATE trips SET next_sequence = $1 WHERE route_key = $2 AND trip_id = $3")
         .bind(place.sequence)
         .bind(place.route_key)
         .bind(&place.trip_id)

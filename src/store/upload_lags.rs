@@ -3,9 +3,10 @@
 use jiff::Timestamp;
 use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::columns::time;
 use super::error::StoreError;
-use super::{Store, named};
+use super::query::Query;
 use crate::ids::{RouteId, StampNs, TripId, VehicleId};
 
 /// Most batches that are asked.
@@ -32,19 +33,28 @@ impl Store {
         vehicle: &VehicleId,
         trip: &TripId,
     ) -> Result<Vec<UploadLag>, StoreError> {
-        let mut reader = self.reader().await?;
-        named(upload_lags(&mut reader, route, vehicle, trip).await)
+        let lags = UploadLags {
+            route,
+            vehicle,
+            trip,
+        };
+        self.read(lags).await
     }
 }
 
-async fn upload_lags(
-    reader: &mut SqliteConnection,
-    route: &RouteId,
-    vehicle: &VehicleId,
-    trip: &TripId,
-) -> Result<Vec<UploadLag>, StoreError> {
-    let rows = sqlx::query(
-        "WITH newest AS (SELECT batches.route_key, trip_id FROM routes \
+/// The newest batches of a vehicle's newest trip but `trip`.
+struct UploadLags<'a> {
+    route: &'a RouteId,
+    vehicle: &'a VehicleId,
+    trip: &'a TripId,
+}
+
+impl Query for UploadLags<'_> {
+    type Answer = Vec<UploadLag>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "WITH newest AS (SELECT batches.route_key, trip_id FROM routes \
              CROSS JOIN batches INDEXED BY batches_by_vehicle USING (route_key) \
              WHERE routes.id = $1 AND vehicle_id = $2 AND trip_id <> $3 \
              AND kind = 'scans' AND status = 'merged' AND nodes_added > 0 \
@@ -54,18 +64,19 @@ async fn upload_lags(
          FROM newest JOIN trips USING (route_key, trip_id) \
              CROSS JOIN batches INDEXED BY batches_by_trip USING (route_key, trip_id) \
          WHERE status = 'merged' AND nodes_added > 0 ORDER BY sequence DESC LIMIT $4",
-    )
-    .bind(route.as_str())
-    .bind(vehicle.as_str())
-    .bind(trip.as_str())
-    .bind(BATCHES_MAX)
-    .fetch_all(reader)
-    .await?;
-    let lag_of = |row| {
-        Ok(UploadLag {
-            newest: StampNs(Row::try_get(row, "newest")?),
-            received_at: time(row, "received_at_us")?,
-        })
-    };
-    rows.iter().map(lag_of).collect()
+        )
+        .bind(self.route.as_str())
+        .bind(self.vehicle.as_str())
+        .bind(self.trip.as_str())
+        .bind(BATCHES_MAX)
+        .fetch_all(reader)
+        .await?;
+        let lag_of = |row| {
+            Ok(UploadLag {
+                newest: StampNs(Row::try_get(row, "newest")?),
+                received_at: time(row, "received_at_us")?,
+            })
+        };
+        rows.iter().map(lag_of).collect()
+    }
 }

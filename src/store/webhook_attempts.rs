@@ -6,9 +6,10 @@ use sqlx::SqliteConnection;
 use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_records::{Attempt, AttemptEnd, AttemptVerdict};
-use super::webhooks::{note, webhook, webhook_id};
+use super::webhooks::{OneWebhook, note, webhook_id};
 use crate::model::{Actor, DeliveryStatus};
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
@@ -54,9 +55,9 @@ impl Request for Record {
             AttemptEnd::Failure(failure) => (None, Some(failure.name())),
         };
         let noted = sqlx::query(
-            "UPDATE webhook_deliveries SET status = ?3, attempts = ?2, attempted_at_us = ?4, \
-             next_attempt_at_us = ?5, answer_status = ?6, failure = ?7 \
-             WHERE delivery_key = ?1 AND attempts = ?2 - 1 AND status = 'pending'",
+            "UPDATE webhook_deliveries SET status = $3, attempts = $2, attempted_at_us = $4, \
+             next_attempt_at_us = $5, answer_status = $6, failure = $7 \
+             WHERE delivery_key = $1 AND attempts = $2 - 1 AND status = 'pending'",
         )
         .bind(attempt.delivery_key)
         .bind(attempt.attempts)
@@ -85,9 +86,9 @@ impl Record {
         // Few wait; of the webhook or of the alert there may be thousands that do not.
         sqlx::query(
             "DELETE FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
-             WHERE status = 'pending' AND event = 'alert.updated' AND alert_revision <= ?2 \
+             WHERE status = 'pending' AND event = 'alert.updated' AND alert_revision <= $2 \
              AND (webhook_key, alert_key) = \
-             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?1)",
+             (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = $1)",
         )
         .bind(self.0.delivery_key)
         .bind(self.0.alert_revision)
@@ -105,7 +106,7 @@ impl Record {
                  SELECT delivery_key FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
                  WHERE status = 'pending' AND event = 'alert.updated' \
                  AND (webhook_key, alert_key) = \
-                 (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = ?)) \
+                 (SELECT webhook_key, alert_key FROM webhook_deliveries WHERE delivery_key = $1)) \
              DELETE FROM webhook_deliveries WHERE delivery_key IN waiting \
              AND delivery_key < (SELECT max(delivery_key) FROM waiting)",
         )
@@ -119,16 +120,16 @@ impl Record {
     async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let row = sqlx::query(
             "SELECT webhooks.id FROM webhook_deliveries JOIN webhooks USING (webhook_key) \
-             WHERE delivery_key = ?",
+             WHERE delivery_key = $1",
         )
         .bind(self.0.delivery_key)
         .fetch_one(&mut *transaction)
         .await?;
         let id = webhook_id(&row, "id")?;
-        let before = webhook(&mut *transaction, id).await?;
+        let before = OneWebhook(id).answer(transaction).await?;
         sqlx::query(
-            "UPDATE webhooks SET active = 0, gone_at_us = ?2, updated_at_us = ?2, \
-             revision = revision + 1 WHERE active = 1 AND revision = ?3 AND id = ?1",
+            "UPDATE webhooks SET active = 0, gone_at_us = $2, updated_at_us = $2, \
+             revision = revision + 1 WHERE active = 1 AND revision = $3 AND id = $1",
         )
         .bind(id.to_string())
         .bind(micros(self.0.ended_at))
@@ -152,8 +153,8 @@ impl Request for DeleteOld {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
         let deleted = sqlx::query(
             "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
-                 SELECT delivery_key FROM webhook_deliveries WHERE at_us < ? \
-                 ORDER BY at_us LIMIT ?)",
+                 SELECT delivery_key FROM webhook_deliveries WHERE at_us < $1 \
+                 ORDER BY at_us LIMIT $2)",
         )
         .bind(micros(self.before))
         .bind(DELETED_AT_ONCE)
@@ -166,8 +167,8 @@ impl Request for DeleteOld {
                  WHERE status = 'delivered' AND delivery_key < ( \
                      SELECT delivery_key FROM webhook_deliveries AS newer \
                      WHERE newer.webhook_key = webhooks.webhook_key \
-                     ORDER BY delivery_key DESC LIMIT 1 OFFSET ?1) \
-                 LIMIT ?2)",
+                     ORDER BY delivery_key DESC LIMIT 1 OFFSET $1) \
+                 LIMIT $2)",
         )
         .bind(LISTED - 1)
         .bind(DELETED_AT_ONCE)

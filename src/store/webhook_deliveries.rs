@@ -2,16 +2,17 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
+use super::Store;
 use super::columns::{alert_id, corrupt, micros, name, optional_time, text, time, value_of};
 use super::error::StoreError;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_records::{
     AttemptEnd, DeliveryRecord, NextDelivery, Subject, TestQueued, WebhookSecret,
 };
 use super::webhooks::webhook_id;
-use super::{Store, named};
 use crate::ids::WebhookId;
 use crate::model::{AlertEventKind, WebhookEvent, WebhookTopic};
 
@@ -34,7 +35,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn next_deliveries(&self) -> Result<Vec<NextDelivery>, StoreError> {
-        named(next_deliveries(&self.shared.readers).await)
+        self.read(NextDeliveries).await
     }
 
     /// The deliveries of a webhook, the newest first, queued before the one with the key
@@ -48,7 +49,12 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<DeliveryRecord>, StoreError> {
-        named(deliveries(&self.shared.readers, webhook, before, limit).await)
+        let page = DeliveryPage {
+            webhook,
+            before,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
@@ -75,10 +81,10 @@ pub(super) async fn queue(
     sqlx::query(
         "INSERT INTO webhook_deliveries (webhook_key, id, event, event_sequence, alert_key, \
          alert_revision, at_us, status, attempts, next_attempt_at_us) \
-         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), happened, ?2, ?3, ?6, ?4, \
-         'pending', 0, ?4 \
-         FROM (SELECT webhook_key, events, iif(include_tentative, ?1, ?7) AS happened \
-             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = ?5)) \
+         SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), happened, $2, $3, $6, $4, \
+         'pending', 0, $4 \
+         FROM (SELECT webhook_key, events, iif(include_tentative, $1, $7) AS happened \
+             FROM webhooks WHERE active = 1 AND (route_key IS NULL OR route_key = $5)) \
          WHERE happened IS NOT NULL \
          AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = happened) ORDER BY webhook_key",
     )
@@ -116,7 +122,7 @@ impl Request for QueueTest {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<TestQueued, StoreError> {
-        let active: Option<bool> = sqlx::query_scalar("SELECT active FROM webhooks WHERE id = ?")
+        let active: Option<bool> = sqlx::query_scalar("SELECT active FROM webhooks WHERE id = $1")
             .bind(self.webhook.to_string())
             .fetch_optional(&mut *transaction)
             .await?;
@@ -131,7 +137,7 @@ impl Request for QueueTest {
         sqlx::query(
             "INSERT INTO webhook_deliveries (webhook_key, id, event, at_us, status, attempts, \
              next_attempt_at_us) SELECT webhook_key, 'msg_' || lower(hex(randomblob(16))), \
-             'webhook.test', ?2, 'pending', 0, ?2 FROM webhooks WHERE id = ?1",
+             'webhook.test', $2, 'pending', 0, $2 FROM webhooks WHERE id = $1",
         )
         .bind(self.webhook.to_string())
         .bind(micros(self.now))
@@ -153,7 +159,7 @@ impl QueueTest {
             "WHERE delivery_key IN (SELECT delivery_key \
              FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
              WHERE status = 'pending' AND event = 'webhook.test' AND webhook_key = \
-             (SELECT webhook_key FROM webhooks WHERE id = ?))"
+             (SELECT webhook_key FROM webhooks WHERE id = $1))"
         ))
         .bind(self.webhook.to_string())
         .fetch_optional(transaction)
@@ -162,9 +168,15 @@ impl QueueTest {
     }
 }
 
-async fn next_deliveries(readers: &SqlitePool) -> Result<Vec<NextDelivery>, StoreError> {
-    let rows = sqlx::query(
-        "SELECT delivery.delivery_key, delivery.id, webhooks.id AS webhook_id, \
+/// What is sent next to each active webhook.
+struct NextDeliveries;
+
+impl Query for NextDeliveries {
+    type Answer = Vec<NextDelivery>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT delivery.delivery_key, delivery.id, webhooks.id AS webhook_id, \
          webhooks.revision, url, secret, previous_secret, previous_secret_until_us, event, \
          alerts.id AS alert_id, routes.id AS route_id, subject, at_us, attempts, \
          next_attempt_at_us FROM webhooks JOIN webhook_deliveries AS delivery \
@@ -175,27 +187,34 @@ async fn next_deliveries(readers: &SqlitePool) -> Result<Vec<NextDelivery>, Stor
          LEFT JOIN alerts USING (alert_key) \
          LEFT JOIN routes ON routes.route_key = delivery.route_key \
          WHERE webhooks.active = 1 ORDER BY next_attempt_at_us, delivery_key",
-    )
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(next_of).collect()
+        )
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(next_of).collect()
+    }
 }
 
-async fn deliveries(
-    readers: &SqlitePool,
+/// The deliveries of a webhook, the newest first, queued before `before`.
+struct DeliveryPage {
     webhook: WebhookId,
     before: Option<i64>,
     limit: u32,
-) -> Result<Vec<DeliveryRecord>, StoreError> {
-    let rows = sqlx::query(select_deliveries!(
-        "WHERE webhooks.id = ? AND delivery_key < ? ORDER BY delivery_key DESC LIMIT ?"
-    ))
-    .bind(webhook.to_string())
-    .bind(before.unwrap_or(i64::MAX))
-    .bind(limit)
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(delivery_of).collect()
+}
+
+impl Query for DeliveryPage {
+    type Answer = Vec<DeliveryRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_deliveries!(
+            "WHERE webhooks.id = $1 AND delivery_key < $2 ORDER BY delivery_key DESC LIMIT $3"
+        ))
+        .bind(self.webhook.to_string())
+        .bind(self.before.unwrap_or(i64::MAX))
+        .bind(self.limit)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(delivery_of).collect()
+    }
 }
 
 fn next_of(row: &SqliteRow) -> Result<NextDelivery, StoreError> {

@@ -3,13 +3,14 @@
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
+use super::Store;
 use super::columns::micros;
 use super::error::StoreError;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_audit::note_rotation;
 use super::webhook_records::{Edited, NewSecret};
-use super::webhooks::webhook;
-use super::{Store, named};
+use super::webhooks::OneWebhook;
 use crate::ids::WebhookId;
 use crate::model::Actor;
 
@@ -42,16 +43,27 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn delete_previous_secrets(&self, now: Timestamp) -> Result<(), StoreError> {
-        let are_there = sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM webhooks WHERE previous_secret_until_us <= ?)",
-        )
-        .bind(micros(now))
-        .fetch_one(&self.shared.readers)
-        .await;
-        match named(are_there.map_err(StoreError::from))? {
+        match self.read(HasEndedSecrets(now)).await? {
             true => self.work(DeletePrevious(now)).await,
             false => Ok(()),
         }
+    }
+}
+
+/// Whether there are secrets whose overlap with the next one is over.
+struct HasEndedSecrets(Timestamp);
+
+impl Query for HasEndedSecrets {
+    type Answer = bool;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let has_ended = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM webhooks WHERE previous_secret_until_us <= $1)",
+        )
+        .bind(micros(self.0))
+        .fetch_one(reader)
+        .await?;
+        Ok(has_ended)
     }
 }
 
@@ -68,14 +80,14 @@ impl Request for Rotate {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
-        let Some(before) = webhook(&mut *transaction, self.id).await? else {
+        let Some(before) = OneWebhook(self.id).answer(transaction).await? else {
             return Ok(Edited::Unknown);
         };
         let until = self.secret.previous_until;
         let rotated = sqlx::query(
-            "UPDATE webhooks SET revision = revision + 1, updated_at_us = ?5, secret = ?3, \
-             previous_secret = iif(?4 IS NULL, NULL, secret), previous_secret_until_us = ?4 \
-             WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
+            "UPDATE webhooks SET revision = revision + 1, updated_at_us = $5, secret = $3, \
+             previous_secret = iif($4 IS NULL, NULL, secret), previous_secret_until_us = $4 \
+             WHERE id = $1 AND ($2 IS NULL OR revision = $2)",
         )
         .bind(self.id.to_string())
         .bind(self.revision)
@@ -87,7 +99,7 @@ impl Request for Rotate {
         if rotated.rows_affected() == 0 {
             return Ok(Edited::Stale);
         }
-        if let Some(after) = webhook(&mut *transaction, self.id).await? {
+        if let Some(after) = OneWebhook(self.id).answer(transaction).await? {
             note_rotation(transaction, &before, &after, &self.by, self.now).await?;
         }
         Ok(Edited::Done)
@@ -104,7 +116,7 @@ impl Request for DeletePrevious {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(
             "UPDATE webhooks SET previous_secret = NULL, previous_secret_until_us = NULL \
-             WHERE previous_secret_until_us <= ?",
+             WHERE previous_secret_until_us <= $1",
         )
         .bind(micros(self.0))
         .execute(transaction)

@@ -2,15 +2,16 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqliteExecutor, SqlitePool};
+use sqlx::{Row, SqliteConnection};
 
 use super::columns::{corrupt, json, json_text, micros, name, optional_time, time, value_of};
 use super::error::StoreError;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_records::{
     Edited, NewWebhook, Registered, WEBHOOKS_MAX, WebhookRecord, WebhookUpdate,
 };
-use super::{Store, named, webhook_audit};
+use super::{Store, webhook_audit};
 use crate::ids::{RouteId, WebhookId};
 use crate::model::{Actor, WebhookTopic};
 
@@ -75,7 +76,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn webhook(&self, id: WebhookId) -> Result<Option<WebhookRecord>, StoreError> {
-        named(webhook(&self.shared.readers, id).await)
+        self.read(OneWebhook(id)).await
     }
 
     /// By id, that is the oldest first, after `after`, at most `limit`.
@@ -87,7 +88,12 @@ impl Store {
         after: Option<WebhookId>,
         limit: u32,
     ) -> Result<Vec<WebhookRecord>, StoreError> {
-        named(webhooks(&self.shared.readers, None, after, limit).await)
+        let page = WebhookPage {
+            among: None,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// Those of one of some routes alone, as [`Store::webhooks`] has them.
@@ -100,7 +106,12 @@ impl Store {
         after: Option<WebhookId>,
         limit: u32,
     ) -> Result<Vec<WebhookRecord>, StoreError> {
-        named(webhooks(&self.shared.readers, Some(routes), after, limit).await)
+        let page = WebhookPage {
+            among: Some(routes),
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 }
 
@@ -125,9 +136,9 @@ impl Request for Register {
         let inserted = sqlx::query(
             "INSERT INTO webhooks (id, revision, url, secret, events, route_key, description, \
              active, created_at_us, updated_at_us, include_tentative) \
-             SELECT ?1, 1, ?2, ?3, ?4, (SELECT route_key FROM routes WHERE id = ?5), ?6, 1, ?7, \
-             ?7, ?8 \
-             WHERE ?5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = ?5)",
+             SELECT $1, 1, $2, $3, $4, (SELECT route_key FROM routes WHERE id = $5), $6, 1, $7, \
+             $7, $8 \
+             WHERE $5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = $5)",
         )
         .bind(webhook.id.to_string())
         .bind(&webhook.url)
@@ -161,17 +172,17 @@ impl Request for Update {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
         let update = &self.update;
-        let Some(before) = webhook(&mut *transaction, self.id).await? else {
+        let Some(before) = OneWebhook(self.id).answer(transaction).await? else {
             return Ok(Edited::Unknown);
         };
         let events = update.events.as_deref().map(events_text).transpose()?;
         let changed = sqlx::query(
-            "UPDATE webhooks SET revision = revision + 1, url = coalesce(?3, url), \
-             events = coalesce(?4, events), description = coalesce(?5, description), \
-             active = coalesce(?6, active), \
-             include_tentative = coalesce(?8, include_tentative), \
-             gone_at_us = CASE WHEN ?6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = ?7 \
-             WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)",
+            "UPDATE webhooks SET revision = revision + 1, url = coalesce($3, url), \
+             events = coalesce($4, events), description = coalesce($5, description), \
+             active = coalesce($6, active), \
+             include_tentative = coalesce($8, include_tentative), \
+             gone_at_us = CASE WHEN $6 = 1 THEN NULL ELSE gone_at_us END, updated_at_us = $7 \
+             WHERE id = $1 AND ($2 IS NULL OR revision = $2)",
         )
         .bind(self.id.to_string())
         .bind(self.revision)
@@ -204,11 +215,11 @@ impl Request for Delete {
     const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
-        let Some(before) = webhook(&mut *transaction, self.id).await? else {
+        let Some(before) = OneWebhook(self.id).answer(transaction).await? else {
             return Ok(Edited::Unknown);
         };
         let deleted =
-            sqlx::query("DELETE FROM webhooks WHERE id = ?1 AND (?2 IS NULL OR revision = ?2)")
+            sqlx::query("DELETE FROM webhooks WHERE id = $1 AND ($2 IS NULL OR revision = $2)")
                 .bind(self.id.to_string())
                 .bind(self.revision)
                 .execute(&mut *transaction)
@@ -229,7 +240,7 @@ pub(super) async fn note(
     by: &Actor,
     at: Timestamp,
 ) -> Result<(), StoreError> {
-    let after = webhook(&mut *transaction, id).await?;
+    let after = OneWebhook(id).answer(transaction).await?;
     webhook_audit::note(transaction, before, after.as_ref(), by, at).await
 }
 
@@ -246,46 +257,60 @@ macro_rules! select_webhooks {
 }
 
 /// One webhook.
-pub(super) async fn webhook(
-    reader: impl SqliteExecutor<'_>,
-    id: WebhookId,
-) -> Result<Option<WebhookRecord>, StoreError> {
-    let row = sqlx::query(select_webhooks!("WHERE webhooks.id = ?"))
-        .bind(id.to_string())
-        .fetch_optional(reader)
-        .await?;
-    row.as_ref().map(webhook_of).transpose()
+pub(super) struct OneWebhook(pub(super) WebhookId);
+
+impl Query for OneWebhook {
+    type Answer = Option<WebhookRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_webhooks!("WHERE webhooks.id = $1"))
+            .bind(self.0.to_string())
+            .fetch_optional(reader)
+            .await?;
+        row.as_ref().map(webhook_of).transpose()
+    }
 }
 
 /// The webhooks of one route alone, which go with it.
-pub(super) async fn webhooks_of(
-    transaction: &mut SqliteConnection,
-    route: &RouteId,
-) -> Result<Vec<WebhookRecord>, StoreError> {
-    let rows = sqlx::query(select_webhooks!("WHERE routes.id = ? ORDER BY webhooks.id"))
-        .bind(route.as_str())
-        .fetch_all(transaction)
+pub(super) struct RouteWebhooks<'a>(pub(super) &'a RouteId);
+
+impl Query for RouteWebhooks<'_> {
+    type Answer = Vec<WebhookRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_webhooks!(
+            "WHERE routes.id = $1 ORDER BY webhooks.id"
+        ))
+        .bind(self.0.as_str())
+        .fetch_all(reader)
         .await?;
-    rows.iter().map(webhook_of).collect()
+        rows.iter().map(webhook_of).collect()
+    }
 }
 
-async fn webhooks(
-    readers: &SqlitePool,
-    among: Option<&[RouteId]>,
+/// Webhooks by id, after `after`: all, or those of one of some routes alone.
+struct WebhookPage<'a> {
+    among: Option<&'a [RouteId]>,
     after: Option<WebhookId>,
     limit: u32,
-) -> Result<Vec<WebhookRecord>, StoreError> {
-    let rows = sqlx::query(select_webhooks!(
-        "WHERE webhooks.id > ?1 \
-         AND (?3 IS NULL OR routes.id IN (SELECT value FROM json_each(?3))) \
-         ORDER BY webhooks.id LIMIT ?2"
-    ))
-    .bind(after.map_or_else(String::new, |id| id.to_string()))
-    .bind(limit)
-    .bind(among.map(json_text).transpose()?)
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(webhook_of).collect()
+}
+
+impl Query for WebhookPage<'_> {
+    type Answer = Vec<WebhookRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_webhooks!(
+            "WHERE webhooks.id > $1 \
+         AND ($3 IS NULL OR routes.id IN (SELECT value FROM json_each($3))) \
+         ORDER BY webhooks.id LIMIT $2"
+        ))
+        .bind(self.after.map_or_else(String::new, |id| id.to_string()))
+        .bind(self.limit)
+        .bind(self.among.map(json_text).transpose()?)
+        .fetch_all(reader)
+        .await?;
+        rows.iter().map(webhook_of).collect()
+    }
 }
 
 fn webhook_of(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {

@@ -24,8 +24,8 @@ use super::space::Space;
 const RECOVERY_PAUSE: Duration = Duration::from_millis(250);
 /// Pause before the log is truncated again after a reader was in the way.
 const TRUNCATION_PAUSE: Duration = Duration::from_secs(5);
-/// How often the space on the disk is looked at.
-const SPACE_LOOK: Duration = Duration::from_millis(500);
+/// How often the space on the disk is measured.
+const SPACE_CHECK: Duration = Duration::from_millis(500);
 
 /// Whether writes are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,9 +34,9 @@ pub(super) enum Health {
     Ready,
     /// Only those that make room or note a state; the disk is full.
     Full,
-    /// Not before a sound connection is back.
+    /// Not before a connection works again.
     Recovering,
-    /// Never again: the file is corrupt. Reads go on.
+    /// Not any more: the file is corrupt. Reads go on.
     Corrupt,
 }
 
@@ -62,26 +62,26 @@ pub(super) struct Writer {
     pub(super) inbox: Inbox,
     /// Read by the readiness check.
     pub(super) health: watch::Sender<Health>,
-    /// Told when jobs were queued.
+    /// Notified when jobs were queued.
     pub(super) jobs: Arc<Notify>,
     /// Ends the task after everything that was taken is written.
     pub(super) shutdown: CancellationToken,
-    /// Held as long as something may be written.
+    /// Held while anything may be written.
     pub(super) lock: Arc<DirectoryLock>,
-    /// Told of every commit.
+    /// Notes every commit.
     pub(super) marker: Marker,
-    /// Where it is written.
+    /// The disk that is written to.
     pub(super) space: Space,
 }
 
 impl Writer {
-    /// Writes until it is told to shut down or nobody is left to send.
+    /// Writes until the store shuts down or nobody is left to send.
     ///
     /// # Errors
-    /// [`StoreError`] if the database could not be closed soundly.
+    /// [`StoreError`] if the log could not be moved into the database, or that not closed.
     pub(super) async fn run(mut self) -> Result<(), StoreError> {
         let mut recovery = tokio::time::interval(RECOVERY_PAUSE);
-        let mut space_look = tokio::time::interval(SPACE_LOOK);
+        let mut space_check = tokio::time::interval(SPACE_CHECK);
         let mut truncate_not_before = Instant::now();
         let mut closing = false;
         loop {
@@ -98,7 +98,7 @@ impl Writer {
                     // rather than left waiting.
                     recovery.reset();
                 }
-                _ = space_look.tick() => self.look_at_space(),
+                _ = space_check.tick() => self.check_space(),
                 group = self.inbox.next_group() => match group {
                     Some(group) => self.write(group).await,
                     None => break,
@@ -116,8 +116,8 @@ impl Writer {
         *self.health.borrow()
     }
 
-    /// Refuses uploads before the last of the space is gone, and takes them again when there is some.
-    fn look_at_space(&self) {
+    /// Refuses uploads while the disk is nearly full, and takes them again when there is space.
+    fn check_space(&self) {
         match (self.health(), self.space.has_room()) {
             (Health::Ready, false) => {
                 tracing::warn!("the disk is full: only what deletes is written");
@@ -162,7 +162,7 @@ impl Writer {
         }
     }
 
-    /// After one write spoilt a group: only that one is refused.
+    /// After one write made a group fail: only that one is refused.
     async fn write_one_by_one(&mut self, group: Vec<Box<dyn Write>>) {
         for write in group {
             Box::pin(self.write(vec![write])).await;
@@ -191,8 +191,7 @@ impl Writer {
             write.acknowledge();
         }
         if queues_jobs {
-            // Everyone who waits, and the next to come: a worker may be between its look for a
-            // job and its waiting.
+            // All that wait, and the next one: a worker may have found no job and not wait yet.
             self.jobs.notify_waiters();
             self.jobs.notify_one();
         }
@@ -206,7 +205,7 @@ impl Writer {
             Severity::Corrupt => self.set_health(Health::Corrupt),
             Severity::Io => self.set_health(Health::Recovering),
             Severity::Statement | Severity::Busy | Severity::Full => {
-                self.look_at_space();
+                self.check_space();
                 match self.database.open_writer().await {
                     Ok(connection) => self.connection = Some(connection),
                     Err(error) => self.set_health(health_after(&error)),
@@ -215,8 +214,8 @@ impl Writer {
         }
     }
 
-    /// Opens a connection anew and moves the whole log into the database: only if that succeeds
-    /// is it known again what the disk holds.
+    /// Opens a new connection and moves the whole log into the database: only if that succeeds is
+    /// it known what the disk holds.
     async fn recover(&mut self) {
         match self.open_and_truncate().await {
             Ok(Some(connection)) => {
@@ -314,221 +313,4 @@ fn health_after(error: &StoreError) -> Health {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::connection::{Database, truncate_wal};
-    use super::super::inbox::{Outbox, queues};
-    use super::super::request::Request;
-    use super::*;
-    use std::sync::atomic::{AtomicU64, Ordering};
-
-    /// What a request of these tests does.
-    #[derive(Clone, Copy)]
-    enum Deed {
-        /// Adds a row of this many bytes.
-        Add(i64),
-        /// Fails as if the driver's thread had died.
-        LoseConnection,
-        /// Fails as if the file were corrupt.
-        FindCorruption,
-    }
-
-    impl Request for Deed {
-        type Outcome = ();
-        const QUEUES_JOBS: bool = false;
-
-        async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-            match self {
-                Self::Add(bytes) => {
-                    sqlx::query("INSERT INTO deeds VALUES (zeroblob(?))")
-                        .bind(bytes)
-                        .execute(transaction)
-                        .await?;
-                    Ok(())
-                }
-                Self::LoseConnection => Err(sqlx::Error::WorkerCrashed.into()),
-                Self::FindCorruption => Err(StoreError::Corrupt(Corruption::Database)),
-            }
-        }
-    }
-
-    /// What is written on a full disk as well.
-    struct MakeRoom;
-
-    impl Request for MakeRoom {
-        type Outcome = ();
-        const QUEUES_JOBS: bool = false;
-        const WHILE_FULL: bool = true;
-
-        async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-            sqlx::query("DELETE FROM deeds")
-                .execute(transaction)
-                .await?;
-            Ok(())
-        }
-    }
-
-    struct Bench {
-        database: Database,
-        free_bytes: Arc<AtomicU64>,
-        outbox: Outbox,
-        health: watch::Receiver<Health>,
-        shutdown: CancellationToken,
-        task: tokio::task::JoinHandle<Result<(), StoreError>>,
-        _directory: tempfile::TempDir,
-    }
-
-    impl Bench {
-        /// A writer whose first connection may let the file grow by so many pages.
-        async fn new(free_pages: i64) -> Self {
-            let directory = tempfile::tempdir().unwrap();
-            let lock = DirectoryLock::acquire(directory.path()).unwrap();
-            let database = Database::in_directory(directory.path());
-            let mut connection = database.open_writer().await.unwrap();
-            database.migrate(&mut connection).await.unwrap();
-            sqlx::query("CREATE TABLE deeds (bytes BLOB NOT NULL) STRICT")
-                .execute(&mut connection)
-                .await
-                .unwrap();
-            let pages: i64 = sqlx::query_scalar("PRAGMA page_count")
-                .fetch_one(&mut connection)
-                .await
-                .unwrap();
-            let limit = format!("PRAGMA max_page_count = {}", pages + free_pages);
-            sqlx::query(sqlx::AssertSqlSafe(limit))
-                .execute(&mut connection)
-                .await
-                .unwrap();
-            let (outbox, inbox) = queues();
-            let (sender, health) = watch::channel(Health::Ready);
-            let shutdown = CancellationToken::new();
-            let free_bytes = Arc::new(AtomicU64::new(u64::MAX));
-            let measured = Arc::clone(&free_bytes);
-            let writer = Writer {
-                database: database.clone(),
-                connection: Some(connection),
-                inbox,
-                health: sender,
-                jobs: Arc::new(Notify::new()),
-                shutdown: shutdown.clone(),
-                lock: Arc::new(lock),
-                marker: Marker::create(directory.path(), 0).unwrap(),
-                space: Space::measured_by(directory.path(), move || {
-                    Ok(measured.load(Ordering::SeqCst))
-                }),
-            };
-            Self {
-                database,
-                free_bytes,
-                outbox,
-                health,
-                shutdown,
-                task: tokio::spawn(writer.run()),
-                _directory: directory,
-            }
-        }
-
-        async fn ask<R: Request<Outcome = ()>>(&self, deed: R) -> Result<(), StoreError> {
-            let reply = self.outbox.send_upload(deed).await?;
-            reply.await.unwrap()
-        }
-
-        async fn rows(&self) -> i64 {
-            let readers = self.database.open_readers().await.unwrap();
-            sqlx::query_scalar("SELECT count(*) FROM deeds")
-                .fetch_one(&readers)
-                .await
-                .unwrap()
-        }
-
-        async fn finish(self) -> Result<(), StoreError> {
-            self.shutdown.cancel();
-            self.task.await.unwrap()
-        }
-    }
-
-    #[tokio::test]
-    async fn a_full_disk_is_told_and_writing_goes_on_when_there_is_space() {
-        let bench = Bench::new(4).await;
-        bench.ask(Deed::Add(10)).await.unwrap();
-        // SQLite rolls back by itself here; a connection used on would be wedged for ever.
-        let full = bench.ask(Deed::Add(100_000)).await;
-        assert!(matches!(full, Err(StoreError::Full)), "{full:?}");
-        // The limit was the connection's: on the next one there is space again.
-        bench.ask(Deed::Add(100_000)).await.unwrap();
-        assert_eq!(bench.rows().await, 2);
-        assert_eq!(*bench.health.borrow(), Health::Ready);
-        bench.finish().await.unwrap();
-    }
-
-    #[tokio::test]
-    async fn a_disk_that_others_fill_is_noticed_and_what_deletes_is_written() {
-        let bench = Bench::new(1_000).await;
-        let mut health = bench.health.clone();
-        bench.ask(Deed::Add(10)).await.unwrap();
-        bench.free_bytes.store(0, Ordering::SeqCst);
-        health.wait_for(|now| *now == Health::Full).await.unwrap();
-        let refused = bench.ask(Deed::Add(10)).await;
-        assert!(matches!(refused, Err(StoreError::Full)), "{refused:?}");
-        bench.ask(MakeRoom).await.unwrap();
-        assert_eq!(bench.rows().await, 0);
-        bench.free_bytes.store(u64::MAX, Ordering::SeqCst);
-        health.wait_for(|now| *now == Health::Ready).await.unwrap();
-        bench.ask(Deed::Add(10)).await.unwrap();
-        bench.finish().await.unwrap();
-    }
-
-    #[tokio::test]
-    async fn after_an_io_error_nothing_is_taken_before_the_log_is_safe() {
-        let bench = Bench::new(1_000).await;
-        bench.ask(Deed::Add(10)).await.unwrap();
-        // A reader that needs the log keeps it from being truncated.
-        let readers = bench.database.open_readers().await.unwrap();
-        let mut reader = readers.begin().await.unwrap();
-        let _: i64 = sqlx::query_scalar("SELECT count(*) FROM deeds")
-            .fetch_one(&mut *reader)
-            .await
-            .unwrap();
-        let lost = bench.ask(Deed::LoseConnection).await;
-        assert!(matches!(lost, Err(StoreError::Unavailable)), "{lost:?}");
-        for _ in 0..3 {
-            let refused = bench.ask(Deed::Add(10)).await;
-            assert!(matches!(refused, Err(StoreError::Unavailable)));
-        }
-        assert_eq!(*bench.health.borrow(), Health::Recovering);
-        drop(reader);
-        let mut health = bench.health.clone();
-        health.wait_for(|now| *now == Health::Ready).await.unwrap();
-        assert_eq!(bench.database.wal_bytes(), 0);
-        bench.ask(Deed::Add(10)).await.unwrap();
-        assert_eq!(bench.rows().await, 2);
-        bench.finish().await.unwrap();
-    }
-
-    #[tokio::test]
-    async fn a_corrupt_file_is_read_and_never_written_again() {
-        let bench = Bench::new(1_000).await;
-        bench.ask(Deed::Add(10)).await.unwrap();
-        for deed in [Deed::FindCorruption, Deed::Add(10), Deed::Add(10)] {
-            let refused = bench.ask(deed).await;
-            let corrupt = StoreError::Corrupt(Corruption::Database).to_string();
-            assert_eq!(refused.unwrap_err().to_string(), corrupt);
-        }
-        assert_eq!(*bench.health.borrow(), Health::Corrupt);
-        assert_eq!(bench.rows().await, 1);
-        assert!(bench.finish().await.is_err());
-    }
-
-    #[tokio::test]
-    async fn someone_who_holds_the_file_too_long_costs_a_refusal_only() {
-        let bench = Bench::new(1_000).await;
-        let mut other = bench.database.open_writer().await.unwrap();
-        let held = other.begin_with("BEGIN IMMEDIATE").await.unwrap();
-        let refused = bench.ask(Deed::Add(10)).await;
-        assert!(matches!(refused, Err(StoreError::Unavailable)));
-        held.rollback().await.unwrap();
-        bench.ask(Deed::Add(10)).await.unwrap();
-        assert!(truncate_wal(&mut other).await.unwrap());
-        other.close().await.unwrap();
-        bench.finish().await.unwrap();
-    }
-}
+mod tests;

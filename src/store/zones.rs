@@ -1,73 +1,23 @@
 //! Zones: parts of a route's map where alerts are treated otherwise.
 
 use jiff::Timestamp;
-use serde::Serialize;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection, SqliteExecutor};
+use sqlx::{Row, SqliteConnection};
 
-use super::audit::{self, Change};
+use super::Store;
 use super::columns::{
     corrupt, json_text, micros, name, optional_json, optional_time, polygon, polygon_bytes, text,
     time,
 };
 use super::error::StoreError;
-use super::handling::{NO_END_US, count_open, handled_of, mute};
+use super::mutes::mute_again;
+use super::query::Query;
 use super::request::Request;
 use super::webhook_records::Edited;
-use super::{Store, named};
-use crate::geometry::{Vector2, distance_to_polygon};
+use super::zone_audit::Audited;
+use super::zone_records::{ZONES_MAX, ZoneEdit, ZoneMade, ZoneRecord};
 use crate::ids::{RouteId, ZoneId};
-use crate::model::{Actor, AuditAction, ChangeKind, ZonePurpose};
-
-/// Zones that a route can have.
-pub const ZONES_MAX: u32 = 200;
-
-/// What somebody says about a zone.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ZoneEdit {
-    /// A simple polygon, map frame, metres.
-    pub polygon: Vec<Vector2<f64>>,
-    /// What it does.
-    pub purpose: ZonePurpose,
-    /// With alerts of these kinds; `None` for all.
-    pub kinds: Option<Vec<ChangeKind>>,
-    /// Until then; `None` for as long as it is there.
-    pub until: Option<Timestamp>,
-    /// Why, for people.
-    pub note: Option<String>,
-}
-
-/// A zone.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ZoneRecord {
-    /// Sorts by when it was made.
-    pub id: ZoneId,
-    /// Its route.
-    pub route_id: RouteId,
-    /// 1 when it is made, and one more with every edit.
-    pub revision: i64,
-    /// What it is.
-    pub edit: ZoneEdit,
-    /// When its time was over; `None` while it is in effect.
-    pub ended_at: Option<Timestamp>,
-    /// When it was made.
-    pub created_at: Timestamp,
-    /// By whom.
-    pub created_by: String,
-    /// When it was last edited.
-    pub updated_at: Timestamp,
-}
-
-/// What became of a new zone.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ZoneMade {
-    /// It is there.
-    Created,
-    /// The route has as many as it can have.
-    TooMany,
-    /// There is no such route.
-    UnknownRoute,
-}
+use crate::model::{Actor, AuditAction};
 
 impl Store {
     /// Makes a zone; it takes effect at once.
@@ -125,7 +75,7 @@ impl Store {
         route: &RouteId,
         id: ZoneId,
     ) -> Result<Option<ZoneRecord>, StoreError> {
-        named(zone(&self.shared.readers, route, id).await)
+        self.read(OneZone { route, id }).await
     }
 
     /// The zones of a route, the oldest first, after `after`, at most `limit`.
@@ -138,16 +88,12 @@ impl Store {
         after: Option<ZoneId>,
         limit: u32,
     ) -> Result<Vec<ZoneRecord>, StoreError> {
-        let rows = sqlx::query(select_zones!(
-            "WHERE routes.id = ? AND zones.id > ? ORDER BY zones.id LIMIT ?"
-        ))
-        .bind(route.as_str())
-        .bind(after.map_or_else(String::new, |id| id.to_string()))
-        .bind(limit)
-        .fetch_all(&self.shared.readers)
-        .await;
-        let rows = rows.map_err(StoreError::from);
-        named(rows.and_then(|rows| rows.iter().map(zone_of).collect()))
+        let page = ZonePage {
+            route,
+            after,
+            limit,
+        };
+        self.read(page).await
     }
 
     /// Ends the zones whose time is over: their alerts are sent and counted again. Says how many there
@@ -156,14 +102,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn end_zones(&self, now: Timestamp) -> Result<usize, StoreError> {
-        let waiting: Result<bool, _> = sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM zones INDEXED BY zones_ending \
-             WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= ?)",
-        )
-        .bind(micros(now))
-        .fetch_one(&self.shared.readers)
-        .await;
-        match named(waiting.map_err(StoreError::from))? {
+        match self.read(IsAnyOver(now)).await? {
             true => self.work(End(now)).await,
             false => Ok(0),
         }
@@ -178,19 +117,65 @@ macro_rules! select_zones {
         )
     };
 }
-use select_zones;
 
-async fn zone(
-    reader: impl SqliteExecutor<'_>,
-    route: &RouteId,
+/// One zone.
+struct OneZone<'a> {
+    route: &'a RouteId,
     id: ZoneId,
-) -> Result<Option<ZoneRecord>, StoreError> {
-    let row = sqlx::query(select_zones!("WHERE routes.id = ? AND zones.id = ?"))
-        .bind(route.as_str())
-        .bind(id.to_string())
-        .fetch_optional(reader)
+}
+
+impl Query for OneZone<'_> {
+    type Answer = Option<ZoneRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let row = sqlx::query(select_zones!("WHERE routes.id = $1 AND zones.id = $2"))
+            .bind(self.route.as_str())
+            .bind(self.id.to_string())
+            .fetch_optional(reader)
+            .await?;
+        row.as_ref().map(zone_of).transpose()
+    }
+}
+
+/// The zones of a route, the oldest first, after `after`.
+struct ZonePage<'a> {
+    route: &'a RouteId,
+    after: Option<ZoneId>,
+    limit: u32,
+}
+
+impl Query for ZonePage<'_> {
+    type Answer = Vec<ZoneRecord>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(select_zones!(
+            "WHERE routes.id = $1 AND zones.id > $2 ORDER BY zones.id LIMIT $3"
+        ))
+        .bind(self.route.as_str())
+        .bind(self.after.map_or_else(String::new, |id| id.to_string()))
+        .bind(self.limit)
+        .fetch_all(reader)
         .await?;
-    row.as_ref().map(zone_of).transpose()
+        rows.iter().map(zone_of).collect()
+    }
+}
+
+/// Whether a zone's time is over and it was not ended yet.
+struct IsAnyOver(Timestamp);
+
+impl Query for IsAnyOver {
+    type Answer = bool;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let is_any = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM zones INDEXED BY zones_ending \
+             WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1)",
+        )
+        .bind(micros(self.0))
+        .fetch_one(reader)
+        .await?;
+        Ok(is_any)
+    }
 }
 
 fn zone_of(row: &SqliteRow) -> Result<ZoneRecord, StoreError> {
@@ -213,68 +198,6 @@ fn zone_of(row: &SqliteRow) -> Result<ZoneRecord, StoreError> {
     })
 }
 
-/// The zones of a route that mute alerts now.
-pub(super) struct Mutes(Vec<(ZoneEdit, i64)>);
-
-impl Mutes {
-    pub(super) async fn of(
-        transaction: &mut SqliteConnection,
-        route_key: i64,
-    ) -> Result<Self, StoreError> {
-        let rows = sqlx::query(select_zones!(
-            "WHERE route_key = ? AND ended_at_us IS NULL AND purpose = 'mute' ORDER BY zones.id"
-        ))
-        .bind(route_key)
-        .fetch_all(transaction)
-        .await?;
-        let mute = |row| {
-            let zone: ZoneRecord = zone_of(row)?;
-            let until_us = zone.edit.until.map_or(NO_END_US, micros);
-            Ok((zone.edit, until_us))
-        };
-        let mutes: Result<_, StoreError> = rows.iter().map(mute).collect();
-        mutes.map(Self)
-    }
-
-    /// Until when an alert at a place is muted; `None` if it is not.
-    pub(super) fn until_us(&self, kind: ChangeKind, place: &Vector2<f64>) -> Option<i64> {
-        let of_kind = |zone: &ZoneEdit| zone.kinds.as_ref().is_none_or(|k| k.contains(&kind));
-        let holding = self
-            .0
-            .iter()
-            .filter(|(zone, _)| of_kind(zone) && distance_to_polygon(place, &zone.polygon) == 0.0);
-        holding.map(|(_, until_us)| *until_us).max()
-    }
-}
-
-/// Brings every alert of a route that waits, or is muted, up to date with the zones that are in effect.
-async fn mute_again(
-    transaction: &mut SqliteConnection,
-    route_key: i64,
-    at_us: i64,
-) -> Result<(), StoreError> {
-    let mutes = Mutes::of(transaction, route_key).await?;
-    let rows = sqlx::query(
-        "SELECT route_key, alert_key, revision, confirmed_revision, status, kind, x, y, \
-         muted_until_us FROM alerts LEFT JOIN alert_handling USING (alert_key) \
-         WHERE route_key = ? AND (status IN ('open', 'acknowledged') OR muted_until_us IS NOT NULL) \
-         ORDER BY alert_key",
-    )
-    .bind(route_key)
-    .fetch_all(&mut *transaction)
-    .await?;
-    for row in &rows {
-        let place = Vector2::new(row.try_get("x")?, row.try_get("y")?);
-        let until_us = mutes.until_us(text(row, "kind")?, &place);
-        let before: Option<i64> = row.try_get("muted_until_us")?;
-        if until_us != before {
-            let alert = handled_of(row)?;
-            mute(transaction, &alert, until_us, at_us).await?;
-        }
-    }
-    count_open(transaction, route_key).await
-}
-
 struct Create {
     route: RouteId,
     id: ZoneId,
@@ -290,7 +213,7 @@ impl Request for Create {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<ZoneMade, StoreError> {
         let row: Option<(i64, u32)> = sqlx::query_as(
             "SELECT route_key, (SELECT count(*) FROM zones WHERE zones.route_key = routes.route_key) \
-             FROM routes WHERE id = ?",
+             FROM routes WHERE id = $1",
         )
         .bind(self.route.as_str())
         .fetch_optional(&mut *transaction)
@@ -303,7 +226,7 @@ impl Request for Create {
         }
         sqlx::query(
             "INSERT INTO zones (id, route_key, revision, polygon, purpose, kinds, until_us, note, \
-             created_at_us, created_by, updated_at_us) VALUES (?1, ?2, 1, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?8)",
+             created_at_us, created_by, updated_at_us) VALUES ($1, $2, 1, $3, $4, $5, $6, $7, $8, $9, $8)",
         )
         .bind(self.id.to_string())
         .bind(route_key)
@@ -317,7 +240,11 @@ impl Request for Create {
         .execute(&mut *transaction)
         .await?;
         mute_again(transaction, route_key, micros(self.now)).await?;
-        let after = zone(&mut *transaction, &self.route, self.id).await?;
+        let zone = OneZone {
+            route: &self.route,
+            id: self.id,
+        };
+        let after = zone.answer(transaction).await?;
         let audited = Audited::of(AuditAction::ZoneCreated, &self.route, self.id);
         audited
             .write(transaction, None, after, &self.by, self.now)
@@ -340,7 +267,11 @@ impl Request for Edit {
     const QUEUES_JOBS: bool = false;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<Edited, StoreError> {
-        let Some(before) = zone(&mut *transaction, &self.route, self.id).await? else {
+        let zone = OneZone {
+            route: &self.route,
+            id: self.id,
+        };
+        let Some(before) = zone.answer(transaction).await? else {
             return Ok(Edited::Unknown);
         };
         if self.revision.is_some_and(|seen| seen != before.revision) {
@@ -348,9 +279,9 @@ impl Request for Edit {
         }
         let changed = match &self.edit {
             Some(edit) => sqlx::query_scalar(
-                "UPDATE zones SET revision = revision + 1, polygon = ?2, purpose = ?3, kinds = ?4, \
-                 until_us = ?5, ended_at_us = NULL, note = ?6, updated_at_us = ?7 \
-                 WHERE id = ?1 RETURNING route_key",
+                "UPDATE zones SET revision = revision + 1, polygon = $2, purpose = $3, kinds = $4, \
+                 until_us = $5, ended_at_us = NULL, note = $6, updated_at_us = $7 \
+                 WHERE id = $1 RETURNING route_key",
             )
             .bind(self.id.to_string())
             .bind(polygon_bytes(&edit.polygon))
@@ -359,12 +290,12 @@ impl Request for Edit {
             .bind(edit.until.map(micros))
             .bind(edit.note.as_deref())
             .bind(micros(self.now)),
-            None => sqlx::query_scalar("DELETE FROM zones WHERE id = ?1 RETURNING route_key")
+            None => sqlx::query_scalar("DELETE FROM zones WHERE id = $1 RETURNING route_key")
                 .bind(self.id.to_string()),
         };
         let route_key: i64 = changed.fetch_one(&mut *transaction).await?;
         mute_again(transaction, route_key, micros(self.now)).await?;
-        let after = zone(&mut *transaction, &self.route, self.id).await?;
+        let after = zone.answer(transaction).await?;
         let action = match after {
             Some(_) => AuditAction::ZoneChanged,
             None => AuditAction::ZoneDeleted,
@@ -386,21 +317,22 @@ impl Request for End {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<usize, StoreError> {
         let now = self.0;
         let rows = sqlx::query(select_zones!(
-            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= ? ORDER BY zones.id"
+            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1 ORDER BY zones.id"
         ))
         .bind(micros(now))
         .fetch_all(&mut *transaction)
         .await?;
         for row in &rows {
             let before = zone_of(row)?;
-            sqlx::query("UPDATE zones SET ended_at_us = ? WHERE id = ?")
+            sqlx::query("UPDATE zones SET ended_at_us = $1 WHERE id = $2")
                 .bind(micros(now))
                 .bind(before.id.to_string())
                 .execute(&mut *transaction)
                 .await?;
             mute_again(transaction, row.try_get("route_key")?, micros(now)).await?;
             let (route, id) = (before.route_id.clone(), before.id);
-            let after = zone(&mut *transaction, &route, id).await?;
+            let zone = OneZone { route: &route, id };
+            let after = zone.answer(transaction).await?;
             let audited = Audited::of(AuditAction::ZoneEnded, &route, id);
             let by = &Actor::System;
             audited
@@ -409,65 +341,4 @@ impl Request for End {
         }
         Ok(rows.len())
     }
-}
-
-/// The change of a zone, as the audit has it.
-struct Audited<'a> {
-    action: AuditAction,
-    route: &'a RouteId,
-    id: ZoneId,
-}
-
-impl<'a> Audited<'a> {
-    fn of(action: AuditAction, route: &'a RouteId, id: ZoneId) -> Self {
-        Self { action, route, id }
-    }
-
-    async fn write(
-        &self,
-        transaction: &mut SqliteConnection,
-        before: Option<ZoneRecord>,
-        after: Option<ZoneRecord>,
-        by: &Actor,
-        at: Timestamp,
-    ) -> Result<(), StoreError> {
-        let change = Change {
-            at,
-            actor: by,
-            action: self.action,
-            route_id: Some(self.route.as_str()),
-            subject: &self.id.to_string(),
-            before: before.as_ref().map(zone_text).transpose()?,
-            after: after.as_ref().map(zone_text).transpose()?,
-        };
-        audit::write(transaction, change).await
-    }
-}
-
-/// A zone as the audit has it.
-fn zone_text(zone: &ZoneRecord) -> Result<String, StoreError> {
-    #[derive(Serialize)]
-    struct Text<'a> {
-        polygon: Vec<[f64; 2]>,
-        purpose: ZonePurpose,
-        kinds: Option<&'a [ChangeKind]>,
-        until: Option<Timestamp>,
-        ended_at: Option<Timestamp>,
-        note: Option<&'a str>,
-    }
-    let ZoneEdit {
-        polygon,
-        purpose,
-        kinds,
-        until,
-        note,
-    } = &zone.edit;
-    json_text(&Text {
-        polygon: polygon.iter().map(|corner| [corner.x, corner.y]).collect(),
-        purpose: *purpose,
-        kinds: kinds.as_deref(),
-        until: *until,
-        ended_at: zone.ended_at,
-        note: note.as_deref(),
-    })
 }
