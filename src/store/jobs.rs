@@ -15,8 +15,8 @@ use super::trips::{Place, end_turn};
 /// How often a job is tried before its batch is quarantined.
 pub(super) const TRIES_MAX: i64 = 5;
 
-/// After so many processes that were lost with a job its batch is quarantined: with the first one
-/// other jobs may have run as well, with the others this job alone.
+/// A batch is quarantined after this many processes were lost with its job: beside the first one other
+/// jobs may have run, in the others it ran alone.
 const LOST_MAX: i64 = 4;
 
 /// A job as its table has it.
@@ -45,7 +45,7 @@ pub(super) fn job_of(row: &SqliteRow) -> Result<Job, StoreError> {
     })
 }
 
-/// The job that a worker holds, if the fence lets it through.
+/// The job that a worker holds; `None` if its claim has another generation by now.
 pub(super) async fn held_job(
     transaction: &mut SqliteConnection,
     job_id: i64,
@@ -118,9 +118,9 @@ pub(super) async fn quarantine(
     })
 }
 
-/// Gives back the jobs that a dead process held: only right while the directory is locked. What
-/// the process died of is not known: a job is tried again alone, each time a longer while after the
-/// start (`claims.rs`), and then given up.
+/// Gives back the jobs of a process that was lost; the directory must be locked. The cause of the loss
+/// is not known: such a job is tried again alone, later after the start each time (`claims.rs`), and in
+/// the end given up.
 pub(super) async fn release_orphans(
     connection: &mut SqliteConnection,
     now: Timestamp,
@@ -168,7 +168,7 @@ async fn give_back_running(transaction: &mut SqliteConnection) -> Result<(), Sto
     Ok(())
 }
 
-/// Gives back every job before an orderly end, which cuts off who still holds one.
+/// Gives back every job before an orderly end.
 pub(super) struct ReturnAll;
 
 impl Request for ReturnAll {

@@ -17,7 +17,7 @@ use crate::model::BatchStatus;
 
 impl Store {
     /// Stores an upload and, if it is its turn in its trip, its job. Returns after the commit has
-    /// reached the disk. What is wrong with its place in its trip becomes its status.
+    /// reached the disk. A fault of its place in its trip becomes its status.
     ///
     /// # Errors
     /// [`StoreError::UnknownRoute`], [`StoreError::Full`], [`StoreError::Unavailable`].
@@ -113,8 +113,8 @@ impl Request for Journal {
         &self,
         transaction: &mut SqliteConnection,
     ) -> Result<Self::Outcome, StoreError> {
-        // The id is looked up before the insert, so that a replay leaves no trace: nobody else
-        // writes, and the table's UNIQUE stands behind it.
+        // The id is queried before the insert, so that a replay writes nothing. There is only one
+        // writer, and the table has a UNIQUE constraint as well.
         let found: Option<(i64, Option<Vec<u8>>)> = sqlx::query_as(
             "SELECT routes.route_key, body_sha256 FROM routes \
              LEFT JOIN batches ON batches.route_key = routes.route_key AND batches.id = $1 \
@@ -177,7 +177,8 @@ impl Journal {
         Ok(placement)
     }
 
-    /// Before the insert: a vehicle counts with its first batch.
+    /// Adds the batch to the route's counts; before the insert, since a vehicle is counted with its
+    /// first batch.
     async fn count(
         &self,
         transaction: &mut SqliteConnection,

@@ -20,16 +20,16 @@ use super::secrets::KeyText;
 use crate::ids::KeyId;
 use crate::model::{Actor, AuditAction};
 
-/// How exactly the last use of keys and sessions is known: each note is a write.
+/// The resolution of the last use of keys and sessions: each note is a write.
 const USE_NOTED_EVERY: SignedDuration = SignedDuration::from_mins(5);
 
 impl Store {
-    /// Whether a key was ever made: since then, nothing is open.
+    /// Whether a key was ever made: from then on requests are authenticated.
     pub fn has_keys(&self) -> bool {
         self.shared.has_keys.load(Ordering::Acquire)
     }
 
-    /// Grows whenever a key is revoked: whoever serves somebody for long asks for the key again then.
+    /// Grows with every revocation, so that long connections know when to check their key again.
     pub fn revocations(&self) -> u64 {
         self.shared.revocations.load(Ordering::Acquire)
     }
@@ -97,14 +97,14 @@ impl Store {
             && is_worth_noting(key.last_used_at, now)
         {
             let id = key.id;
-            // Whoever shows a key is not refused because its use cannot be written down.
+            // A failure to note the use is no reason to refuse the key.
             let _ = self.work(NoteUse { id, now }).await;
         }
         Ok(key)
     }
 }
 
-/// Whether a use is written down.
+/// Whether a use is noted.
 pub(super) fn is_worth_noting(last: Option<Timestamp>, now: Timestamp) -> bool {
     last.is_none_or(|last| now.duration_since(last) >= USE_NOTED_EVERY)
 }

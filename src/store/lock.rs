@@ -9,8 +9,8 @@ use super::files;
 /// The file in a data directory that is locked.
 pub(super) const LOCK_FILE: &str = "mapshift.lock";
 
-/// Held for the life of a store. The operating system lets go of it when the process dies,
-/// however it dies: whoever gets the lock knows that no worker of an earlier process lives.
+/// Held for the life of a store. The operating system releases it when the process ends, however it
+/// ends: the holder of the lock knows that no worker of an earlier process is alive.
 #[derive(Debug)]
 pub(super) struct DirectoryLock {
     _file: File,

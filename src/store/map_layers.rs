@@ -1,5 +1,5 @@
-//! What viewers draw over a map, bounded however old a route is: ways of the newest trips, the worst loop
-//! closures, reference keyframes.
+//! What viewers draw over a map, bounded for routes of any age: the newest trips, the loop closures with the
+//! largest residuals, reference keyframes.
 
 use std::collections::BTreeMap;
 
@@ -45,8 +45,8 @@ pub struct ActiveClosure {
 }
 
 impl Store {
-    /// The newest trips of a route, the one with the newest keyframe first. Of a route with many nodes only
-    /// the newest are read.
+    /// The newest trips of a route, the one with the newest keyframe first; at most `limit` of them, and of
+    /// a large route only their newest keyframes.
     ///
     /// # Errors
     /// [`StoreError`].

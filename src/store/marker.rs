@@ -1,11 +1,11 @@
 //! The file that stands beside the database while it is open, and says how many commits it has.
 //!
-//! What was acknowledged is in the write-ahead log until it is moved into the database. Should the
-//! log be gone after a process that was killed, SQLite opens what is left without a word. The number
-//! of commits is therefore kept twice: in the database, with every commit, and in this file, after
-//! it. A database with fewer has lost some. The file is not synced with each commit: that survives
-//! the death of the process, and after a power cut it says too few, which costs no more than the
-//! check. An orderly end, which has emptied the log, removes it.
+//! What was acknowledged is in the write-ahead log until it is moved into the database. If the log is
+//! missing after a process was killed, SQLite opens the rest without an error. The number of commits is
+//! therefore kept twice: in the database, with every commit, and in this file, after it. A database
+//! with fewer commits than the file says has lost some. The file is not synced with each commit: what
+//! was written survives the end of the process, and after a power cut it may say too few, so that a
+//! loss goes unnoticed. An orderly end, after which the log is empty, removes the file.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
@@ -69,7 +69,7 @@ impl Marker {
     }
 
     fn write(&self, commits: i64) -> io::Result<()> {
-        // Always as long: nothing of an earlier text is left behind it.
+        // Always the same length, so that it replaces the earlier text.
         self.file
             .write_all_at(format!("{commits:019}\n").as_bytes(), 0)
     }

@@ -59,6 +59,7 @@ mod news;
 mod node_columns;
 mod nodes;
 mod notices;
+mod opening;
 mod operation_records;
 mod operations;
 mod place_scans;
@@ -121,6 +122,7 @@ pub use fsck::{Fault, FsckReport, OnProgress, check_backup, fsck};
 pub use inputs::{AcceptedInput, Input, InputRecord, JobInput};
 pub use key_records::*;
 pub use map_layers::{ActiveClosure, TripTrack};
+pub use opening::StoreOptions;
 pub use operation_records::*;
 pub use quarantines::Quarantine;
 pub use rebuild::InputsToRepeat;
@@ -144,9 +146,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
-use jiff::Timestamp;
-use sqlx::pool::PoolConnection;
-use sqlx::{Connection, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::SqlitePool;
 use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
@@ -155,17 +155,10 @@ use tokio_util::sync::CancellationToken;
 use connection::Database;
 use inbox::Outbox;
 use lock::DirectoryLock;
-use marker::Marker;
+use query::{Query, in_snapshot};
 use request::Reply;
 use space::Space;
-use writer::{Health, Writer};
-
-/// Where and how to open the store.
-#[derive(Debug, Clone)]
-pub struct StoreOptions {
-    /// The directory that holds the database; created if missing, locked while open.
-    pub data_dir: PathBuf,
-}
+use writer::Health;
 
 /// The store; cheap to clone.
 #[derive(Clone)]
@@ -190,37 +183,6 @@ struct Shared {
     revocations: AtomicU64,
     // After the readers: whoever takes the lock next finds no connection of ours.
     _lock: Arc<DirectoryLock>,
-}
-
-/// What is done with a database whose write-ahead log was lost.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum LostLog {
-    /// It is not opened.
-    Refused,
-    /// It is opened as it is.
-    Accepted,
-}
-
-impl LostLog {
-    /// Before anything is written: the log may yet be put back.
-    async fn check(
-        self,
-        directory: &Path,
-        connection: &mut SqliteConnection,
-    ) -> Result<(), StoreError> {
-        let left = marker::commits(connection).await?;
-        let commits = match marker::commits_before(directory) {
-            Some(before) if before > left => before - left,
-            _ => return Ok(()),
-        };
-        let directory = directory.to_path_buf();
-        if self == Self::Refused {
-            return Err(StoreError::LostLog { directory, commits });
-        }
-        let directory = directory.display();
-        tracing::error!(%directory, commits, "the last commits are lost, and that was accepted");
-        Ok(())
-    }
 }
 
 /// Writes a copy of the database of a data directory into another, which is made if it is missing. A
@@ -258,115 +220,6 @@ pub enum Deleted {
 }
 
 impl Store {
-    /// Locks the directory, brings the schema up to date, gives back the jobs of a process that
-    /// died, and starts the writer on the current runtime.
-    ///
-    /// # Errors
-    /// [`StoreError::Locked`] if another process holds the directory, [`StoreError::LostLog`] if
-    /// something that was acknowledged is not there any more.
-    pub async fn open(options: StoreOptions) -> Result<Self, StoreError> {
-        Self::open_with(options, LostLog::Refused).await
-    }
-
-    /// Opens a store as [`Store::open`] does, even if something that was acknowledged is not there
-    /// any more.
-    ///
-    /// # Errors
-    /// As [`Store::open`], but for [`StoreError::LostLog`].
-    pub async fn open_without_log(options: StoreOptions) -> Result<Self, StoreError> {
-        Self::open_with(options, LostLog::Accepted).await
-    }
-
-    async fn open_with(options: StoreOptions, lost_log: LostLog) -> Result<Self, StoreError> {
-        let data_dir = options.data_dir.clone();
-        let lock = tokio::task::spawn_blocking(move || DirectoryLock::acquire(&data_dir))
-            .await
-            .map_err(|_| StoreError::Unavailable)??;
-        let lock = Arc::new(lock);
-        let database = Database::in_directory(&options.data_dir);
-        let space = Space::of(&options.data_dir);
-        let has_room = space.has_room();
-        database.make_files()?;
-        let mut connection = database.open_writer().await.map_err(StoreError::named)?;
-        if let Err(lost) = lost_log.check(&options.data_dir, &mut connection).await {
-            connection.close().await?;
-            return Err(lost);
-        }
-        if !(has_room || database.is_up_to_date(&mut connection).await?) {
-            return Err(StoreError::FullBeforeMigration);
-        }
-        let migrated = database.migrate(&mut connection).await?;
-        if migrated.rates_set > 0 {
-            tracing::warn!(
-                routes = migrated.rates_set,
-                false_alarm_rate = RouteSettings::default().false_alarm_rate,
-                "false_alarm_rate means false alerts per lap now: every route was set to the default"
-            );
-        }
-        jobs::release_orphans(&mut connection, Timestamp::now()).await?;
-        let has_keys = keys::any(&mut connection).await?;
-        let readers = database.open_readers().await?;
-        let commits = marker::commits(&mut connection).await?;
-        let marker = Marker::create(&options.data_dir, commits)?;
-
-        let (outbox, inbox) = inbox::queues();
-        let (health_sender, health) = watch::channel(match has_room {
-            true => Health::Ready,
-            false => Health::Full,
-        });
-        let jobs = Arc::new(Notify::new());
-        let shutdown = CancellationToken::new();
-        let writer = Writer {
-            database: database.clone(),
-            connection: Some(connection),
-            inbox,
-            health: health_sender,
-            jobs: Arc::clone(&jobs),
-            shutdown: shutdown.clone(),
-            lock: Arc::clone(&lock),
-            marker,
-            space: space.clone(),
-        };
-        let shared = Shared {
-            data_dir: options.data_dir,
-            database,
-            outbox,
-            readers,
-            health,
-            jobs,
-            space,
-            shutdown,
-            writer: Mutex::new(Some(tokio::spawn(writer.run()))),
-            opened: Instant::now(),
-            has_keys: AtomicBool::new(has_keys),
-            revocations: AtomicU64::new(0),
-            _lock: lock,
-        };
-        Ok(Self {
-            shared: Arc::new(shared),
-        })
-    }
-
-    /// Waits for the writes that were taken and closes the database. Other clones get
-    /// [`StoreError::Unavailable`] from now on.
-    ///
-    /// # Errors
-    /// [`StoreError`] if the log could not be moved into the database; nothing acknowledged is
-    /// lost by that.
-    pub async fn close(self) -> Result<(), StoreError> {
-        // Whoever holds a job still is cut off now; that is not the batch's fault. If it cannot be
-        // noted, the next start takes it for a lost process.
-        let _ = self.work(jobs::ReturnAll).await;
-        self.shared.shutdown.cancel();
-        let writer = self.shared.writer.lock().await.take();
-        let closed = match writer {
-            Some(writer) => writer.await.map_err(|_| StoreError::Unavailable)?,
-            None => Ok(()),
-        };
-        self.shared.readers.close().await;
-        closed.map_err(StoreError::named)
-    }
-
     /// Whether the writer takes writes and a reader answers; the error says why not.
     ///
     /// # Errors
@@ -393,17 +246,23 @@ impl Store {
         self.shared.database.file_bytes()
     }
 
-    /// A connection for a read of several statements.
-    async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
-        named(
-            self.shared
-                .readers
-                .acquire()
-                .await
-                .map_err(StoreError::from),
-        )
+    /// What a query answers now.
+    async fn read<Q: Query>(&self, query: Q) -> Result<Q::Answer, StoreError> {
+        let reader = self.shared.readers.acquire().await;
+        let mut reader = reader.map_err(|error| StoreError::from(error).named())?;
+        if !Q::ONE_SNAPSHOT {
+            return query.answer(&mut reader).await.map_err(StoreError::named);
+        }
+        let answer = in_snapshot(&mut reader, &query).await;
+        if answer.is_err() {
+            // SQLite may have rolled back by itself, which the driver does not notice: the connection
+            // is not trusted with a transaction again.
+            reader.close_on_drop();
+        }
+        answer.map_err(StoreError::named)
     }
 
+    /// What became of a request, once the writer has committed it.
     async fn work<R: request::Request>(&self, request: R) -> Result<R::Outcome, StoreError> {
         outcome::<R>(self.shared.outbox.send_work(request).await?).await
     }
@@ -413,21 +272,4 @@ impl Store {
 async fn outcome<R: request::Request>(reply: Reply<R>) -> Result<R::Outcome, StoreError> {
     let outcome = reply.await.map_err(|_| StoreError::Unavailable)?;
     outcome.map_err(StoreError::named)
-}
-
-fn named<T>(read: Result<T, StoreError>) -> Result<T, StoreError> {
-    read.map_err(StoreError::named)
-}
-
-/// What came of a read of several statements in one transaction. SQLite may have rolled back by
-/// itself, which the driver does not notice: after an error a connection is not trusted with a
-/// transaction again.
-fn of_snapshot<T>(
-    mut reader: PoolConnection<Sqlite>,
-    read: Result<T, StoreError>,
-) -> Result<T, StoreError> {
-    if read.is_err() {
-        reader.close_on_drop();
-    }
-    named(read)
 }

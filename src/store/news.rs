@@ -1,5 +1,5 @@
-//! What the log and the metrics say of what was written. Called by [`Request::committed`], so that
-//! both are true: what is rolled back or written again is in neither.
+//! What the log and the metrics say of what was written. Called by [`Request::committed`], so that what
+//! is rolled back is in neither, and what is executed again is counted once.
 //!
 //! [`Request::committed`]: super::request::Request::committed
 

@@ -1,5 +1,5 @@
-//! What receivers of webhooks are sent beside alerts: uploads that are kept out, vehicles that become
-//! suspect, operations that end. Each is queued in the transaction of what it is about.
+//! Events for webhooks that are about no alert: quarantined uploads, vehicles that become suspect,
+//! operations that end. Each is queued in the transaction of its cause.
 
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
@@ -9,7 +9,7 @@ use super::error::StoreError;
 use crate::ids::OperationId;
 use crate::model::WebhookTopic;
 
-/// Something that happened to no alert.
+/// An event that is about no alert.
 pub(super) struct Notice<'a> {
     pub(super) topic: WebhookTopic,
     /// `None` for what is about several routes: webhooks of one route are not sent it.

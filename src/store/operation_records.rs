@@ -1,4 +1,4 @@
-//! Long work that somebody asked for, as its requests and its results tell it.
+//! Long work that somebody asked for: its requests and results, as values.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Vehicles of which somebody wants nothing more in the map.
+//! Vehicles whose uploads somebody keeps out of a route's map.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -37,8 +37,8 @@ impl Store {
         self.read(QuarantineOf { route, vehicle }).await
     }
 
-    /// Keeps a vehicle's uploads out of a route's map from now on (`Some`), or no longer; what is so
-    /// already stays as it is. False if the route knows no such vehicle.
+    /// Keeps a vehicle's uploads out of a route's map from now on (`Some`), or no longer. Nothing changes
+    /// if that is so already. False if the route has no such vehicle.
     ///
     /// # Errors
     /// [`StoreError`].

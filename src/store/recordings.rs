@@ -79,8 +79,8 @@ impl Store {
         journaled.ok_or(StoreError::UnknownRoute)
     }
 
-    /// What a batch of this name says of a recording that is about to be stored; `None` if there is no
-    /// such batch.
+    /// Whether a batch of this name is the recording that is about to be stored, or another upload;
+    /// `None` if there is no such batch.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -114,7 +114,7 @@ impl Store {
     }
 }
 
-/// What a batch of this name says of a recording that is about to be stored.
+/// Whether a batch of this name is a recording that is about to be stored.
 struct RecordedAs<'a> {
     route: &'a RouteId,
     id: &'a BatchId,
@@ -202,7 +202,8 @@ impl Request for JournalRecording {
     }
 }
 
-/// What a batch of this name holds of a recording's identity; `None` if there is no such batch.
+/// The identity of the recording that a batch of this name stands for, if it stands for one; `None` if
+/// there is no such batch.
 async fn identity_of(
     transaction: &mut SqliteConnection,
     route_key: i64,
@@ -251,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_told_from_other_failures() {
+    fn a_full_disk_is_distinguished_from_other_failures() {
         let error = |kind: io::ErrorKind| not_made(PathBuf::from("data"), kind.into());
         assert!(matches!(
             error(io::ErrorKind::StorageFull),

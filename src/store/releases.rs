@@ -48,7 +48,7 @@ impl Store {
     }
 }
 
-/// Releases a version if the route has not moved on.
+/// Releases a version, unless the route has another revision by now.
 struct ApplyRelease {
     release: Release,
     picture: SealedPicture,

@@ -1,4 +1,4 @@
-//! What is taken out of a route, as its requests and its results tell it.
+//! Removals of uploads from a route: requests, what they remove, and results, as values.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -29,9 +29,9 @@ pub enum Meant {
 pub struct RemovalRequest {
     /// Which uploads.
     pub meant: Meant,
-    /// Whether nothing is to be removed, only said what would be.
+    /// Whether the result only says what would be removed.
     pub dry_run: bool,
-    /// Whether their bytes go too, for good.
+    /// Whether the stored bodies are deleted too.
     pub erase: bool,
     /// Why, for people.
     pub note: Option<String>,
@@ -44,9 +44,9 @@ pub struct RemovalResult {
     pub batches: u64,
     /// Nodes.
     pub nodes: u64,
-    /// Edges, those of others that ended at the nodes among them.
+    /// Edges, including those of other uploads that end at the nodes.
     pub edges: u64,
-    /// Alerts that change by it: raised, resolved, or resting on less.
+    /// Alerts that it raises, resolves, or changes the evidence of.
     pub alerts: u64,
     /// How far the rest of the map moves, at most, metres.
     pub moved_m: f64,
@@ -74,17 +74,17 @@ pub struct Removal {
     pub route_id: RouteId,
     /// The route's revision that it was computed from.
     pub base_revision: i64,
-    /// What goes.
+    /// What is removed.
     pub removable: Removable,
-    /// What stays of the graph and changes.
+    /// Nodes that stay and change.
     pub changed_nodes: Vec<NodeChange>,
-    /// What stays of the graph and changes.
+    /// Edges that stay and change.
     pub changed_edges: Vec<EdgeChange>,
     /// Alerts that are new or change.
     pub alerts: Vec<AlertRecord>,
     /// Why the uploads are not in the map any more, for people.
     pub reason: String,
-    /// Whether the bytes go too.
+    /// Whether the stored bodies are deleted too.
     pub erase: bool,
     /// What the operation's result says.
     pub result: RemovalResult,

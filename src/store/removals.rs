@@ -214,7 +214,8 @@ impl ApplyRemoval {
         Ok(places)
     }
 
-    /// Deletes nodes with all that hangs on them, and edges, and takes them off the route's counts.
+    /// Deletes nodes with the rows that refer to them, and edges, and subtracts them from the route's
+    /// counts.
     async fn delete_from_graph(
         &self,
         transaction: &mut SqliteConnection,
@@ -263,7 +264,7 @@ impl ApplyRemoval {
         Ok(())
     }
 
-    /// Determines anew whether what the vehicles send is believed.
+    /// Determines the states of the vehicles anew.
     async fn note_vehicles(
         &self,
         transaction: &mut SqliteConnection,
@@ -285,7 +286,7 @@ impl ApplyRemoval {
         Ok(())
     }
 
-    /// Forgets what the trips said of their vehicles; one of which nothing is left begins anew.
+    /// Deletes what the trips said of their vehicles; a trip without any batch left begins anew.
     async fn forget_trips(
         &self,
         transaction: &mut SqliteConnection,

@@ -1,4 +1,4 @@
-//! Applying what a worker computed: all of it in one transaction, or nothing.
+//! Applying what a worker computed, all of it in one transaction.
 
 use sqlx::SqliteConnection;
 
@@ -34,7 +34,7 @@ impl Store {
     }
 }
 
-/// Applies a job's result if the fence lets it through.
+/// Applies a job's result, if the worker still holds the job.
 pub(super) struct ApplyResult(pub(super) JobResult);
 
 impl Request for ApplyResult {

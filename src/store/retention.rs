@@ -20,7 +20,7 @@ impl Store {
     }
 }
 
-/// Most bodies of one step: other writes wait as long as it takes.
+/// Most bodies of one step, since other writes wait for it.
 const STEP_MAX: i64 = 32;
 
 /// Deletes bodies of batches merged before a time, a few of them.

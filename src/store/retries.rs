@@ -14,7 +14,7 @@ use super::vehicle_states::note_state;
 use crate::ids::{BatchId, RouteId, VehicleId};
 use crate::model::{Actor, AuditAction, BatchKind, BatchStatus};
 
-/// What became of the wish to try a batch again.
+/// What became of a request to try a batch again.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Retried {
     /// It is queued.
@@ -153,7 +153,7 @@ impl Retry {
     }
 }
 
-/// Makes a vehicle the one that drives a trip of which nobody else has anything in the map.
+/// Makes a trip the vehicle's own; no other vehicle has a batch of it that counts.
 async fn hand_trip_over(
     transaction: &mut SqliteConnection,
     place: &Place,

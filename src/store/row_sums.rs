@@ -1,8 +1,7 @@
-//! Checksums of rows that a map is made of: a flipped bit must not become a map that is a little
-//! wrong.
+//! Checksums of rows that a map is made of, so that a flipped bit is found and does not distort a map.
 //!
-//! They cover what never changes. A node's pose is left out: every solve writes it anew, and finds it
-//! again if it is wrong. Rows from before there were checksums have none.
+//! They cover what never changes. A node's pose is left out: every solve writes it anew, and corrects
+//! it if it is wrong. Rows of versions without checksums have none.
 
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use crate::ids::KeyId;
 
-/// What every key begins with, so that scanners of source code find keys that were committed.
+/// The prefix of every key, by which scanners of source code find keys that were committed.
 const PREFIX: &str = "ms_";
 
 /// 32 random bytes.
@@ -43,7 +43,7 @@ impl Secret {
         Sha256::digest(self.0).into()
     }
 
-    /// Whether a digest is its own; takes as long whichever bytes differ.
+    /// Whether a digest is its own; takes the same time whichever bytes differ.
     pub(super) fn has_digest(&self, digest: &[u8]) -> bool {
         let own = self.digest();
         let differing = own.iter().zip(digest).fold(0, |all, (a, b)| all | (a ^ b));

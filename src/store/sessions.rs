@@ -43,7 +43,7 @@ impl Store {
         if let Some(session) = &session
             && is_worth_noting(Some(session.last_used_at), now)
         {
-            // A session is not cut off because its use cannot be written down.
+            // A failure to note the use is no reason to end the session.
             let _ = self.work(NoteUse { id, now }).await;
         }
         Ok(session)

@@ -1,8 +1,8 @@
 //! Space on the disk: whether there is any, and a reserve for when there is none.
 //!
-//! Whoever wants to make room deletes routes, and for that SQLite needs room for its log. So some is
-//! kept in a file beside the database, which is given back when the disk is full. As long as it is,
-//! uploads are refused, and only what deletes or notes a state is written.
+//! Deleting a route makes room, but SQLite needs room for its log to do that. A file beside the database
+//! keeps that room in reserve and is emptied when the disk is full. While it is empty, uploads are
+//! refused, and only what deletes or notes a state is written.
 
 use std::fs::File;
 use std::io;
@@ -36,7 +36,7 @@ impl Space {
         })
     }
 
-    /// Space as something else measures it.
+    /// Space as a function measures it.
     pub(super) fn measured_by(
         directory: &Path,
         free_bytes: impl Fn() -> io::Result<u64> + Send + Sync + 'static,
@@ -47,22 +47,23 @@ impl Space {
         }
     }
 
-    /// Bytes that are free; `None` if that cannot be known.
+    /// Bytes that are free; `None` if that cannot be measured.
     pub(super) fn free_bytes(&self) -> Option<u64> {
         (self.free_bytes)().ok()
     }
 
-    /// Whether there is hardly any left. Not if that cannot be known: a write will tell.
+    /// Whether the disk is nearly full; false if that cannot be measured, since a write will then fail
+    /// by itself.
     pub(super) fn is_low(&self) -> bool {
         self.has_less_than(FREE_BYTES_MIN)
     }
 
-    /// Whether so many bytes leave the reserve's size free beside them.
+    /// Whether the reserve's size is still free after so many more bytes.
     pub(super) fn has_room_for(&self, bytes: u64) -> bool {
         !self.has_less_than(bytes.saturating_add(RESERVE_BYTES))
     }
 
-    /// Whether it was low and has not been found to be enough since, by this process or one before.
+    /// Whether the reserve was given up and not restored since, by this process or an earlier one.
     pub(super) fn is_released(&self) -> bool {
         std::fs::metadata(&self.path).is_ok_and(|file| file.len() == 0)
     }
@@ -78,7 +79,7 @@ impl Space {
             return true;
         }
         if self.has_less_than(RESERVE_BYTES + 2 * FREE_BYTES_MIN) {
-            // A disk that never had room for it is used without.
+            // A disk that never had room for the reserve is used without it.
             return !self.is_released();
         }
         if let Err(error) = self.allocate() {
@@ -130,7 +131,10 @@ mod tests {
         assert!(!space.has_room_for(101));
         assert!(!space.has_room_for(u64::MAX));
         let unknown = Space::measured_by(directory.path(), || Err(io::ErrorKind::Other.into()));
-        assert!(unknown.has_room_for(u64::MAX), "a write will tell");
+        assert!(
+            unknown.has_room_for(u64::MAX),
+            "what cannot be measured is not refused"
+        );
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub struct TripRecord {
     pub id: TripId,
     /// Whose it is.
     pub vehicle_id: VehicleId,
-    /// Its batches, whatever became of them.
+    /// Its batches, of any status.
     pub batches: i64,
     /// Those of them that are in the map.
     pub merged: i64,

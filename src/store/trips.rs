@@ -1,8 +1,8 @@
 //! The order of the batches of a trip.
 //!
-//! A trip's batches are worked on one after the other: the one whose sequence is due has a job,
-//! later ones are held. When a batch ends, however it ends, the next one is due. Batches of edges
-//! are numbered as they arrive, so that each is due at once.
+//! A trip's batches are processed one after the other: the one whose sequence is due has a job, later
+//! ones are held. When the turn of a batch ends, with whatever status, the next one is due. Batches of
+//! edges are numbered as they arrive, so that each is due at once.
 
 use sqlx::SqliteConnection;
 
@@ -30,13 +30,13 @@ pub(super) struct Place {
     pub(super) sequence: i64,
 }
 
-/// Decides where a batch is put that was not there before; makes its trip if it is the first.
+/// Decides the status of a new batch; makes its trip if it is the first.
 pub(super) async fn place(
     transaction: &mut SqliteConnection,
     route_key: i64,
     batch: &NewBatch,
 ) -> Result<Placement, StoreError> {
-    // A trip of which nothing is left is anybody's.
+    // A trip all of whose batches were removed may be taken over by another vehicle.
     sqlx::query(
         "INSERT INTO trips (route_key, trip_id, vehicle_id, next_sequence) VALUES ($1, $2, $3, 0) \
          ON CONFLICT DO UPDATE SET vehicle_id = $3 WHERE vehicle_id <> $3 AND NOT EXISTS ( \
@@ -133,8 +133,7 @@ async fn has_others(
     Ok(has_others)
 }
 
-/// The batch that has the sequence already: one that had its turn or waits for it, not one that
-/// was refused on arrival.
+/// The batch that has the sequence already; those that were refused on arrival do not count.
 async fn holder(
     transaction: &mut SqliteConnection,
     route_key: i64,
@@ -223,7 +222,7 @@ pub(super) async fn end_turn(
     Ok(())
 }
 
-/// Starts a trip anew at a held batch whose predecessor never came.
+/// Continues a trip at a held batch whose predecessor never came.
 pub(super) async fn skip_gap(
     transaction: &mut SqliteConnection,
     place: &Place,

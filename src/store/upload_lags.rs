@@ -9,7 +9,7 @@ use super::error::StoreError;
 use super::query::Query;
 use crate::ids::{RouteId, StampNs, TripId, VehicleId};
 
-/// Most batches that are asked.
+/// Most batches of an answer.
 const BATCHES_MAX: i64 = 32;
 
 /// When a batch of scans was driven by its own clock, and when it arrived.
@@ -22,8 +22,8 @@ pub struct UploadLag {
 }
 
 impl Store {
-    /// The newest batches, the newest first, of the trip before `trip` of which a vehicle's batches
-    /// arrived last; those alone that are in the map.
+    /// The newest merged batches of a vehicle's previous trip, the newest first. That is the trip, other
+    /// than `trip`, of which a merged batch arrived last.
     ///
     /// # Errors
     /// [`StoreError`].

@@ -1,5 +1,5 @@
-//! Whether what a vehicle sends is believed: determined anew by every write that may change it, and
-//! compared with what it was.
+//! Whether what a vehicle sends is trusted: determined anew by every write that may change it, and
+//! compared with the state before.
 
 use jiff::Timestamp;
 use sqlx::SqliteConnection;

@@ -1,5 +1,4 @@
-//! The vehicles of a route: what they sent, what is known of their calibration, and whether what they
-//! send is believed.
+//! The vehicles of a route: what they sent, their calibration, and whether what they send is trusted.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -24,7 +23,7 @@ pub struct VehicleRecord {
     pub id: VehicleId,
     /// The route.
     pub route_id: RouteId,
-    /// Batches it has sent, whatever became of them.
+    /// Batches that it has sent, of any status.
     pub batches: i64,
     /// Scans in them.
     pub scans: i64,
@@ -47,7 +46,7 @@ pub struct VehicleRecord {
 }
 
 impl VehicleRecord {
-    /// Whether what it sends is believed.
+    /// Whether what it sends is trusted.
     pub fn state(&self) -> VehicleState {
         let is_suspect = !self.suspected_by.is_empty() || self.kept_out.is_some();
         state(self.quarantine.is_some(), is_suspect)

@@ -1,4 +1,4 @@
-//! What became of events on their way to receivers, and how long that is known.
+//! Attempts to deliver events, and how long deliveries are kept.
 
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
@@ -14,7 +14,7 @@ use crate::model::{Actor, DeliveryStatus};
 
 /// Most deliveries that are deleted in one step: other writes wait as long as it takes.
 const DELETED_AT_ONCE: i64 = 500;
-/// What was delivered is listed among so many of the newest deliveries of its webhook.
+/// Delivered ones are kept among this many of the newest deliveries of a webhook.
 const LISTED: i64 = 1_000;
 
 impl Store {
@@ -72,7 +72,7 @@ impl Request for Record {
             return Ok(());
         }
         match attempt.verdict {
-            AttemptVerdict::Delivered => self.delete_told(transaction).await,
+            AttemptVerdict::Delivered => self.delete_outdated(transaction).await,
             AttemptVerdict::RetryAt(_) => self.keep_newest(transaction).await,
             AttemptVerdict::Gone => self.disable(transaction).await,
             AttemptVerdict::Failed => Ok(()),
@@ -81,9 +81,10 @@ impl Request for Record {
 }
 
 impl Record {
-    /// Deletes updates that wait to tell the receiver what it knows by now.
-    async fn delete_told(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
-        // Few wait; of the webhook or of the alert there may be thousands that do not.
+    /// Deletes updates that wait and are of a revision that the receiver has by now.
+    async fn delete_outdated(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        // By the index of what waits: that is little, while the webhook or the alert may have thousands
+        // of deliveries.
         sqlx::query(
             "DELETE FROM webhook_deliveries INDEXED BY webhook_deliveries_pending \
              WHERE status = 'pending' AND event = 'alert.updated' AND alert_revision <= $2 \
@@ -97,9 +98,9 @@ impl Record {
         Ok(())
     }
 
-    /// Of the updates of an alert that wait, the newest is enough: it tells the alert as it is, and
-    /// has all its attempts before it. Without this, what waits for a receiver that is down would
-    /// grow with every event.
+    /// Keeps only the newest of an alert's updates that wait: it sends the alert as it is then, and has
+    /// all its attempts left. Otherwise every event would add to what waits for a receiver that is
+    /// down.
     async fn keep_newest(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(
             "WITH waiting AS ( \
@@ -116,7 +117,7 @@ impl Record {
         Ok(())
     }
 
-    /// Unless somebody has edited the webhook meanwhile: then it may lead elsewhere.
+    /// Disables the webhook, unless somebody has edited it since the attempt: it may have another URL.
     async fn disable(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         let row = sqlx::query(
             "SELECT webhooks.id FROM webhook_deliveries JOIN webhooks USING (webhook_key) \

@@ -1,4 +1,4 @@
-//! Events on their way to receivers: queued with the change that they tell of, and read.
+//! Deliveries of events to webhooks: queued in the transaction of the change, and read.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -17,7 +17,7 @@ use crate::ids::WebhookId;
 use crate::model::{AlertEventKind, WebhookEvent, WebhookTopic};
 
 impl Store {
-    /// Queues a test of an active webhook; while one waits, that one is handed back.
+    /// Queues a test of an active webhook; if one waits already, returns that one.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -73,7 +73,7 @@ pub(super) struct Happened {
     pub(super) at_us: i64,
 }
 
-/// Queues a delivery for every active webhook that wants to know.
+/// Queues a delivery for every active webhook that subscribes to it.
 pub(super) async fn queue(
     transaction: &mut SqliteConnection,
     happened: &Happened,

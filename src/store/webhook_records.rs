@@ -50,7 +50,7 @@ pub struct NewWebhook {
     pub created_at: Timestamp,
 }
 
-/// A webhook; without its secret, which is told once.
+/// A webhook, without its secret, which is shown only once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WebhookRecord {
     /// Sorts by when it was registered.
@@ -69,7 +69,7 @@ pub struct WebhookRecord {
     pub include_tentative: bool,
     /// Whether events are sent.
     pub active: bool,
-    /// When its receiver said 410 Gone, which disabled it; `None` once it is enabled again.
+    /// When its receiver answered 410 Gone, which disabled it; `None` once it is enabled again.
     pub gone_at: Option<Timestamp>,
     /// Until when calls are signed with the secret before as well; `None` if there is none.
     pub previous_secret_until: Option<Timestamp>,
@@ -119,7 +119,7 @@ pub enum Edited {
 /// What became of a request for a test.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TestQueued {
-    /// It is sent next; also if one was waiting already.
+    /// It is sent next; or one that waited already is.
     Queued(DeliveryRecord),
     /// The webhook is not active; nothing was written.
     Disabled,
@@ -147,7 +147,7 @@ pub struct DeliveryRecord {
     pub key: i64,
     /// The same for every attempt.
     pub id: String,
-    /// What it tells of.
+    /// What happened.
     pub event: WebhookEvent,
     /// The event in the stream of alerts; `None` for what is about no alert.
     pub event_sequence: Option<i64>,
@@ -233,6 +233,6 @@ pub enum AttemptVerdict {
     RetryAt(Timestamp),
     /// No further attempt.
     Failed,
-    /// No further attempt, and the webhook is disabled: its receiver said that it is gone.
+    /// No further attempt, and the webhook is disabled: its receiver answered 410 Gone.
     Gone,
 }

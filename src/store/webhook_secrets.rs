@@ -1,4 +1,4 @@
-//! Secrets of webhooks that are replaced: for a time calls are signed with both.
+//! Rotation of webhooks' secrets: for a time calls are signed with both the old and the new one.
 
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
@@ -15,8 +15,8 @@ use crate::ids::WebhookId;
 use crate::model::Actor;
 
 impl Store {
-    /// Replaces a webhook's secret, if it is still at `revision` where one is given. The one before is
-    /// signed with as well until the time is over; one before that is not any more.
+    /// Replaces a webhook's secret, if the webhook is still at `revision` where one is given. Until the
+    /// end of the overlap calls are signed with the previous secret as well, and with no older one.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -38,7 +38,7 @@ impl Store {
         self.work(request).await
     }
 
-    /// Deletes secrets that nothing is signed with any more.
+    /// Deletes previous secrets whose overlap is over.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -50,7 +50,7 @@ impl Store {
     }
 }
 
-/// Whether there are secrets whose overlap with the next one is over.
+/// Whether there are previous secrets whose overlap is over.
 struct HasEndedSecrets(Timestamp);
 
 impl Query for HasEndedSecrets {

@@ -16,7 +16,7 @@ use crate::ids::{RouteId, WebhookId};
 use crate::model::{Actor, WebhookTopic};
 
 impl Store {
-    /// Registers a webhook. It is told of what happens from now on.
+    /// Registers a webhook. It is sent what happens from now on.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -96,7 +96,7 @@ impl Store {
         self.read(page).await
     }
 
-    /// Those of one of some routes alone, as [`Store::webhooks`] has them.
+    /// Of the webhooks that are limited to one of some routes, a page like that of [`Store::webhooks`].
     ///
     /// # Errors
     /// [`StoreError`].
@@ -271,7 +271,7 @@ impl Query for OneWebhook {
     }
 }
 
-/// The webhooks of one route alone, which go with it.
+/// The webhooks that are limited to one route, and deleted with it.
 pub(super) struct RouteWebhooks<'a>(pub(super) &'a RouteId);
 
 impl Query for RouteWebhooks<'_> {
@@ -288,7 +288,7 @@ impl Query for RouteWebhooks<'_> {
     }
 }
 
-/// Webhooks by id, after `after`: all, or those of one of some routes alone.
+/// Webhooks by id, after `after`: all, or those that are limited to one of some routes.
 struct WebhookPage<'a> {
     among: Option<&'a [RouteId]>,
     after: Option<WebhookId>,

@@ -1,8 +1,8 @@
-//! Which webhooks are sent an event of an alert that a zone may mute.
+//! Which webhooks are sent an event of an alert, also of one that a zone mutes.
 //!
-//! They are sent what a decision is about: evidence that grows, comments and assignees are not sent. What
-//! happens while an alert is muted is not sent either. Once it is not any more, receivers are sent what
-//! they have missed: `alert.raised` if they know nothing of the alert yet, else `alert.updated`.
+//! Only events that concern a decision are sent: not growing evidence, comments or assignees. What happens
+//! while an alert is muted is withheld. When the muting ends, receivers are sent what they have missed:
+//! `alert.raised` if they have not been sent the alert before, else `alert.updated`.
 
 use crate::model::AlertEventKind;
 
@@ -70,7 +70,8 @@ impl Standing {
                 withheld_from: None,
             };
         }
-        // It was decided about, or resolved, while it was muted: whoever knows nothing of it need not.
+        // It was decided about, or resolved, while it was muted: only receivers that know it are sent
+        // that.
         let known = |kind: &AlertEventKind| *kind == AlertEventKind::Updated;
         let still_withheld = match (tentative, confirmed) {
             (AlertEventKind::Raised, _) => Some(from),

@@ -1,4 +1,4 @@
-//! Zones: parts of a route's map where alerts are treated otherwise.
+//! Zones, parts of a route's map with rules of their own for alerts: made, edited, ended, read.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -96,8 +96,7 @@ impl Store {
         self.read(page).await
     }
 
-    /// Ends the zones whose time is over: their alerts are sent and counted again. Says how many there
-    /// were.
+    /// Ends the zones whose time is over: their alerts are sent and counted again. Returns how many.
     ///
     /// # Errors
     /// [`StoreError`].
