@@ -129,7 +129,7 @@ pub use rebuild::InputsToRepeat;
 pub use recordings::{RecordedBatches, RecordingJournaled};
 pub use records::*;
 pub use removal_records::*;
-pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts, ReportScope};
+pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts};
 pub use restore::HeldDirectory;
 pub use retries::Retried;
 pub use secrets::{KeyText, NoKey, Secret};
