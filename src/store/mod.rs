@@ -94,6 +94,7 @@ mod trip_starts;
 mod trips;
 mod unanchored;
 mod upload_lags;
+mod uploads;
 mod vehicle_states;
 mod vehicles;
 mod webhook_attempts;
