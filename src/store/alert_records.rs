@@ -143,6 +143,19 @@ pub struct AlertFilter {
     pub muted: Option<bool>,
 }
 
+/// Which time, and whose alerts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReportScope {
+    /// From then on …
+    pub since: Timestamp,
+    /// … and before that.
+    pub until: Timestamp,
+    /// Of this route; `None` for all.
+    pub route_id: Option<RouteId>,
+    /// Most entries of a list.
+    pub limit: u32,
+}
+
 /// Something that happened to an alert.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AlertEvent {

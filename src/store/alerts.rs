@@ -6,11 +6,10 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::Store;
 use super::alert_columns::alert_of;
-use super::alert_records::{AlertFilter, AlertRecord};
+use super::alert_records::{AlertFilter, AlertRecord, ReportScope};
 use super::columns::{alert_id, json_text, micros, name};
 use super::error::StoreError;
 use super::query::Query;
-use super::report::ReportScope;
 use crate::change::PendingChange;
 use crate::ids::{AlertId, BatchId, RouteId};
 

@@ -12,12 +12,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Connection, Row, SqliteConnection};
 use tokio::sync::mpsc;
 
+use super::Store;
 use super::columns::pose;
 use super::edge_columns::{edge_of, select_edges};
 use super::error::StoreError;
 use super::node_columns::{node_columns, node_of, select_nodes};
 use super::records::{EdgeRecord, NodeRecord, TrajectoryPose};
-use super::{Store, named};
 use crate::ids::{NodeId, RouteId, StampNs, TripId};
 
 /// Rows that are sent together.
@@ -77,7 +77,8 @@ impl Store {
         route: &RouteId,
         within: Option<Within>,
     ) -> Result<Pieces<GraphPart>, StoreError> {
-        let connection = named(self.shared.database.open_reader().await)?;
+        let connection = self.shared.database.open_reader().await;
+        let connection = connection.map_err(StoreError::named)?;
         let route = route.clone();
         Ok(send_pieces(|sender| {
             send_graph(connection, route, within, sender)
@@ -95,7 +96,8 @@ impl Store {
         trip: &TripId,
         all_scans: bool,
     ) -> Result<Pieces<Vec<TrajectoryPose>>, StoreError> {
-        let connection = named(self.shared.database.open_reader().await)?;
+        let connection = self.shared.database.open_reader().await;
+        let connection = connection.map_err(StoreError::named)?;
         let (route, trip) = (route.clone(), trip.clone());
         Ok(send_pieces(|sender| {
             send_trajectory(connection, route, trip, all_scans, sender)

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use serde::Serialize;
-use sqlx::{SqliteConnection, SqlitePool};
+use sqlx::{Connection, SqliteConnection};
 
 use super::acceptances::{AcceptanceOf, AcceptedChanges};
 use super::alert_records::MapVersionRecord;
@@ -46,6 +46,17 @@ pub struct FsckReport {
     pub faults: Vec<Fault>,
     /// Faults beyond those named.
     pub faults_left_off: u64,
+}
+
+impl FsckReport {
+    fn add(&mut self, law: &str, what: String) {
+        if self.faults.len() < FAULTS_MAX {
+            let law = law.to_owned();
+            self.faults.push(Fault { law, what });
+        } else {
+            self.faults_left_off += 1;
+        }
+    }
 }
 
 /// Something that is wrong.
@@ -102,19 +113,12 @@ async fn check(
     full: bool,
     on_progress: OnProgress<'_>,
 ) -> Result<FsckReport, StoreError> {
-    let readers = database.open_readers().await?;
-    if !database
-        .is_up_to_date(&mut *readers.acquire().await?)
-        .await?
-    {
+    let mut reader = database.open_reader().await?;
+    if !database.is_up_to_date(&mut reader).await? {
+        reader.close().await?;
         return Err(StoreError::OldSchema);
     }
-    let mut check = Check {
-        readers: &readers,
-        report: FsckReport::default(),
-        total: 0,
-        on_progress,
-    };
+    let mut check = Check::of(reader, on_progress);
     check.total = check.read(TotalRows).await?;
     check.commits(commits).await?;
     if full {
@@ -125,26 +129,14 @@ async fn check(
     }
     let rows = check.rows().await;
     check.note("the routes", rows)?;
-    let mut report = check.report;
-    readers.close().await;
-    report.sound = report.faults.is_empty();
-    Ok(report)
+    check.end().await
 }
 
 /// Checks what does not depend on the schema.
 async fn check_file(database: &Database) -> Result<FsckReport, StoreError> {
-    let readers = database.open_readers().await?;
-    let mut check = Check {
-        readers: &readers,
-        report: FsckReport::default(),
-        total: 0,
-        on_progress: &|_, _| {},
-    };
+    let mut check = Check::of(database.open_reader().await?, &|_, _| {});
     check.law(FILE_IS_SOUND).await?;
-    let mut report = check.report;
-    readers.close().await;
-    report.sound = report.faults.is_empty();
-    Ok(report)
+    check.end().await
 }
 
 /// How many rows the check reads.
@@ -163,24 +155,31 @@ impl Query for TotalRows {
 }
 
 struct Check<'a> {
-    readers: &'a SqlitePool,
+    reader: SqliteConnection,
     report: FsckReport,
     total: u64,
     on_progress: OnProgress<'a>,
 }
 
-impl Check<'_> {
-    async fn read<Q: Query>(&self, query: Q) -> Result<Q::Answer, StoreError> {
-        query.answer(&mut *self.readers.acquire().await?).await
+impl<'a> Check<'a> {
+    fn of(reader: SqliteConnection, on_progress: OnProgress<'a>) -> Self {
+        Self {
+            reader,
+            report: FsckReport::default(),
+            total: 0,
+            on_progress,
+        }
     }
 
-    fn fault(&mut self, law: &str, what: String) {
-        if self.report.faults.len() < FAULTS_MAX {
-            let law = law.to_owned();
-            self.report.faults.push(Fault { law, what });
-        } else {
-            self.report.faults_left_off += 1;
-        }
+    async fn end(self) -> Result<FsckReport, StoreError> {
+        let mut report = self.report;
+        report.sound = report.faults.is_empty();
+        self.reader.close().await?;
+        Ok(report)
+    }
+
+    async fn read<Q: Query>(&mut self, query: Q) -> Result<Q::Answer, StoreError> {
+        query.answer(&mut self.reader).await
     }
 
     /// Notes a read that found something corrupt.
@@ -205,13 +204,13 @@ impl Check<'_> {
             Corruption::Node(_) | Corruption::Edge(_) => format!("{what} of {place}"),
             _ => format!("{place}: {what}"),
         };
-        self.fault("what is read is what was written", what);
+        self.report.add("what is read is what was written", what);
     }
 
     async fn commits(&mut self, noted: Option<i64>) -> Result<(), StoreError> {
-        let there = marker::commits(&mut *self.readers.acquire().await?).await?;
+        let there = marker::commits(&mut self.reader).await?;
         if let Some(lost) = noted.map(|noted| noted - there).filter(|lost| *lost > 0) {
-            self.fault(
+            self.report.add(
                 "every commit is there",
                 format!("the last {lost}: the write-ahead log is missing or not whole"),
             );
@@ -220,8 +219,8 @@ impl Check<'_> {
     }
 
     async fn law(&mut self, law: Law) -> Result<(), StoreError> {
-        let mut reader = self.readers.acquire().await?;
-        let read = for_each_fault(&mut reader, law, |what| self.fault(law.0, what)).await;
+        let Self { reader, report, .. } = self;
+        let read = for_each_fault(reader, law, |what| report.add(law.0, what)).await;
         self.note(law.0, read)
     }
 

@@ -110,9 +110,15 @@ pub(super) fn is_worth_noting(last: Option<Timestamp>, now: Timestamp) -> bool {
 }
 
 /// Whether a key was ever made.
-pub(super) async fn any(reader: &mut SqliteConnection) -> Result<bool, StoreError> {
-    let any = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM keys)");
-    Ok(any.fetch_one(reader).await?)
+pub(super) struct AnyKey;
+
+impl Query for AnyKey {
+    type Answer = bool;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let any = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM keys)");
+        Ok(any.fetch_one(reader).await?)
+    }
 }
 
 struct Create {

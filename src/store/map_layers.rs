@@ -94,12 +94,12 @@ impl Query for NewestTracks<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT newest.trip_id, newest.vehicle_id, stamp_ns, x, y, theta \
-         FROM (SELECT batch_key, trip_id, vehicle_id \
-               FROM batches INDEXED BY batches_by_status \
-               WHERE route_key = (SELECT route_key FROM routes WHERE id = $1) AND status = $2 \
-               ORDER BY batch_key DESC LIMIT $3) AS newest \
-         CROSS JOIN nodes INDEXED BY nodes_by_batch ON nodes.batch_key = newest.batch_key \
-         ORDER BY stamp_ns DESC, node_id DESC LIMIT $4",
+             FROM (SELECT batch_key, trip_id, vehicle_id \
+                   FROM batches INDEXED BY batches_by_status \
+                   WHERE route_key = (SELECT route_key FROM routes WHERE id = $1) AND status = $2 \
+                   ORDER BY batch_key DESC LIMIT $3) AS newest \
+             CROSS JOIN nodes INDEXED BY nodes_by_batch ON nodes.batch_key = newest.batch_key \
+             ORDER BY stamp_ns DESC, node_id DESC LIMIT $4",
         )
         .bind(self.route.as_str())
         .bind(BatchStatus::Merged.name())
@@ -149,17 +149,18 @@ impl Query for WorstClosures<'_> {
 
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(concat!(
-        "SELECT edges.edge_id, edges.kind, edges.x, edges.y, edges.theta, info_xx, info_xy, info_xt, \
-         info_yy, info_yt, info_tt, older.x AS a_x, older.y AS a_y, older.theta AS a_theta, \
-         newer.x AS b_x, newer.y AS b_y, newer.theta AS b_theta FROM routes ",
-        join_active_edges!(),
-        " WHERE routes.id = $1 AND edges.status = $2 AND edges.kind = $3"
-    ))
-    .bind(self.route.as_str())
-    .bind(EdgeStatus::Active.name())
-    .bind(EdgeKind::LoopClosure.name())
-    .fetch_all(reader)
-    .await?;
+            "SELECT edges.edge_id, edges.kind, edges.x, edges.y, edges.theta, info_xx, info_xy, \
+             info_xt, info_yy, info_yt, info_tt, \
+             older.x AS a_x, older.y AS a_y, older.theta AS a_theta, \
+             newer.x AS b_x, newer.y AS b_y, newer.theta AS b_theta FROM routes ",
+            join_active_edges!(),
+            " WHERE routes.id = $1 AND edges.status = $2 AND edges.kind = $3"
+        ))
+        .bind(self.route.as_str())
+        .bind(EdgeStatus::Active.name())
+        .bind(EdgeKind::LoopClosure.name())
+        .fetch_all(reader)
+        .await?;
         let closures = rows.iter().map(closure_of);
         let mut closures = closures.collect::<Result<Vec<_>, _>>()?;
         closures.sort_by(|a, b| {
@@ -195,7 +196,7 @@ impl Query for ReferencePositions<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let positions: Vec<(f64, f64)> = sqlx::query_as(
             "SELECT x, y FROM routes CROSS JOIN nodes INDEXED BY nodes_active USING (route_key) \
-         WHERE routes.id = $1 AND active = 1 AND reference = 1 ORDER BY node_id",
+             WHERE routes.id = $1 AND active = 1 AND reference = 1 ORDER BY node_id",
         )
         .bind(self.0.as_str())
         .fetch_all(reader)

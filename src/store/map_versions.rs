@@ -101,15 +101,16 @@ impl Query for VersionPage<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT version, map_versions.epoch, map_versions.created_at_us AS began_at_us, \
-         superseded_at_us, cause_alert_id, cause_action, cause_by, cause_note, \
-         max_displacement_m, released_at_us, released_by, release_note, retired_at_us, pgm_sha256 \
-         FROM routes JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version > $2 \
-         UNION ALL \
-         SELECT map_version, epoch, coalesce(version_created_at_us, created_at_us), \
-         NULL, version_alert_id, version_action, version_by, version_note, \
-         version_max_displacement_m, NULL, NULL, NULL, NULL, NULL \
-         FROM routes WHERE id = $1 AND map_version > $2 \
-         ORDER BY 1 LIMIT $3",
+             superseded_at_us, cause_alert_id, cause_action, cause_by, cause_note, \
+             max_displacement_m, released_at_us, released_by, release_note, retired_at_us, \
+             pgm_sha256 FROM routes JOIN map_versions USING (route_key) \
+             WHERE routes.id = $1 AND version > $2 \
+             UNION ALL \
+             SELECT map_version, epoch, coalesce(version_created_at_us, created_at_us), \
+             NULL, version_alert_id, version_action, version_by, version_note, \
+             version_max_displacement_m, NULL, NULL, NULL, NULL, NULL \
+             FROM routes WHERE id = $1 AND map_version > $2 \
+             ORDER BY 1 LIMIT $3",
         )
         .bind(self.route.as_str())
         .bind(self.after)
@@ -195,13 +196,13 @@ impl Query for AlertsInMapBetween<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT DISTINCT alerts.id \
-         FROM alert_history AS entry INDEXED BY alert_history_by_time \
-             JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
-         WHERE entry.at_us > $1 AND entry.at_us <= $2 AND routes.id = $3 \
-         AND (entry.status = $4 OR EXISTS ( \
-             SELECT 1 FROM alert_history AS before WHERE before.alert_key = entry.alert_key \
-             AND before.position = entry.position - 1 AND before.status = $4)) \
-         ORDER BY alerts.id",
+             FROM alert_history AS entry INDEXED BY alert_history_by_time \
+                 JOIN alerts USING (alert_key) JOIN routes USING (route_key) \
+             WHERE entry.at_us > $1 AND entry.at_us <= $2 AND routes.id = $3 \
+             AND (entry.status = $4 OR EXISTS ( \
+                 SELECT 1 FROM alert_history AS before WHERE before.alert_key = entry.alert_key \
+                 AND before.position = entry.position - 1 AND before.status = $4)) \
+             ORDER BY alerts.id",
         )
         .bind(micros(self.after))
         .bind(micros(self.until))
@@ -225,7 +226,7 @@ impl Query for VersionPicture<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let row = sqlx::query(
             "SELECT png, pgm, pgm_bytes, pgm_sha256, yaml FROM routes \
-         JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version = $2",
+             JOIN map_versions USING (route_key) WHERE routes.id = $1 AND version = $2",
         )
         .bind(self.route.as_str())
         .bind(self.version)

@@ -96,6 +96,7 @@ mod trip_starts;
 mod trips;
 mod unanchored;
 mod upload_lags;
+mod uploads;
 mod vehicle_states;
 mod vehicles;
 mod webhook_attempts;
@@ -132,7 +133,7 @@ pub use rebuild::InputsToRepeat;
 pub use recordings::{RecordedBatches, RecordingJournaled};
 pub use records::*;
 pub use removal_records::*;
-pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts, ReportScope};
+pub use report::{DecidedRecord, DismissalCount, Report, ReportCounts};
 pub use restore::HeldDirectory;
 pub use retries::Retried;
 pub use secrets::{KeyText, NoKey, Secret};
@@ -149,8 +150,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
-use sqlx::pool::PoolConnection;
-use sqlx::{Sqlite, SqlitePool};
+use sqlx::SqlitePool;
 use tokio::sync::{Mutex, Notify, watch};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
@@ -159,6 +159,7 @@ use tokio_util::sync::CancellationToken;
 use connection::Database;
 use inbox::Outbox;
 use lock::DirectoryLock;
+use query::{Query, in_snapshot};
 use request::Reply;
 use space::Space;
 use writer::Health;
@@ -249,17 +250,23 @@ impl Store {
         self.shared.database.file_bytes()
     }
 
-    /// A connection for a read of several statements.
-    async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
-        named(
-            self.shared
-                .readers
-                .acquire()
-                .await
-                .map_err(StoreError::from),
-        )
+    /// What a query answers now.
+    async fn read<Q: Query>(&self, query: Q) -> Result<Q::Answer, StoreError> {
+        let reader = self.shared.readers.acquire().await;
+        let mut reader = reader.map_err(|error| StoreError::from(error).named())?;
+        if !Q::ONE_SNAPSHOT {
+            return query.answer(&mut reader).await.map_err(StoreError::named);
+        }
+        let answer = in_snapshot(&mut reader, &query).await;
+        if answer.is_err() {
+            // SQLite may have rolled back by itself, which the driver does not notice: the connection
+            // is not trusted with a transaction again.
+            reader.close_on_drop();
+        }
+        answer.map_err(StoreError::named)
     }
 
+    /// What became of a request, once the writer has committed it.
     async fn work<R: request::Request>(&self, request: R) -> Result<R::Outcome, StoreError> {
         outcome::<R>(self.shared.outbox.send_work(request).await?).await
     }
@@ -269,21 +276,4 @@ impl Store {
 async fn outcome<R: request::Request>(reply: Reply<R>) -> Result<R::Outcome, StoreError> {
     let outcome = reply.await.map_err(|_| StoreError::Unavailable)?;
     outcome.map_err(StoreError::named)
-}
-
-fn named<T>(read: Result<T, StoreError>) -> Result<T, StoreError> {
-    read.map_err(StoreError::named)
-}
-
-/// What came of a read of several statements in one transaction. SQLite may have rolled back by
-/// itself, which the driver does not notice: after an error a connection is not trusted with a
-/// transaction again.
-fn of_snapshot<T>(
-    mut reader: PoolConnection<Sqlite>,
-    read: Result<T, StoreError>,
-) -> Result<T, StoreError> {
-    if read.is_err() {
-        reader.close_on_drop();
-    }
-    named(read)
 }

@@ -73,7 +73,8 @@ pub(super) async fn mute_again(
     let rows = sqlx::query(
         "SELECT route_key, alert_key, revision, confirmed_revision, status, kind, x, y, \
          muted_until_us FROM alerts LEFT JOIN alert_handling USING (alert_key) \
-         WHERE route_key = $1 AND (status IN ('open', 'acknowledged') OR muted_until_us IS NOT NULL) \
+         WHERE route_key = $1 \
+         AND (status IN ('open', 'acknowledged') OR muted_until_us IS NOT NULL) \
          ORDER BY alert_key",
     )
     .bind(route_key)

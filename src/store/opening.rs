@@ -12,12 +12,14 @@ use tokio_util::sync::CancellationToken;
 
 use super::connection::{Database, Migrated};
 use super::error::StoreError;
+use super::keys::AnyKey;
 use super::lock::DirectoryLock;
 use super::marker::{self, Marker};
+use super::query::Query;
 use super::records::RouteSettings;
 use super::space::Space;
 use super::writer::{Health, Writer};
-use super::{Shared, Store, inbox, jobs, keys};
+use super::{Shared, Store, inbox, jobs};
 
 /// Where and how to open the store.
 #[derive(Debug, Clone)]
@@ -108,7 +110,7 @@ impl Store {
         }
         report(database.migrate(&mut connection).await?);
         jobs::release_orphans(&mut connection, Timestamp::now()).await?;
-        let has_keys = keys::any(&mut connection).await?;
+        let has_keys = AnyKey.answer(&mut connection).await?;
         let readers = database.open_readers().await?;
         let commits = marker::commits(&mut connection).await?;
         let marker = Marker::create(&options.data_dir, commits)?;

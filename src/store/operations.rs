@@ -77,8 +77,9 @@ impl Store {
 macro_rules! select_operations {
     ($rest:literal) => {
         concat!(
-            "SELECT operations.id, operations.kind, routes.id AS route_id, request, status, result, \
-             reason, asked_at_us, ended_at_us FROM operations LEFT JOIN routes USING (route_key) ",
+            "SELECT operations.id, operations.kind, routes.id AS route_id, request, status, \
+             result, reason, asked_at_us, ended_at_us \
+             FROM operations LEFT JOIN routes USING (route_key) ",
             $rest
         )
     };

@@ -60,7 +60,7 @@ impl Query for NodesWithin<'_> {
             "",
             "",
             "AND nodes.x BETWEEN $2 AND $3 AND nodes.y BETWEEN $4 AND $5 \
-         ORDER BY stamp_ns, nodes.node_id"
+             ORDER BY stamp_ns, nodes.node_id"
         ))
         .bind(self.route.as_str())
         .bind(x[0])
@@ -93,7 +93,7 @@ impl Query for ScansOfNodes<'_> {
         let rows = sqlx::query(select_nodes!(
             ", scan, scan_sha256, lidar",
             "LEFT JOIN node_scans ON node_scans.route_key = nodes.route_key \
-         AND node_scans.node_id = nodes.node_id",
+             AND node_scans.node_id = nodes.node_id",
             "AND nodes.node_id IN (SELECT value FROM json_each($2)) ORDER BY nodes.node_id"
         ))
         .bind(route.as_str())

@@ -73,7 +73,7 @@ impl Query for QuarantineOf<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let row = sqlx::query(
             "SELECT since_us, note FROM routes JOIN vehicle_quarantines USING (route_key) \
-         WHERE routes.id = $1 AND vehicle_id = $2",
+             WHERE routes.id = $1 AND vehicle_id = $2",
         )
         .bind(self.route.as_str())
         .bind(self.vehicle.as_str())

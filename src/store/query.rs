@@ -5,7 +5,6 @@ use std::future::Future;
 use sqlx::{Connection, SqliteConnection};
 
 use super::error::StoreError;
-use super::{Store, named, of_snapshot};
 
 /// One read.
 pub(super) trait Query: Send + Sync {
@@ -21,22 +20,8 @@ pub(super) trait Query: Send + Sync {
     ) -> impl Future<Output = Result<Self::Answer, StoreError>> + Send;
 }
 
-impl Store {
-    /// What a query answers now.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub(super) async fn read<Q: Query>(&self, query: Q) -> Result<Q::Answer, StoreError> {
-        let mut reader = self.reader().await?;
-        if !Q::ONE_SNAPSHOT {
-            return named(query.answer(&mut reader).await);
-        }
-        let answer = in_snapshot(&mut reader, &query).await;
-        of_snapshot(reader, answer)
-    }
-}
-
-/// What a query answers of one moment, on a connection that may be closed after an error.
+/// Answers a query from one snapshot. After an error the connection must not be used for another
+/// transaction.
 pub(super) async fn in_snapshot<Q: Query>(
     reader: &mut SqliteConnection,
     query: &Q,

@@ -8,10 +8,10 @@ use sqlx::SqliteConnection;
 
 use super::body::{Checksum, SealedBody};
 use super::error::StoreError;
-use super::journal::Journal;
 use super::query::Query;
 use super::records::NewBatch;
 use super::request::Request;
+use super::uploads::Journal;
 use super::{Store, outcome};
 use crate::ids::{BatchId, RouteId, TripId};
 
@@ -225,8 +225,10 @@ async fn is_taken(
     trip_id: &TripId,
 ) -> Result<bool, StoreError> {
     let is_taken = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = $1 AND trip_id = $2 AND next_sequence > 0) \
-         OR EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 AND status <> 'removed')",
+        "SELECT EXISTS (SELECT 1 FROM trips WHERE route_key = $1 AND trip_id = $2 \
+         AND next_sequence > 0) \
+         OR EXISTS (SELECT 1 FROM batches WHERE route_key = $1 AND trip_id = $2 \
+         AND status <> 'removed')",
     )
     .bind(route_key)
     .bind(trip_id.as_str())

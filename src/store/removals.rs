@@ -86,11 +86,11 @@ impl RemovableOf<'_> {
         };
         let rows = sqlx::query(
             "SELECT batch_key, batches.id, trip_id FROM routes JOIN batches USING (route_key) \
-         WHERE routes.id = $1 AND status <> 'removed' \
-         AND ($2 IS NULL OR batches.id IN (SELECT value FROM json_each($2))) \
-         AND ($3 IS NULL OR trip_id IN (SELECT value FROM json_each($3))) \
-         AND ($4 IS NULL OR vehicle_id = $4) \
-         AND ($5 IS NULL OR received_at_us >= $5) ORDER BY batch_key",
+             WHERE routes.id = $1 AND status <> 'removed' \
+             AND ($2 IS NULL OR batches.id IN (SELECT value FROM json_each($2))) \
+             AND ($3 IS NULL OR trip_id IN (SELECT value FROM json_each($3))) \
+             AND ($4 IS NULL OR vehicle_id = $4) \
+             AND ($5 IS NULL OR received_at_us >= $5) ORDER BY batch_key",
         )
         .bind(self.route.as_str())
         .bind(by_batch)
@@ -111,13 +111,15 @@ impl RemovableOf<'_> {
     ) -> Result<Vec<i64>, StoreError> {
         let edges = sqlx::query_scalar(
             "WITH gone AS (SELECT value AS id FROM json_each($1)), \
-             place AS (SELECT route_key FROM routes WHERE id = $2) \
-         SELECT edge_id FROM edges WHERE batch_key IN (SELECT value FROM json_each($3)) \
-         UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_from \
-             ON edges.route_key = place.route_key AND from_node = gone.id \
-         UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges INDEXED BY edges_by_to \
-             ON edges.route_key = place.route_key AND to_node = gone.id \
-         ORDER BY 1",
+                 place AS (SELECT route_key FROM routes WHERE id = $2) \
+             SELECT edge_id FROM edges WHERE batch_key IN (SELECT value FROM json_each($3)) \
+             UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges \
+                 INDEXED BY edges_by_from \
+                 ON edges.route_key = place.route_key AND from_node = gone.id \
+             UNION SELECT edge_id FROM place CROSS JOIN gone CROSS JOIN edges \
+                 INDEXED BY edges_by_to \
+                 ON edges.route_key = place.route_key AND to_node = gone.id \
+             ORDER BY 1",
         )
         .bind(json_text(nodes)?)
         .bind(self.route.as_str())
@@ -295,14 +297,14 @@ impl ApplyRemoval {
         let trips = json_text(&self.0.removable.trips)?;
         for forget in [
             "DELETE FROM lidar_calibrations WHERE route_key = $1 \
-                 AND trip_id IN (SELECT value FROM json_each($2))",
+             AND trip_id IN (SELECT value FROM json_each($2))",
             "DELETE FROM clock_faults WHERE route_key = $1 \
-                 AND trip_id IN (SELECT value FROM json_each($2))",
-            "UPDATE trips SET next_sequence = 0, corrections = NULL, clock_ahead_ns = 0 WHERE route_key = $1 \
-                 AND trip_id IN (SELECT value FROM json_each($2)) \
-                 AND NOT EXISTS (SELECT 1 FROM batches WHERE batches.route_key = trips.route_key \
-                     AND batches.trip_id = trips.trip_id \
-                     AND status NOT IN ('removed', 'quarantined'))",
+             AND trip_id IN (SELECT value FROM json_each($2))",
+            "UPDATE trips SET next_sequence = 0, corrections = NULL, clock_ahead_ns = 0 \
+             WHERE route_key = $1 AND trip_id IN (SELECT value FROM json_each($2)) \
+             AND NOT EXISTS (SELECT 1 FROM batches WHERE batches.route_key = trips.route_key \
+                 AND batches.trip_id = trips.trip_id \
+                 AND status NOT IN ('removed', 'quarantined'))",
         ] {
             sqlx::query(forget)
                 .bind(route_key)

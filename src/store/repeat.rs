@@ -179,7 +179,7 @@ async fn hold(
     queue(transaction, place).await?;
     let job_id = sqlx::query_scalar(
         "UPDATE jobs SET state = 'running', generation = 1, attempts = 1, \
-             lease_expires_us = 9223372036854775807 WHERE batch_key = $1 RETURNING job_id",
+         lease_expires_us = 9223372036854775807 WHERE batch_key = $1 RETURNING job_id",
     )
     .bind(place.batch_key)
     .fetch_one(transaction)
@@ -233,7 +233,7 @@ impl Request for SetAgain {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         sqlx::query(
             "UPDATE routes SET detector = $1, false_alarm_rate = $2, hold_s = $3, \
-                 max_shift_m = $4, updated_at_us = $5 WHERE id = $6",
+             max_shift_m = $4, updated_at_us = $5 WHERE id = $6",
         )
         .bind(self.settings.detector.name())
         .bind(self.settings.false_alarm_rate)

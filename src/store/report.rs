@@ -5,26 +5,13 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::Store;
-use super::alert_records::AlertRecord;
+use super::alert_records::{AlertRecord, ReportScope};
 use super::alerts::{OpenAlerts, RaisedInTime};
 use super::columns::{alert_id, micros, name, text, time};
 use super::error::StoreError;
 use super::query::Query;
 use crate::ids::{AlertId, RouteId};
 use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason};
-
-/// Which time, and whose alerts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ReportScope {
-    /// From then on …
-    pub since: Timestamp,
-    /// … and before that.
-    pub until: Timestamp,
-    /// Of this route; `None` for all.
-    pub route_id: Option<RouteId>,
-    /// Most entries of a list.
-    pub limit: u32,
-}
 
 /// What happened in a time; each list has at most as many entries as its scope allows.
 #[derive(Debug, Clone, PartialEq)]

@@ -106,8 +106,9 @@ macro_rules! select_routes {
     ($rest:literal) => {
         concat!(
             "SELECT id, display_name, geo_latitude, geo_longitude, geo_heading, detector, \
-             false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, batches, scans, \
-             vehicles, nodes, edges, loop_closures, subgraphs, open_alerts, created_at_us, updated_at_us, \
+             false_alarm_rate, hold_s, max_shift_m, stage, map_version, epoch, revision, batches, \
+             scans, vehicles, nodes, edges, loop_closures, subgraphs, open_alerts, created_at_us, \
+             updated_at_us, \
              (SELECT count(*) FROM jobs WHERE jobs.route_key = routes.route_key) AS pending \
              FROM routes ",
             $rest
@@ -246,7 +247,7 @@ impl Request for DeleteRoute {
         let webhooks = RouteWebhooks(&self.id).answer(transaction).await?;
         let deleted = sqlx::query(
             "DELETE FROM routes WHERE id = $1 \
-                 AND ($2 IS NULL OR revision = $2 AND updated_at_us = $3)",
+             AND ($2 IS NULL OR revision = $2 AND updated_at_us = $3)",
         )
         .bind(self.id.as_str())
         .bind(self.expected.map(|expected| expected.revision))
@@ -295,7 +296,7 @@ impl Query for RoutePage<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(select_routes!(
             "WHERE id > $1 AND ($3 IS NULL OR id IN (SELECT value FROM json_each($3))) \
-         ORDER BY id LIMIT $2"
+             ORDER BY id LIMIT $2"
         ))
         .bind(self.after.map_or("", RouteId::as_str))
         .bind(self.limit)

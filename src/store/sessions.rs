@@ -136,8 +136,8 @@ impl Query for OneSession<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let row = sqlx::query(
             "SELECT keys.*, sessions.created_at_us AS begun_at_us, \
-         sessions.last_used_at_us AS session_used_at_us \
-         FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = $1",
+             sessions.last_used_at_us AS session_used_at_us \
+             FROM sessions JOIN keys USING (key_key) WHERE id_sha256 = $1",
         )
         .bind(self.0.as_slice())
         .fetch_optional(reader)

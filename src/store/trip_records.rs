@@ -64,17 +64,17 @@ impl Query for TripPage<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT trips.trip_id, trips.vehicle_id, count(*) AS batch_count, \
-             sum(status = 'merged') AS merged_count, sum(batches.scans) AS scan_count, \
-             min(received_at_us) AS first_us, max(received_at_us) AS last_us, \
-             min((SELECT min(stamp_ns) FROM nodes \
-                 WHERE nodes.batch_key = batches.batch_key)) AS first_ns, \
-             max((SELECT max(stamp_ns) FROM nodes \
-                 WHERE nodes.batch_key = batches.batch_key)) AS last_ns \
-         FROM routes JOIN trips USING (route_key) \
-             JOIN batches ON batches.route_key = trips.route_key \
-                 AND batches.trip_id = trips.trip_id \
-         WHERE routes.id = $1 AND trips.trip_id > $2 \
-         GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT $3",
+                 sum(status = 'merged') AS merged_count, sum(batches.scans) AS scan_count, \
+                 min(received_at_us) AS first_us, max(received_at_us) AS last_us, \
+                 min((SELECT min(stamp_ns) FROM nodes \
+                     WHERE nodes.batch_key = batches.batch_key)) AS first_ns, \
+                 max((SELECT max(stamp_ns) FROM nodes \
+                     WHERE nodes.batch_key = batches.batch_key)) AS last_ns \
+             FROM routes JOIN trips USING (route_key) \
+                 JOIN batches ON batches.route_key = trips.route_key \
+                     AND batches.trip_id = trips.trip_id \
+             WHERE routes.id = $1 AND trips.trip_id > $2 \
+             GROUP BY trips.trip_id ORDER BY trips.trip_id LIMIT $3",
         )
         .bind(self.route.as_str())
         .bind(self.after.map_or("", TripId::as_str))

@@ -69,8 +69,8 @@ impl Query for NewestCorrections<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let row = sqlx::query(
             "SELECT corrections FROM batches JOIN trips USING (route_key, trip_id) \
-         WHERE route_key = $1 AND batches.vehicle_id = $2 AND corrections IS NOT NULL \
-         ORDER BY batch_key DESC LIMIT 1",
+             WHERE route_key = $1 AND batches.vehicle_id = $2 AND corrections IS NOT NULL \
+             ORDER BY batch_key DESC LIMIT 1",
         )
         .bind(self.route_key)
         .bind(self.vehicle.as_str())

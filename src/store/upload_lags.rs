@@ -55,15 +55,16 @@ impl Query for UploadLags<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "WITH newest AS (SELECT batches.route_key, trip_id FROM routes \
-             CROSS JOIN batches INDEXED BY batches_by_vehicle USING (route_key) \
-             WHERE routes.id = $1 AND vehicle_id = $2 AND trip_id <> $3 \
-             AND kind = 'scans' AND status = 'merged' AND nodes_added > 0 \
-             ORDER BY batch_key DESC LIMIT 1) \
-         SELECT received_at_us, clock_ahead_ns + \
-             (SELECT max(stamp_ns) FROM nodes WHERE nodes.batch_key = batches.batch_key) AS newest \
-         FROM newest JOIN trips USING (route_key, trip_id) \
-             CROSS JOIN batches INDEXED BY batches_by_trip USING (route_key, trip_id) \
-         WHERE status = 'merged' AND nodes_added > 0 ORDER BY sequence DESC LIMIT $4",
+                 CROSS JOIN batches INDEXED BY batches_by_vehicle USING (route_key) \
+                 WHERE routes.id = $1 AND vehicle_id = $2 AND trip_id <> $3 \
+                 AND kind = 'scans' AND status = 'merged' AND nodes_added > 0 \
+                 ORDER BY batch_key DESC LIMIT 1) \
+             SELECT received_at_us, clock_ahead_ns + \
+                 (SELECT max(stamp_ns) FROM nodes \
+                 WHERE nodes.batch_key = batches.batch_key) AS newest \
+             FROM newest JOIN trips USING (route_key, trip_id) \
+                 CROSS JOIN batches INDEXED BY batches_by_trip USING (route_key, trip_id) \
+             WHERE status = 'merged' AND nodes_added > 0 ORDER BY sequence DESC LIMIT $4",
         )
         .bind(self.route.as_str())
         .bind(self.vehicle.as_str())

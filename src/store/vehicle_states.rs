@@ -87,7 +87,8 @@ async fn present(
     vehicle: &VehicleId,
 ) -> Result<VehicleState, StoreError> {
     let is_quarantined = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM vehicle_quarantines WHERE route_key = $1 AND vehicle_id = $2)",
+        "SELECT EXISTS (SELECT 1 FROM vehicle_quarantines \
+         WHERE route_key = $1 AND vehicle_id = $2)",
     )
     .bind(route_key)
     .bind(vehicle.as_str())
@@ -113,9 +114,9 @@ impl Query for RecentlyKeptOut<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows: Vec<(String, Option<String>)> = sqlx::query_as(
             "SELECT status, reason FROM batches \
-         WHERE route_key = $1 AND vehicle_id = $2 \
-         AND status IN ('merged', 'unanchored', 'quarantined') \
-         ORDER BY batch_key DESC LIMIT 10",
+             WHERE route_key = $1 AND vehicle_id = $2 \
+             AND status IN ('merged', 'unanchored', 'quarantined') \
+             ORDER BY batch_key DESC LIMIT 10",
         )
         .bind(self.route_key)
         .bind(self.vehicle.as_str())
@@ -145,8 +146,8 @@ impl Query for SuspectedBy<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT alerts.id FROM alerts WHERE route_key = $1 AND kind = 'vehicle_suspect' \
-         AND status IN ('open', 'acknowledged') \
-         AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = $2) ORDER BY id",
+             AND status IN ('open', 'acknowledged') \
+             AND EXISTS (SELECT 1 FROM json_each(alerts.vehicles) WHERE value = $2) ORDER BY id",
         )
         .bind(self.route_key)
         .bind(self.vehicle.as_str())

@@ -154,8 +154,8 @@ impl Request for DeleteOld {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<u64, StoreError> {
         let deleted = sqlx::query(
             "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
-                 SELECT delivery_key FROM webhook_deliveries WHERE at_us < $1 \
-                 ORDER BY at_us LIMIT $2)",
+             SELECT delivery_key FROM webhook_deliveries WHERE at_us < $1 \
+             ORDER BY at_us LIMIT $2)",
         )
         .bind(micros(self.before))
         .bind(DELETED_AT_ONCE)
@@ -163,13 +163,13 @@ impl Request for DeleteOld {
         .await?;
         let surplus = sqlx::query(
             "DELETE FROM webhook_deliveries WHERE delivery_key IN ( \
-                 SELECT delivery_key FROM webhooks CROSS JOIN webhook_deliveries \
-                 USING (webhook_key) \
-                 WHERE status = 'delivered' AND delivery_key < ( \
-                     SELECT delivery_key FROM webhook_deliveries AS newer \
-                     WHERE newer.webhook_key = webhooks.webhook_key \
-                     ORDER BY delivery_key DESC LIMIT 1 OFFSET $1) \
-                 LIMIT $2)",
+             SELECT delivery_key FROM webhooks CROSS JOIN webhook_deliveries \
+             USING (webhook_key) \
+             WHERE status = 'delivered' AND delivery_key < ( \
+                 SELECT delivery_key FROM webhook_deliveries AS newer \
+                 WHERE newer.webhook_key = webhooks.webhook_key \
+                 ORDER BY delivery_key DESC LIMIT 1 OFFSET $1) \
+             LIMIT $2)",
         )
         .bind(LISTED - 1)
         .bind(DELETED_AT_ONCE)

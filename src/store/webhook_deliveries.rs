@@ -177,16 +177,16 @@ impl Query for NextDeliveries {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(
             "SELECT delivery.delivery_key, delivery.id, webhooks.id AS webhook_id, \
-         webhooks.revision, url, secret, previous_secret, previous_secret_until_us, event, \
-         alerts.id AS alert_id, routes.id AS route_id, subject, at_us, attempts, \
-         next_attempt_at_us FROM webhooks JOIN webhook_deliveries AS delivery \
-         ON delivery.delivery_key = ( \
-             SELECT delivery_key FROM webhook_deliveries AS pending \
-             WHERE pending.webhook_key = webhooks.webhook_key AND pending.status = 'pending' \
-             ORDER BY next_attempt_at_us, delivery_key LIMIT 1) \
-         LEFT JOIN alerts USING (alert_key) \
-         LEFT JOIN routes ON routes.route_key = delivery.route_key \
-         WHERE webhooks.active = 1 ORDER BY next_attempt_at_us, delivery_key",
+             webhooks.revision, url, secret, previous_secret, previous_secret_until_us, event, \
+             alerts.id AS alert_id, routes.id AS route_id, subject, at_us, attempts, \
+             next_attempt_at_us FROM webhooks JOIN webhook_deliveries AS delivery \
+             ON delivery.delivery_key = ( \
+                 SELECT delivery_key FROM webhook_deliveries AS pending \
+                 WHERE pending.webhook_key = webhooks.webhook_key AND pending.status = 'pending' \
+                 ORDER BY next_attempt_at_us, delivery_key LIMIT 1) \
+             LEFT JOIN alerts USING (alert_key) \
+             LEFT JOIN routes ON routes.route_key = delivery.route_key \
+             WHERE webhooks.active = 1 ORDER BY next_attempt_at_us, delivery_key",
         )
         .fetch_all(reader)
         .await?;

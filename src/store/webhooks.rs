@@ -137,8 +137,7 @@ impl Request for Register {
             "INSERT INTO webhooks (id, revision, url, secret, events, route_key, description, \
              active, created_at_us, updated_at_us, include_tentative) \
              SELECT $1, 1, $2, $3, $4, (SELECT route_key FROM routes WHERE id = $5), $6, 1, $7, \
-             $7, $8 \
-             WHERE $5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = $5)",
+             $7, $8 WHERE $5 IS NULL OR EXISTS (SELECT 1 FROM routes WHERE id = $5)",
         )
         .bind(webhook.id.to_string())
         .bind(&webhook.url)
@@ -301,8 +300,8 @@ impl Query for WebhookPage<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(select_webhooks!(
             "WHERE webhooks.id > $1 \
-         AND ($3 IS NULL OR routes.id IN (SELECT value FROM json_each($3))) \
-         ORDER BY webhooks.id LIMIT $2"
+             AND ($3 IS NULL OR routes.id IN (SELECT value FROM json_each($3))) \
+             ORDER BY webhooks.id LIMIT $2"
         ))
         .bind(self.after.map_or_else(String::new, |id| id.to_string()))
         .bind(self.limit)

@@ -211,7 +211,8 @@ impl Request for Create {
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<ZoneMade, StoreError> {
         let row: Option<(i64, u32)> = sqlx::query_as(
-            "SELECT route_key, (SELECT count(*) FROM zones WHERE zones.route_key = routes.route_key) \
+            "SELECT route_key, \
+             (SELECT count(*) FROM zones WHERE zones.route_key = routes.route_key) \
              FROM routes WHERE id = $1",
         )
         .bind(self.route.as_str())
@@ -225,7 +226,8 @@ impl Request for Create {
         }
         sqlx::query(
             "INSERT INTO zones (id, route_key, revision, polygon, purpose, kinds, until_us, note, \
-             created_at_us, created_by, updated_at_us) VALUES ($1, $2, 1, $3, $4, $5, $6, $7, $8, $9, $8)",
+             created_at_us, created_by, updated_at_us) \
+             VALUES ($1, $2, 1, $3, $4, $5, $6, $7, $8, $9, $8)",
         )
         .bind(self.id.to_string())
         .bind(route_key)
@@ -316,7 +318,8 @@ impl Request for End {
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<usize, StoreError> {
         let now = self.0;
         let rows = sqlx::query(select_zones!(
-            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1 ORDER BY zones.id"
+            "WHERE until_us IS NOT NULL AND ended_at_us IS NULL AND until_us <= $1 \
+             ORDER BY zones.id"
         ))
         .bind(micros(now))
         .fetch_all(&mut *transaction)

@@ -133,7 +133,7 @@ impl Bench {
 }
 
 #[tokio::test]
-async fn a_full_disk_is_told_and_writing_goes_on_when_there_is_space() {
+async fn a_full_disk_is_reported_and_writing_goes_on_when_there_is_space() {
     let bench = Bench::new(4).await;
     bench.ask(Deed::Add(10)).await.unwrap();
     // SQLite rolls back by itself here; a connection used on would be wedged for ever.
