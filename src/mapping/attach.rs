@@ -24,7 +24,7 @@ const SOLVES_MAX: f64 = 5e10;
 const OPERATIONS_OF_NODE: f64 = 5e3;
 /// Multiplications of all solves of a batch, as they are counted while it is solved: closures that
 /// contradict each other take many more steps than was predicted.
-const BATCH_MAX: f64 = 1e11;
+const BATCH_MAX: f64 = 5e10;
 
 /// What became of given nodes and edges, in the order in which they were given.
 #[derive(Debug, Clone, Default, PartialEq)]
