@@ -14,9 +14,9 @@ const INFORMATION_XY_MAX: f64 = 1e6;
 /// … and a tenth of a milliradian, rad⁻².
 const INFORMATION_THETA_MAX: f64 = 1e8;
 
-/// Multiplications of one factorisation of the map, at most: ten times what the usual benchmark graph of ten
+/// Multiplications of one factorisation of the map, at most: four times what the usual benchmark graph of ten
 /// thousand nodes takes. Closures between nodes at random fill the equations more than any route does.
-const FACTORISATION_MAX: f64 = 5e8;
+const FACTORISATION_MAX: f64 = 2e8;
 /// Multiplications of all solves of a batch, as they are predicted …
 const SOLVES_MAX: f64 = 5e10;
 /// … with what every solve takes for each node of the map: one of the size of the usual benchmark
@@ -24,7 +24,7 @@ const SOLVES_MAX: f64 = 5e10;
 const OPERATIONS_OF_NODE: f64 = 5e3;
 /// Multiplications of all solves of a batch, as they are counted while it is solved: closures that
 /// contradict each other take many more steps than was predicted.
-const BATCH_MAX: f64 = 1e11;
+const BATCH_MAX: f64 = 5e10;
 
 /// What became of given nodes and edges, in the order in which they were given.
 #[derive(Debug, Clone, Default, PartialEq)]

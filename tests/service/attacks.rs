@@ -75,11 +75,11 @@ impl Honest {
 
     /// That an attack has moved no pose by more than 2 cm, no wall, and raised no alert.
     async fn assert_unharmed(&self, client: &Client, attack: &str) {
-        self.assert_unmoved(client, attack).await;
+        self.assert_unmoved(client, attack, 0.02).await;
         assert_same_walls(&self.picture, &Picture::of(client).await);
     }
 
-    async fn assert_unmoved(&self, client: &Client, attack: &str) {
+    async fn assert_unmoved(&self, client: &Client, attack: &str, within_m: f64) {
         let poses = State::of(client, "line").await.poses();
         let ways_m = self.state.poses().into_iter().map(|(key, was)| {
             let now = &poses[&key];
@@ -92,7 +92,7 @@ impl Honest {
             1e3 * moved_m,
             alerts.len()
         );
-        assert!(moved_m < 0.02, "{attack}: {moved_m} m");
+        assert!(moved_m < within_m, "{attack}: {moved_m} m");
         assert!(alerts.is_empty(), "{attack}: {alerts:?}");
     }
 }
@@ -218,7 +218,8 @@ async fn giant_steps_widen_no_picture() {
     let resolution = |picture: &Picture| picture.yaml.lines().nth(2).map(str::to_owned);
     assert_eq!(resolution(before), resolution(&after));
     assert!(after.width < before.width + 400, "{}", after.width);
-    honest.assert_unmoved(client, "steps of 99 m").await;
+    // What it saw between its steps fits, and closes loops: the route is still being mapped.
+    honest.assert_unmoved(client, "steps of 99 m", 0.05).await;
     service.stop().await;
 }
 
@@ -246,9 +247,8 @@ async fn another_building_in_the_middle_of_the_map_wears_no_wall_away() {
     service.stop().await;
 }
 
-/// A batch of edges of a drive along a line with so many closures between its nodes, chosen by a function of
-/// their number.
-fn edges_of(nodes: usize, closures: usize, ends: impl Fn(usize) -> (usize, usize)) -> Value {
+/// A batch of edges of a drive along a line, with closures between nodes of it.
+fn edges_of(nodes: usize, closures: &[(usize, usize)]) -> Value {
     let pose = |x: f64| json!({"x": x, "y": 0.0, "theta": 0.0});
     let edge = |kind: &str, from: usize, to: usize| {
         json!({
@@ -258,8 +258,8 @@ fn edges_of(nodes: usize, closures: usize, ends: impl Fn(usize) -> (usize, usize
         })
     };
     let odometry = (1..nodes).map(|k| edge("odometry", k - 1, k));
-    let closed = (0..closures).map(&ends).filter(|(from, to)| from != to);
-    let closures = closed.map(|(from, to)| edge("loop_closure", from, to));
+    let closures = closures.iter().filter(|(from, to)| from != to);
+    let closures = closures.map(|(from, to)| edge("loop_closure", *from, *to));
     json!({
         "vehicle_id": "dense",
         "nodes": (0..nodes).map(|k| json!({"id": format!("{k}"), "pose": pose(k as f64)})).collect::<Vec<_>>(),
@@ -272,11 +272,12 @@ async fn closures_all_over_the_map_are_refused_unsolved() {
     let service = with_map(60).await;
     let client = &service.client;
     let honest = Honest::of(client).await;
-    let (nodes, closures) = (800, 4_000);
-    let mut dense = edges_of(nodes, closures, |k| {
-        let mixed = k.wrapping_mul(2_654_435_761) >> 7;
-        (mixed % nodes, (mixed / nodes) % nodes)
-    });
+    let nodes = 800;
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let closures: Vec<(usize, usize)> = (0..6_000)
+        .map(|_| (random.random_range(0..nodes), random.random_range(0..nodes)))
+        .collect();
+    let mut dense = edges_of(nodes, &closures);
     let tie = json!({
         "from": format!("map:{}", honest.state.nodes[5]["id"]), "to": "0", "kind": "odometry",
         "measurement": {"x": 1.0, "y": 0.0, "theta": 0.0},
@@ -293,7 +294,7 @@ async fn closures_all_over_the_map_are_refused_unsolved() {
         "{reason}"
     );
     honest
-        .assert_unharmed(client, "800 nodes with 4,000 closures at random")
+        .assert_unharmed(client, "800 nodes with 6,000 closures at random")
         .await;
     service.stop().await;
 }
@@ -339,7 +340,7 @@ async fn noise_is_no_world() {
         ended(client, &batch.id).await;
     }
     honest
-        .assert_unmoved(client, "24 scans of random ranges")
+        .assert_unmoved(client, "24 scans of random ranges", 0.02)
         .await;
     let after = Picture::of(client).await;
     eprintln!(

@@ -82,10 +82,10 @@ async fn the_trips_of_a_clock_that_went_back_count_from_when_they_arrived() {
     }
 }
 
-/// The world is without the box for the first lap only; the vehicle whose clock is 20 hours behind sees it
-/// there, by its clock 19 hours before anybody saw that it was not.
+/// By its clock, which is 20 hours behind, the second vehicle sees the box an hour after the first has seen that
+/// there is none.
 #[tokio::test]
-async fn a_clock_that_was_always_behind_neither_makes_nor_hides_a_change() {
+async fn what_a_clock_that_was_always_behind_stamps_is_no_change() {
     let mut bench = Bench::new().await;
     for batch in live_of("sound", "without", 0, 0) {
         bench.merge(batch, 20).await;
