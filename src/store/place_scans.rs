@@ -1,29 +1,16 @@
-//! The nodes about a place, active or not, and their scans.
+//! The scans of some nodes, active or not.
 
-use sqlx::{Connection, SqliteConnection, SqlitePool};
+use sqlx::{Connection, SqliteConnection};
 
 use super::columns::json_text;
 use super::error::StoreError;
-use super::export::Within;
-use super::graph::{node_columns, node_of, node_with_scan_of, select_nodes};
+use super::graph::{node_columns, node_with_scan_of, select_nodes};
 use super::intermediate_scans::intermediate_behind;
-use super::records::{NodeRecord, NodeWithScan};
+use super::records::NodeWithScan;
 use super::{Store, named};
 use crate::ids::{NodeId, RouteId};
 
 impl Store {
-    /// The nodes within a rectangle, active or not, in the order of their stamps.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn nodes_within(
-        &self,
-        route: &RouteId,
-        within: Within,
-    ) -> Result<Vec<NodeRecord>, StoreError> {
-        named(nodes_within(&self.shared.readers, route, within).await)
-    }
-
     /// Those of some nodes that are there, by id, with their scans and of those behind each the first
     /// `behind_max`. A scan that has lost its checksum is left out.
     ///
@@ -38,27 +25,6 @@ impl Store {
         let mut reader = self.reader().await?;
         named(scans_of_nodes(&mut reader, route, ids, behind_max).await)
     }
-}
-
-async fn nodes_within(
-    readers: &SqlitePool,
-    route: &RouteId,
-    Within { x, y }: Within,
-) -> Result<Vec<NodeRecord>, StoreError> {
-    let rows = sqlx::query(select_nodes!(
-        "",
-        "",
-        "AND nodes.x BETWEEN $2 AND $3 AND nodes.y BETWEEN $4 AND $5 \
-         ORDER BY stamp_ns, nodes.node_id"
-    ))
-    .bind(route.as_str())
-    .bind(x[0])
-    .bind(x[1])
-    .bind(y[0])
-    .bind(y[1])
-    .fetch_all(readers)
-    .await?;
-    rows.iter().map(node_of).collect()
 }
 
 async fn scans_of_nodes(

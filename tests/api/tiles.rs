@@ -67,7 +67,7 @@ fn pixels(png: &[u8]) -> Vec<[u8; 4]> {
 }
 
 #[tokio::test]
-async fn a_tile_is_a_part_of_the_map() {
+async fn a_tile_shows_its_part_of_the_map() {
     let service = changed_hall::start().await;
     for (query, path) in [("", "map"), ("?version=1", "versions/1/map")] {
         let map = map(&service, path).await;
@@ -93,7 +93,7 @@ async fn a_tile_is_a_part_of_the_map() {
 }
 
 #[tokio::test]
-async fn tiles_say_what_they_cover_and_are_kept_as_long_as_they_hold() {
+async fn tiles_state_their_extent_and_are_cached_while_valid() {
     let service = changed_hall::start().await;
     let about = service.get(&format!("{TILES}.json")).await;
     let tag = about.header("etag").unwrap().to_owned();
@@ -145,7 +145,7 @@ async fn tiles_say_what_they_cover_and_are_kept_as_long_as_they_hold() {
 }
 
 #[tokio::test]
-async fn tiles_that_cannot_be_are_refused() {
+async fn impossible_tiles_are_refused() {
     let service = changed_hall::start().await;
     let release = Request::new("POST", "/v1/routes/hall/versions/1/release");
     assert_eq!(service.send(release).await.status, 200);

@@ -12,7 +12,7 @@ use crate::receiver::{CANARY, Receiver};
 use crate::webhooks::{change, deliveries, path};
 
 #[tokio::test]
-async fn what_fails_is_sent_again_until_it_is_taken() {
+async fn a_failed_call_is_repeated_until_it_is_accepted() {
     let service = start(Duration::from_millis(20)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(404);
@@ -36,7 +36,7 @@ async fn what_fails_is_sent_again_until_it_is_taken() {
 }
 
 #[tokio::test]
-async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
+async fn after_the_last_attempt_the_next_event_is_sent() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(302).then(503);
@@ -59,7 +59,7 @@ async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
 }
 
 #[tokio::test]
-async fn a_restart_between_a_failure_and_its_repetition_loses_nothing() {
+async fn a_restart_between_two_attempts_loses_nothing() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
@@ -88,7 +88,7 @@ async fn a_restart_between_a_failure_and_its_repetition_loses_nothing() {
 }
 
 #[tokio::test]
-async fn what_was_under_way_at_the_stop_is_sent_again() {
+async fn a_call_under_way_at_the_stop_is_repeated() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
@@ -105,7 +105,7 @@ async fn what_was_under_way_at_the_stop_is_sent_again() {
 }
 
 #[tokio::test]
-async fn a_deleted_webhook_is_called_no_more() {
+async fn a_deleted_webhook_is_no_longer_called() {
     let service = start(Duration::from_millis(300)).await;
     let (mut deleted, mut witness) = (Receiver::start().await, Receiver::start().await);
     deleted.then(500).then(500);
@@ -134,7 +134,7 @@ async fn a_deleted_webhook_is_called_no_more() {
 }
 
 #[tokio::test]
-async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
+async fn redirects_are_not_followed_and_answers_are_not_shown() {
     let service = start(HOUR).await;
     let (mut receiver, elsewhere) = (Receiver::start().await, Receiver::start().await);
     receiver.then_with(307, vec![("location", elsewhere.url.clone())]);
@@ -169,7 +169,7 @@ async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
 }
 
 #[tokio::test]
-async fn who_says_gone_is_left_alone_until_somebody_enables_it() {
+async fn a_receiver_that_answers_gone_is_disabled() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(410);
@@ -212,7 +212,7 @@ async fn who_says_gone_is_left_alone_until_somebody_enables_it() {
 }
 
 #[tokio::test]
-async fn a_receiver_that_asks_for_time_gets_it() {
+async fn retry_after_of_a_receiver_is_respected() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then_with(503, vec![("retry-after", "3600".to_owned())]);
@@ -233,7 +233,7 @@ async fn a_receiver_that_asks_for_time_gets_it() {
 }
 
 #[tokio::test]
-async fn what_settings_allowed_once_is_not_sent_under_stricter_ones() {
+async fn stricter_settings_apply_to_registered_webhooks() {
     let service = start(HOUR).await;
     let receiver = Receiver::start().await;
     let webhook = told(&service, &receiver).await;

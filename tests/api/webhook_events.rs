@@ -12,7 +12,7 @@ use crate::receiver::Receiver;
 use crate::webhooks::{deliveries, path, register};
 
 #[tokio::test]
-async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
+async fn a_receiver_is_sent_the_signed_alert_in_the_form_of_reads() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     let webhook = told(&service, &receiver).await;
@@ -93,7 +93,7 @@ async fn events_arrive_in_order() {
 }
 
 #[tokio::test]
-async fn updates_that_a_call_has_told_already_are_not_sent() {
+async fn updates_that_an_earlier_call_contained_are_not_sent() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
@@ -121,7 +121,7 @@ async fn updates_that_a_call_has_told_already_are_not_sent() {
 
 /// Each event is tried as it comes; what is tried again is the newest, and tells all of them.
 #[tokio::test]
-async fn a_receiver_that_was_down_is_told_each_alert_once() {
+async fn a_receiver_that_was_down_gets_each_alert_once() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(500);
@@ -150,7 +150,7 @@ async fn a_receiver_that_was_down_is_told_each_alert_once() {
 }
 
 #[tokio::test]
-async fn a_late_attempt_tells_the_present_state() {
+async fn a_late_attempt_sends_the_present_state() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
@@ -172,7 +172,7 @@ async fn a_late_attempt_tells_the_present_state() {
 }
 
 #[tokio::test]
-async fn a_webhook_is_told_of_its_route_and_its_events_alone() {
+async fn a_webhook_gets_only_events_of_its_route_and_its_topics() {
     let service = start(HOUR).await;
     let mut receivers = [
         Receiver::start().await,
@@ -238,7 +238,7 @@ async fn a_test_is_signed_and_tried_once() {
 }
 
 #[tokio::test]
-async fn a_receiver_that_does_not_answer_holds_up_nobody_else() {
+async fn a_receiver_that_does_not_answer_delays_no_other() {
     let service = start(HOUR).await;
     let (mut hanging, mut quick) = (Receiver::start().await, Receiver::start().await);
     hanging.then_nothing();

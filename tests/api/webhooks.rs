@@ -107,7 +107,7 @@ async fn a_webhook_is_registered_changed_and_deleted() {
 }
 
 #[tokio::test]
-async fn a_secret_is_told_once() {
+async fn a_secret_is_shown_once() {
     let service = Service::start().await;
     let body = json!({"url": "https://example.com/"});
     let (one, other) = (
@@ -131,7 +131,7 @@ async fn a_secret_is_told_once() {
 }
 
 #[tokio::test]
-async fn webhooks_are_listed_in_parts_and_there_are_not_too_many() {
+async fn webhooks_are_listed_in_pages_and_limited() {
     let service = Service::start().await;
     let mut ids = Vec::new();
     for k in 0..100 {
@@ -167,7 +167,7 @@ async fn webhooks_are_listed_in_parts_and_there_are_not_too_many() {
 }
 
 #[tokio::test]
-async fn a_route_takes_its_webhooks_along() {
+async fn a_deleted_route_deletes_its_webhooks() {
     let service = Service::start().await;
     service.put_route("hall").await;
     let of_hall = register(
