@@ -70,7 +70,7 @@ enum_schemas! {
     ShownSide as "ShownSideName": "Which observations to show: those from `before` the change, those `since`, or `both`.";
     Role as "RoleName": "What the holder of a key may do: `vehicle` uploads, and reads its own uploads; `viewer` reads; `maintainer` also decides about alerts and manages routes and vehicles; `admin` also manages keys and webhooks and deletes routes.";
     Stage as "RouteStage": "Whether a route's reference map is still being built.";
-    Tier as "AlertTierName": "How well an alert is supported: `tentative`, observed in one pass; `confirmed`, in several.";
+    Tier as "AlertTierName": "How well an alert is supported: `tentative`, one pass has shown the new state so far; `confirmed`, two passes or two vehicles have.";
     VersionAction as "MapVersionAction": "What began a version: a change was accepted, an acceptance was undone, or the previous version was released.";
     VersionState as "MapVersionState": "The state of a version: the `draft` grows with every batch; a `released` one is for vehicles; a `retired` one no longer is, or ended without a release. Only the draft changes.";
     ZonePurpose as "ZonePurposeName": "The effect of a zone on the alerts in it: `mute`, they are recorded and shown, but not sent, and do not count among the open ones.";

@@ -52,7 +52,7 @@ async fn a_released_version_never_changes() {
     }
     let list = service.get(&format!("{HALL}/versions")).await.json();
     let items = list["items"].as_array().unwrap();
-    let told: Vec<Value> = items
+    let answered: Vec<Value> = items
         .iter()
         .map(|v| {
             json!([
@@ -67,7 +67,7 @@ async fn a_released_version_never_changes() {
     let moved_m = &items[2]["max_displacement_m"];
     assert!(moved_m.is_f64(), "{list}");
     assert_eq!(
-        told,
+        answered,
         [
             json!([1, 1, "released", null, null]),
             json!([2, 1, "retired", "release", 0.0]),
@@ -182,8 +182,8 @@ async fn vehicles_get_only_released_versions() {
     let service = changed_hall::start().await;
     let path = format!("{HALL}/versions/1/vda5050");
     let draft = service.get(&path).await;
-    let told = (draft.status, draft.problem());
-    assert_eq!(told, (409, "version-state".to_owned()));
+    let answered = (draft.status, draft.problem());
+    assert_eq!(answered, (409, "version-state".to_owned()));
     let released = post(&service, "1/release", json!({})).await.json();
     let map = |action: &str, more: Vec<Value>| {
         let id = json!({"key": "mapId", "value": "hall"});

@@ -199,11 +199,11 @@ async fn readings_of_real_drivers_are_accepted_flagged_and_counted() {
         "clockwise_scans",
         "simulated_time",
     ];
-    for told in [stored.json(), service.get(PATH).await.json()] {
-        assert_eq!(told["flags"], json!(flags));
+    for answered in [stored.json(), service.get(PATH).await.json()] {
+        assert_eq!(answered["flags"], json!(flags));
         let counted = json!({"above_range_max": 2, "below_range_min": 2});
-        assert_eq!(told["out_of_range"], counted);
-        assert_eq!(told["extensions"], json!(null));
+        assert_eq!(answered["out_of_range"], counted);
+        assert_eq!(answered["extensions"], json!(null));
     }
     service.stop().await;
 }

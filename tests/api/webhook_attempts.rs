@@ -7,7 +7,9 @@ use mapshift::webhooks::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::client::Request;
-use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
+use crate::hooked::{
+    HOUR, ended, happen, make_due, options, registered, secret, start, start_in, tried,
+};
 use crate::receiver::{CANARY, Receiver};
 use crate::webhooks::{change, deliveries, path};
 
@@ -16,7 +18,7 @@ async fn a_failed_call_is_repeated_until_it_is_accepted() {
     let service = start(Duration::from_millis(20)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(404);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let calls = [
         receiver.call().await,
@@ -40,7 +42,7 @@ async fn after_the_last_attempt_the_next_event_is_sent() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(302).then(503);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let delivery = ended(&service, &webhook).await;
     assert_eq!(
@@ -63,7 +65,7 @@ async fn a_restart_between_two_attempts_loses_nothing() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let first = receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -92,7 +94,7 @@ async fn a_call_under_way_at_the_stop_is_repeated() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let first = receiver.call().await;
     let directory = service.stop_keeping().await;
@@ -109,8 +111,8 @@ async fn a_deleted_webhook_is_no_longer_called() {
     let service = start(Duration::from_millis(300)).await;
     let (mut deleted, mut witness) = (Receiver::start().await, Receiver::start().await);
     deleted.then(500).then(500);
-    let webhook = told(&service, &deleted).await;
-    told(&service, &witness).await;
+    let webhook = registered(&service, &deleted).await;
+    registered(&service, &witness).await;
     happen(&service).await;
     witness.call().await;
     deleted.call().await;
@@ -138,7 +140,7 @@ async fn redirects_are_not_followed_and_answers_are_not_shown() {
     let service = start(HOUR).await;
     let (mut receiver, elsewhere) = (Receiver::start().await, Receiver::start().await);
     receiver.then_with(307, vec![("location", elsewhere.url.clone())]);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -153,8 +155,8 @@ async fn redirects_are_not_followed_and_answers_are_not_shown() {
         "/v1/webhooks".to_owned(),
         "/metrics".to_owned(),
     ] {
-        let told = service.get(&path).await;
-        let everything = format!("{:?} {}", told.headers, told.text());
+        let answered = service.get(&path).await;
+        let everything = format!("{:?} {}", answered.headers, answered.text());
         assert!(!everything.contains(CANARY), "{everything}");
         assert!(!everything.contains(&elsewhere.url), "{everything}");
     }
@@ -173,7 +175,7 @@ async fn a_receiver_that_answers_gone_is_disabled() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(410);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = ended(&service, &webhook).await;
@@ -216,7 +218,7 @@ async fn retry_after_of_a_receiver_is_respected() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then_with(503, vec![("retry-after", "3600".to_owned())]);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -236,7 +238,7 @@ async fn retry_after_of_a_receiver_is_respected() {
 async fn stricter_settings_apply_to_registered_webhooks() {
     let service = start(HOUR).await;
     let receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let directory = service.stop_keeping().await;
     let service = start_in(directory, DeliveryOptions::default()).await;
     happen(&service).await;

@@ -7,7 +7,9 @@ use serde_json::{Value, json};
 
 use crate::changed_hall::APPEARED;
 use crate::client::Request;
-use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
+use crate::hooked::{
+    HOUR, ended, happen, make_due, options, registered, secret, start, start_in, tried,
+};
 use crate::receiver::Receiver;
 use crate::webhooks::{deliveries, path, register};
 
@@ -15,7 +17,7 @@ use crate::webhooks::{deliveries, path, register};
 async fn a_receiver_is_sent_the_signed_alert_in_the_form_of_reads() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let alert = happen(&service).await;
     let call = receiver.call().await;
     assert_eq!(call.path, "/hook");
@@ -61,7 +63,7 @@ async fn a_receiver_is_sent_the_signed_alert_in_the_form_of_reads() {
 async fn events_arrive_in_order() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let mut ids = Vec::new();
     for _ in 0..5 {
         happen(&service).await;
@@ -71,8 +73,8 @@ async fn events_arrive_in_order() {
     }
     ended(&service, &webhook).await;
     let listed = deliveries(&service, &webhook).await;
-    let told: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
-    assert_eq!(told, ids);
+    let answered: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
+    assert_eq!(answered, ids);
     let sequences: Vec<i64> = listed
         .iter()
         .map(|one| one["event_id"].as_i64().unwrap())
@@ -97,7 +99,7 @@ async fn updates_that_an_earlier_call_contained_are_not_sent() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let mut alert = Value::Null;
@@ -125,7 +127,7 @@ async fn a_receiver_that_was_down_gets_each_alert_once() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let mut ids = Vec::new();
     let mut alert = Value::Null;
     for _ in 0..3 {
@@ -154,7 +156,7 @@ async fn a_late_attempt_sends_the_present_state() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     tried(&service, &webhook).await;
@@ -242,8 +244,8 @@ async fn a_receiver_that_does_not_answer_delays_no_other() {
     let service = start(HOUR).await;
     let (mut hanging, mut quick) = (Receiver::start().await, Receiver::start().await);
     hanging.then_nothing();
-    let webhook = told(&service, &hanging).await;
-    told(&service, &quick).await;
+    let webhook = registered(&service, &hanging).await;
+    registered(&service, &quick).await;
     happen(&service).await;
     hanging.call().await;
     quick.call().await;
