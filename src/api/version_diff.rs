@@ -115,7 +115,7 @@ async fn compared(
     let before = before.ok_or_else(|| {
         let detail = match query.from {
             Some(from) => format!("the map has no version {from} to compare with"),
-            None => "version 1 has none before it: name a version to compare with".to_owned(),
+            None => "there is no version before version 1: name a version to compare with".to_owned(),
         };
         Problem::parameter("from", detail)
     })?;
