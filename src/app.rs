@@ -1,6 +1,6 @@
 //! The whole service: store, workers and listener, started and stopped together.
 //!
-//! Knows nothing of what they do. Begin with [`start`].
+//! Knows nothing of what they do in detail. Begin with [`start`].
 
 mod activity;
 mod answering;
@@ -32,7 +32,7 @@ use gauges::Gauges;
 
 const METRICS_UPKEEP: Duration = Duration::from_secs(5);
 
-/// A service that runs.
+/// A running service.
 pub struct RunningApp {
     local_addr: SocketAddr,
     store: Store,
@@ -49,15 +49,7 @@ pub struct RunningApp {
 /// If the data directory, the database or the address cannot be used.
 pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     let metrics = telemetry::metrics_handle()?;
-    let options = StoreOptions {
-        data_dir: config.data_dir.clone(),
-    };
-    let opened = match config.accept_lost_log {
-        false => Store::open(options).await,
-        true => Store::open_without_log(options).await,
-    };
-    let store = opened
-        .with_context(|| format!("cannot open the store in {}", config.data_dir.display()))?;
+    let store = open_store(&config).await?;
     config.check_reach(store.has_keys())?;
     let listener = connections::listen(config.listen)
         .with_context(|| format!("cannot listen on {}", config.listen))?;
@@ -110,24 +102,35 @@ pub async fn start(config: AppConfig) -> anyhow::Result<RunningApp> {
     })
 }
 
+async fn open_store(config: &AppConfig) -> anyhow::Result<Store> {
+    let options = StoreOptions {
+        data_dir: config.data_dir.clone(),
+    };
+    let opened = match config.accept_lost_log {
+        false => Store::open(options).await,
+        true => Store::open_without_log(options).await,
+    };
+    opened.with_context(|| format!("cannot open the store in {}", config.data_dir.display()))
+}
+
 impl RunningApp {
-    /// Where the service listens.
+    /// The address that the service listens on.
     pub fn local_addr(&self) -> SocketAddr {
         self.local_addr
     }
 
-    /// Refuses new requests, ends those under way and the background tasks, closes the store.
-    /// What has not ended within the drain time is cut off.
+    /// Refuses new requests, completes those under way, ends the background tasks and closes the store. Whatever has not
+    /// ended within the drain time is cut off.
     ///
     /// # Errors
-    /// If the store does not close in order.
+    /// If the store does not close properly.
     pub async fn shutdown(self) -> anyhow::Result<()> {
         let deadline = Instant::now() + self.drain_timeout;
         self.draining.cancel();
         self.stopping.cancel();
         for mut task in [self.accepting].into_iter().chain(self.background) {
             if timeout_at(deadline, &mut task).await.is_err() {
-                tracing::warn!("what was still under way was cut off");
+                tracing::warn!("requests or tasks still under way were cut off");
                 task.abort();
             }
         }

@@ -1,4 +1,4 @@
-//! The audit: who changed what, when, and from where.
+//! The audit: who changed what, when, and from which address.
 
 mod export;
 
@@ -10,9 +10,9 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::access::Identity;
-use super::extract::{ApiQuery, PageQuery};
+use super::extract::ApiQuery;
 use super::filters::{checked_route, checked_time};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::paging::{Listed, PageQuery, Wanted, page};
 use super::problem::Problem;
 use super::problem_responses::AnyProblems;
 use crate::model::AuditAction;
@@ -32,67 +32,58 @@ pub(super) use export::*;
 pub(super) struct AuditBody {
     /// 1, 2, … in the order in which the changes were written.
     id: i64,
-    /// When.
+    /// When it was made.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// Who: the name of who has signed in; `local` for requests to a service without keys, `system` for
-    /// what the service did on its own.
+    /// Who made it: the name of a signed-in person or of a key; `local` for requests to a service without keys,
+    /// `system` for the service itself.
     actor: String,
-    /// The key that it was done with; null without one.
+    /// The key that was used; null without one.
     #[schema(format = "uuid", required)]
     key_id: Option<String>,
-    /// The client's address as the service sees it, of IPv6 its network of 64 bits; `command line` for keys
-    /// that were made with the command; null for `system`.
+    /// The client's address as the service sees it, for IPv6 its 64-bit network; `command line` for keys created
+    /// with the command; null for `system`.
     #[schema(required)]
     address: Option<String>,
     /// What was done.
     action: AuditAction,
-    /// The route, which may be gone; null for what is about all routes.
+    /// The route, which may have been deleted; null for changes that concern all routes.
     #[schema(required)]
     route_id: Option<String>,
-    /// What was changed: the name of the route, the batch or the vehicle, the id of the alert, the webhook
-    /// or the operation.
+    /// What was changed: the name of the route, batch or vehicle, or the id of the alert, webhook or operation.
     subject: String,
-    /// What was there before; null if nothing was. Never a secret; a `?…` at the end of a webhook's URL
-    /// stands for a query, which may hold one.
+    /// The state before; null if there was none. Never contains a secret: a `?…` at the end of a webhook's URL
+    /// replaces its query, which might.
     #[schema(value_type = Option<Object>, required)]
     before: Option<Value>,
-    /// What is there after it; null if nothing is.
+    /// The state after; null if there is none.
     #[schema(value_type = Option<Object>, required)]
     after: Option<Value>,
 }
 
-/// A part of the audit.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct AuditPage {
-    /// The newest first.
-    items: Vec<AuditBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for AuditPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the audit.
+    pub(super) struct AuditPage {
+        /// The newest first.
+        items: Vec<AuditBody>,
     }
 }
 
-/// Which changes to list; every condition that is given holds.
+/// Which changes to list; all given conditions must hold.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct AuditQuery {
-    /// Only of this route, also if it was deleted.
+    /// Only changes of this route, even if it has been deleted.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     route_id: Option<String>,
-    /// Only of this kind.
+    /// Only changes of this kind.
     #[param(nullable = false, inline)]
     action: Option<AuditAction>,
-    /// Only made at this time or later, RFC 3339.
+    /// Only changes made at this time or later, RFC 3339.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
-    /// Only made before this time, RFC 3339.
+    /// Only changes made before this time, RFC 3339.
     #[param(nullable = false, format = DateTime, example = "2026-11-21T06:00:00Z")]
     until: Option<String>,
     /// As `PageQuery` declares it.
@@ -132,29 +123,26 @@ impl From<AuditRecord> for AuditBody {
     }
 }
 
-/// List who changed what.
+/// List the audit.
 ///
-/// Changes of routes, alerts, zones, versions, webhooks and keys, removals and retries of batches, quarantines of vehicles, the
-/// newest first, in parts: when, from which address, what was there before and after. Uploads are listed with their route. An
-/// entry is written together with its change and kept for good, also when the route is deleted. What
-/// changes nothing has none: a dry run, or the same settings put again. A key that is limited to routes sees
-/// what was changed of these.
+/// Changes of routes, alerts, zones, versions, webhooks and keys, removals and retries of batches, and quarantines
+/// of vehicles, the newest first: who made each, when, from which address, and the state before and after. Uploads
+/// are not listed here but as batches of their route. An entry is written in the same transaction as its change
+/// and kept permanently, even if the route is deleted. Requests that change nothing, such as a dry run, have none.
+/// A key that is limited to routes reads only changes of those.
 #[utoipa::path(
     get, path = "/v1/audit", tag = "audit", params(AuditQuery, PageQuery),
-    responses((status = 200, description = "A part of the audit", body = AuditPage), AnyProblems)
+    responses((status = 200, description = "A page of the audit", body = AuditPage), AnyProblems)
 )]
 pub(super) async fn list_audit(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<AuditQuery>,
 ) -> Result<Listed<AuditPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    let wanted: Wanted<i64> = Wanted::checked(query.limit, query.cursor.as_deref())?;
     let filter = query.filter(&identity)?;
-    let mut changes = state.store.audit_page(&filter, before, limit + 1).await?;
-    let next_cursor = cut_page(&mut changes, limit, |change| change.key.to_string());
-    Ok(Listed(AuditPage {
-        items: changes.into_iter().map(AuditBody::from).collect(),
-        next_cursor,
-    }))
+    let changes = state
+        .store
+        .audit_page(&filter, wanted.after, wanted.to_read());
+    Ok(wanted.page(changes.await?, |change| change.key, AuditBody::from))
 }

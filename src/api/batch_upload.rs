@@ -1,4 +1,4 @@
-//! What an upload of scans holds, for the OpenAPI document: the bodies are read by
+//! The body of an upload of scans, for the OpenAPI document; it is read by
 //! [`batch_json`](crate::ingest::batch_json).
 
 use std::borrow::Cow;
@@ -13,7 +13,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::types::PoseBody;
 use crate::scan::BandView;
 
-/// A drive's scans, from the vehicle's one lidar or from several.
+/// Scans of a trip, from the vehicle's only lidar or from several.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = BatchUpload, example = json!({
@@ -25,10 +25,10 @@ use crate::scan::BandView;
 }))]
 #[allow(dead_code)]
 pub(super) struct BatchUpload {
-    /// Who drove.
+    /// The vehicle.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: String,
-    /// Which drive: all its batches share one odometry frame.
+    /// The trip: all its batches share one odometry frame.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
     trip_id: String,
     /// 0, 1, 2 … within the trip.
@@ -36,18 +36,18 @@ pub(super) struct BatchUpload {
     sequence: u32,
     /// The lidar's geometry, for all scans of the batch. A batch has either this or `lidars`.
     lidar: Option<LidarBody>,
-    /// The lidars of a vehicle that has several; each scan names the one that took it. The first of
-    /// a trip's first batch takes the keyframes; scans of the others taken within 0.1 s of a
-    /// keyframe's are matched together with it, and all of them observe.
+    /// The lidars of a vehicle that has several; each scan names the one that took it. The first one in a trip's
+    /// first batch takes the keyframes; scans of the others taken within 0.1 s of a keyframe are matched together
+    /// with it, and all scans count as observations.
     #[schema(min_items = 1, max_items = 8)]
     lidars: Option<Vec<NamedLidarBody>>,
-    /// Where the first scan's base is in the map frame, roughly.
+    /// The approximate pose of the base in the map frame at the first scan.
     initial_pose: Option<InitialPoseBody>,
-    /// In the order of time. Of one lidar stamps increase strictly, and all scans have the same
-    /// number of beams; scans of different lidars may share a stamp. At most 4,000,000 beams.
+    /// In the order of time. The stamps of each lidar increase strictly, and its scans have the same number of
+    /// beams; scans of different lidars may have the same stamp. At most 4,000,000 beams.
     #[schema(min_items = 1, max_items = 5000)]
     scans: Vec<ScanUpload>,
-    /// For your own use: kept, and returned with the batch.
+    /// For your own use: stored, and returned with the batch.
     #[schema(schema_with = extensions_schema)]
     extensions: Option<serde_json::Map<String, serde_json::Value>>,
 }
@@ -58,15 +58,15 @@ pub(super) fn extensions_schema() -> Object {
         .schema_type(SchemaType::from_iter([Type::Object, Type::Null]))
         .additional_properties(Some(AdditionalProperties::FreeForm(true)))
         .description(Some(
-            "Any JSON object of the sender's own, at most 16 KiB and 8 levels deep: it is kept and \
-             returned as it was sent, also after the batch's body was deleted, and not interpreted.",
+            "Any JSON object of the sender, at most 16 KiB and 8 levels deep. It is not interpreted, but \
+             stored and returned as it was sent, even after the batch's body was deleted.",
         ))
         .examples([serde_json::json!({"firmware": "4.2.1"})])
         .build()
 }
 
-/// A lidar's geometry, as in `sensor_msgs/LaserScan`; beam k looks along
-/// `angle_min + k · angle_increment` in the lidar frame.
+/// A lidar's geometry, as in `sensor_msgs/LaserScan`; the direction of beam k is `angle_min + k · angle_increment`
+/// in the lidar frame.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Lidar)]
@@ -77,36 +77,35 @@ struct LidarBody {
     angle_min: f64,
     /// Direction of the last beam, radians.
     angle_max: Option<f64>,
-    /// Turn from a beam to the next, radians; below 0 for a lidar that scans clockwise, never 0.
+    /// Angle from one beam to the next, radians; negative for a lidar that scans clockwise, never 0.
     #[schema(minimum = -0.79, maximum = 0.79)]
     angle_increment: f64,
-    /// Shorter ranges, 0 and less included, are invalid: they say nothing. Metres.
+    /// Shorter ranges, including 0 and less, are invalid. Metres.
     #[schema(minimum = 0)]
     range_min: f64,
-    /// Ranges of this length or longer count as no return, metres.
+    /// Ranges of this length or more count as no return, metres.
     #[schema(exclusive_minimum = 0.0, maximum = 500)]
     range_max: f64,
-    /// `base_from_lidar`; the base itself if left out.
+    /// `base_from_lidar`; identity by default.
     mount: Option<PoseBody>,
-    /// Standard deviation of one range, metres; 0.01 if left out.
+    /// Standard deviation of one range, metres; 0.01 by default.
     #[schema(exclusive_minimum = 0.0, maximum = 1)]
     range_sigma: Option<f64>,
-    /// Time from a beam to the next in the order in which they are sent, seconds; a scan's stamp is its
-    /// first beam's. Where it is sent,
-    /// the motion of the vehicle during a scan is taken out of it.
+    /// Time from one beam to the next in the order in which they are sent, seconds; the stamp of a scan is that of
+    /// its first beam. If given, scans are corrected for the vehicle's motion.
     #[schema(minimum = 0)]
     time_increment: Option<f64>,
-    /// Time from a scan to the next, seconds. Without `time_increment` it is taken for one turn of
-    /// the lidar.
+    /// Time from one scan to the next, seconds. Without `time_increment` it is taken to be one revolution of the
+    /// lidar.
     #[schema(minimum = 0, maximum = 2)]
     scan_time: Option<f64>,
-    /// Of virtual scans, made of a cloud: the heights that they are made of.
+    /// For virtual scans made from a point cloud, the height band that they were made from.
     band: Option<BandBody>,
 }
 
-/// A height band of the clouds of a 3D lidar. Scans of different bands are compared with their like
-/// alone; those of lidars without a band are a layer of their own. A beam without a return (null) says
-/// that the band is free; where it was not measured, send 0.
+/// A height band of the point clouds of a 3D lidar. Scans are compared only with scans of the same band; scans
+/// without a band are compared among themselves. A beam without a return (null) says that the band is free; send
+/// 0 where it was not measured.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = HeightBand)]
@@ -117,11 +116,11 @@ pub(super) struct BandBody {
     /// Its upper end, metres above the floor; at least 0.02 above the lower one.
     #[schema(minimum = -1, maximum = 10)]
     pub to: f64,
-    /// The lidar does not see enough of the band nearer than this to say that it is free: metres from
-    /// the lidar, along the floor; 0 if left out.
+    /// Nearer than this, the lidar sees too little of the band to say that it is free: metres from the lidar along
+    /// the floor; 0 by default.
     #[schema(minimum = 0, maximum = 500)]
     pub clear_from: Option<f64>,
-    /// Nor farther away than this, metres; `range_max` if left out.
+    /// The same for distances beyond this, metres; `range_max` by default.
     #[schema(exclusive_minimum = 0.0, maximum = 500)]
     pub clear_to: Option<f64>,
 }
@@ -142,7 +141,7 @@ impl From<BandView> for BandBody {
 struct NamedLidarBody {}
 
 impl PartialSchema for NamedLidarBody {
-    /// One plain object: of `allOf` with closed objects nothing would be valid.
+    /// A single object: nothing is valid against an `allOf` of closed objects.
     fn schema() -> RefOr<Schema> {
         let id = ObjectBuilder::new()
             .schema_type(Type::String)
@@ -181,20 +180,20 @@ struct InitialPoseBody {
     y: f64,
     /// Radians.
     theta: f64,
-    /// Standard deviation of x and of y, metres; 0.5 if left out.
+    /// Standard deviation of x and of y, metres; 0.5 by default.
     #[schema(exclusive_minimum = 0.0, maximum = 100)]
     sigma_xy: Option<f64>,
-    /// Standard deviation of the heading, radians; 0.2 if left out.
+    /// Standard deviation of the heading, radians; 0.2 by default.
     #[schema(exclusive_minimum = 0.0, maximum = 3.15)]
     sigma_theta: Option<f64>,
 }
 
-/// One sweep and where the vehicle took itself to be.
+/// One sweep, and the vehicle's odometry.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct ScanUpload {
-    /// RFC 3339, between 1970 and 2100. Before 2000 it is taken for the time of a simulation.
+    /// RFC 3339, between 1970 and 2100. A time before 2000 is taken to be simulated.
     #[schema(format = DateTime)]
     stamp: String,
     /// Which of `lidars` took it; only in a batch with `lidars`, and required there.
@@ -202,11 +201,11 @@ struct ScanUpload {
     lidar: Option<String>,
     /// The base in the vehicle's own odometry frame; only differences are used.
     odometry: PoseBody,
-    /// Metres, in beam order; null is "no return" (REP-117), which is not evidence of free space. So is
-    /// what is `range_max` or longer; below `range_min` a reading says nothing.
+    /// Metres, in beam order. Null means no return (REP-117), which is not evidence of free space; so does a reading
+    /// of `range_max` or more. A reading below `range_min` is invalid.
     #[schema(min_items = 1, max_items = 8192)]
     ranges: Vec<Option<f64>>,
-    /// Taken and not used.
+    /// Accepted but not used.
     #[schema(max_items = 8192)]
     intensities: Option<Vec<Option<f64>>>,
 }

@@ -3,119 +3,36 @@
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, StatusCode, header};
-use axum::response::{IntoResponse, Response};
-use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
-use serde_json::value::RawValue;
-use utoipa::{IntoParams, ToSchema};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
 
 use super::ApiState;
 use super::access::Identity;
-use super::batch_upload::{BatchUpload, extensions_schema};
+use super::batch_body::BatchBody;
+use super::batch_intake::{out_of_range, take_upload};
+use super::batch_upload::BatchUpload;
 use super::client_address::ClientAddress;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::filters::checked_vehicle;
+use super::paging::{Listed, Page as _, PageQuery, Wanted, page};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
-use super::problem::{Problem, ProblemKind};
+use super::problem::Problem;
 use super::problem_responses::{RoutePartProblems, RouteProblems, ScanUploadProblems};
-use super::upload::{decompress, receive};
-use crate::ids::{AlertId, BatchId, RouteId, VehicleId};
+use crate::ids::{BatchId, RouteId, VehicleId};
 use crate::ingest::batch_json;
-use crate::model::{BatchKind, BatchStatus};
-use crate::store::{BatchContent, BatchFilter, BatchRecord, Journaled, NewBatch, OutOfRange};
+use crate::model::BatchStatus;
+use crate::store::{BatchContent, BatchFilter, BatchRecord, NewBatch};
 
-/// Batches that a list can be asked for by id.
+/// Most batches that a list can be asked for by id.
 const IDS_MAX: usize = 200;
-const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 
-/// An upload and what became of it.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Batch)]
-pub(super) struct BatchBody {
-    /// Chosen by the client.
-    #[schema(example = "b-000123")]
-    id: String,
-    /// The route.
-    route_id: String,
-    /// Who drove.
-    vehicle_id: String,
-    /// Which drive.
-    trip_id: String,
-    /// What it holds.
-    kind: BatchKind,
-    /// 0, 1, 2 … within the trip; of edges, in the order of arrival.
-    sequence: i64,
-    /// Where it is on its way.
-    status: BatchStatus,
-    /// Why it is there, for people.
-    #[schema(required)]
-    reason: Option<String>,
-    /// What was noticed: `above_range_max` (readings that count as no return), `below_range_min`
-    /// (readings that say nothing), `clock_skew` (its clock is more than a day ahead; a trip that
-    /// begins more than a week ahead counts from its arrival, in the graph and in alerts),
-    /// `clockwise_scans` (their beams were put into counter-clockwise order), `empty_scans`, `gap`
-    /// (batches before it never came), `late`, `map_mended` (with it a segment of the map was put
-    /// right; a resolved `map_mismatch` says which), `not_localised` (at its end nobody knew where
-    /// the vehicle was), `simulated_time` (stamps before 2000: the trip counts from its arrival),
-    /// `wild_odometry`, …
-    flags: Vec<String>,
-    /// Readings outside the range of their lidar; null for edges, and for batches that came in before
-    /// these were counted.
-    #[schema(required)]
-    out_of_range: Option<OutOfRangeBody>,
-    /// As it was sent; null if nothing was, or if the batch was erased.
-    #[schema(required, schema_with = extensions_schema)]
-    extensions: Option<Box<RawValue>>,
-    /// Number of scans.
-    scans: i64,
-    /// Nodes it added to the graph.
-    nodes_added: i64,
-    /// Loop closures it added to the graph.
-    loop_closures: i64,
-    /// Alerts that rest on it, by id.
-    alerts: Vec<String>,
-    /// When it came in.
-    #[schema(value_type = String, format = DateTime)]
-    received_at: Timestamp,
-    /// When it was last worked on.
-    #[schema(value_type = Option<String>, format = DateTime, required)]
-    processed_at: Option<Timestamp>,
-}
-
-/// Readings of a batch outside the range of their lidar.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = OutOfRangeReadings)]
-struct OutOfRangeBody {
-    /// Of `range_max` or longer: they count as no return, as null does.
-    above_range_max: i64,
-    /// Below `range_min`, 0 and less included: they say nothing, neither that something is there nor
-    /// that nothing is.
-    below_range_min: i64,
-}
-
-impl From<OutOfRange> for OutOfRangeBody {
-    fn from(readings: OutOfRange) -> Self {
-        Self {
-            above_range_max: readings.above_range_max,
-            below_range_min: readings.below_range_min,
-        }
-    }
-}
-
-/// A part of a route's list of batches.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct BatchPage {
-    /// In the order of arrival.
-    items: Vec<BatchBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for BatchPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of a route's list of batches.
+    pub(super) struct BatchPage {
+        /// In the order of arrival.
+        items: Vec<BatchBody>,
     }
 }
 
@@ -124,18 +41,18 @@ impl Part for BatchPage {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct BatchQuery {
-    /// Only these, at most 200, with commas between them: what has become of many batches, in one answer.
-    /// Ids that the route does not have are left out of it.
+    /// Only the batches with these ids, at most 200, separated by commas: the status of many batches in one answer.
+    /// Unknown ids are left out of it.
     #[param(
         nullable = false,
         example = "b-000122,b-000123",
         pattern = "^[A-Za-z0-9._-]{1,64}(,[A-Za-z0-9._-]{1,64}){0,199}$"
     )]
     ids: Option<String>,
-    /// Only this vehicle's.
+    /// Only batches of this vehicle.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<String>,
-    /// Only in this state.
+    /// Only batches with this status.
     #[param(nullable = false, inline)]
     status: Option<BatchStatus>,
     /// As `PageQuery` declares it.
@@ -146,44 +63,17 @@ pub(super) struct BatchQuery {
     cursor: Option<String>,
 }
 
-impl BatchBody {
-    /// # Errors
-    /// If what the store has as extensions is no JSON.
-    pub(super) fn new(batch: BatchRecord, alerts: &[AlertId]) -> Result<Self, serde_json::Error> {
-        let extensions = batch.extensions.map(RawValue::from_string).transpose()?;
-        Ok(Self {
-            id: batch.id.to_string(),
-            route_id: batch.route_id.to_string(),
-            vehicle_id: batch.vehicle_id.to_string(),
-            trip_id: batch.trip_id.to_string(),
-            kind: batch.kind,
-            sequence: batch.sequence,
-            status: batch.status,
-            reason: batch.reason,
-            flags: batch.flags,
-            out_of_range: batch.out_of_range.map(OutOfRangeBody::from),
-            extensions,
-            scans: batch.scans,
-            nodes_added: batch.nodes_added,
-            loop_closures: batch.loop_closures,
-            alerts: alerts.iter().map(ToString::to_string).collect(),
-            received_at: batch.received_at,
-            processed_at: batch.processed_at,
-        })
-    }
-}
-
 /// Upload a batch of scans.
 ///
-/// Safe to repeat: the same bytes under the same id are stored once. The answer 202 means that
-/// the batch is on disk; what becomes of it is its status. 408, 429, 503 and 507 mean: send the
-/// same bytes under the same id again, after `Retry-After`.
+/// Safe to repeat: the same bytes under the same id are stored once. The answer 202 means that the batch is on
+/// disk; its status shows how it is processed. After 408, 429, 503 or 507, send the same bytes under the same id
+/// again once `Retry-After` has passed.
 #[utoipa::path(
     put, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
     params(RouteParam, BatchParam, UploadHeaders),
     request_body(content = BatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
     responses(
-        (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
+        (status = 200, description = "The same bytes have been stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
         (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
         ScanUploadProblems,
     )
@@ -221,95 +111,9 @@ pub(super) async fn put_batch(
     take_upload(&state, client, (route, batch), &headers, body, decode).await
 }
 
-/// Stores an upload that is decoded so, counts it, and says what became of it.
-///
-/// # Errors
-/// The [`Problem`] that the upload is refused with.
-pub(super) async fn take_upload(
-    state: &ApiState,
-    client: ClientAddress,
-    name: (RouteId, BatchId),
-    headers: &HeaderMap,
-    body: Body,
-    decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
-) -> Result<Response, Problem> {
-    let outcome = store_upload(state, client, name, headers, body, decode).await;
-    count_upload(outcome.as_ref().map(|(journaled, _)| *journaled));
-    let (journaled, batch) = outcome?;
-    upload_answer(state, journaled, batch).await
-}
-
-/// Counts an upload by how it ended: `stored`, `replayed`, or the name of a problem.
-pub(super) fn count_upload(ended: Result<Journaled, &Problem>) {
-    let outcome = match ended {
-        Ok(Journaled::Stored) => "stored",
-        Ok(_) => "replayed",
-        Err(problem) => problem.kind().name(),
-    };
-    metrics::counter!("mapshift_uploads_total", "outcome" => outcome).increment(1);
-}
-
-/// Says what became of an upload.
-///
-/// # Errors
-/// A [`Problem`] of the store.
-pub(super) async fn upload_answer(
-    state: &ApiState,
-    journaled: Journaled,
-    batch: BatchRecord,
-) -> Result<Response, Problem> {
-    let alerts = match journaled {
-        Journaled::Stored => Vec::new(),
-        _ => state.store.batch_alerts(&batch.route_id, &batch.id).await?,
-    };
-    let batch = BatchBody::new(batch, &alerts).map_err(Problem::internal)?;
-    Ok(if journaled == Journaled::Stored {
-        let location = format!("/v1/routes/{}/batches/{}", batch.route_id, batch.id);
-        let headers = [(header::LOCATION, location)];
-        (StatusCode::ACCEPTED, headers, Json(batch)).into_response()
-    } else {
-        (StatusCode::OK, [(IDEMPOTENT_REPLAYED, "true")], Json(batch)).into_response()
-    })
-}
-
-/// Reads an upload's body, decodes it off the request's thread, and stores it.
-async fn store_upload(
-    state: &ApiState,
-    client: ClientAddress,
-    name: (RouteId, BatchId),
-    headers: &HeaderMap,
-    body: Body,
-    decode: impl FnOnce(Vec<u8>, Timestamp) -> Result<NewBatch, Problem> + Send + 'static,
-) -> Result<(Journaled, BatchRecord), Problem> {
-    let (route_id, id) = name;
-    let upload = receive(state, client, headers, body).await?;
-    let received_at = Timestamp::now();
-    let body_bytes = state.limits.body_bytes;
-    let (head, wire, mut places) = (upload.head, upload.wire, upload.places);
-    let decoded = state.decoding.run(move || {
-        head.check_digest(&wire)?;
-        let body = decompress(wire, head.encoding, body_bytes)?;
-        decode(body, received_at)
-    });
-    let batch = decoded.await??;
-    places.shrink_body(batch.body.len());
-    let journaled = state.store.journal_batch(batch).await?;
-    drop(places);
-    if journaled == Journaled::Conflict {
-        return Err(Problem::new(
-            ProblemKind::BatchIdReused,
-            "this route has a batch of this id with other bytes: choose another id for other content",
-        ));
-    }
-    let batch = state.store.batch(&route_id, &id).await?;
-    // The route may have been deleted since.
-    let batch = batch.ok_or_else(Problem::unknown_route)?;
-    Ok((journaled, batch))
-}
-
 /// Read a batch's status.
 ///
-/// Where the batch is on its way, and what it added to the graph.
+/// How far it has been processed, and what it added to the graph.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches/{batch}", tag = "batches",
     params(RouteParam, BatchParam),
@@ -345,15 +149,7 @@ pub(super) async fn known_batch(
     Ok(Json(batch))
 }
 
-/// How many readings of a batch count as something else than a measurement.
-pub(super) fn out_of_range(ranges: &batch_json::RangeCounts) -> OutOfRange {
-    OutOfRange {
-        above_range_max: ranges.above_range_max as i64,
-        below_range_min: ranges.below_range_min as i64,
-    }
-}
-
-/// The batches that a list is asked for by id.
+/// The ids that the parameter `ids` names.
 fn named_ids(text: &str) -> Result<Vec<BatchId>, Problem> {
     let ids: Result<Vec<BatchId>, _> = text.split(',').map(BatchId::new).collect();
     let ids = ids.map_err(|error| Problem::parameter("ids", error.to_string()))?;
@@ -368,12 +164,12 @@ fn named_ids(text: &str) -> Result<Vec<BatchId>, Problem> {
 
 /// List a route's batches.
 ///
-/// In the order of arrival, in parts; of a key that uploads for one vehicle, those of this vehicle. With
-/// `ids`, the status of up to 200 batches at once, all of them in one part unless `limit` says otherwise.
+/// In the order of arrival; for a key that uploads for one vehicle, only that vehicle's. With `ids`, up to 200
+/// named batches at once, in one page unless `limit` is given.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/batches", tag = "batches",
     params(RouteParam, BatchQuery, PageQuery),
-    responses((status = 200, description = "A part of the list", body = BatchPage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = BatchPage), RouteProblems)
 )]
 pub(super) async fn list_batches(
     State(state): State<ApiState>,
@@ -383,17 +179,11 @@ pub(super) async fn list_batches(
 ) -> Result<Listed<BatchPage>, Problem> {
     let ids = query.ids.as_deref().map(named_ids).transpose()?;
     let count = ids.as_ref().map(|ids| ids.len() as u32);
-    let limit = checked_limit(query.limit.or(count))?;
-    let after: Option<BatchId> = key_of_cursor(query.cursor.as_deref())?;
-    let vehicle_id = query.vehicle_id.map(VehicleId::new).transpose();
-    let vehicle_id =
-        vehicle_id.map_err(|error| Problem::parameter("vehicle_id", error.to_string()))?;
+    let wanted: Wanted<BatchId> = Wanted::checked(query.limit.or(count), query.cursor.as_deref())?;
+    let vehicle_id = checked_vehicle(query.vehicle_id.as_deref())?;
     let own = identity.own_vehicle().cloned();
     if own.is_some() && vehicle_id.is_some() && own != vehicle_id {
-        return Ok(Listed(BatchPage {
-            items: Vec::new(),
-            next_cursor: None,
-        }));
+        return Ok(Listed(BatchPage::new(Vec::new(), None)));
     }
     let filter = BatchFilter {
         ids,
@@ -402,17 +192,14 @@ pub(super) async fn list_batches(
     };
     let batches = state
         .store
-        .batches(&route_id, &filter, after.as_ref(), limit + 1);
-    let mut batches = batches.await?;
-    let next_cursor = cut_page(&mut batches, limit, |batch| batch.id.to_string());
+        .batches(&route_id, &filter, wanted.after.as_ref(), wanted.to_read());
+    let (batches, next_cursor) = wanted.cut(batches.await?, |batch| batch.id.clone());
     let listed: Vec<BatchId> = batches.iter().map(|batch| batch.id.clone()).collect();
     let alerts = state.store.alerts_by_batch(&route_id, &listed).await?;
     let body = |batch: BatchRecord| {
         let alerts = alerts.get(&batch.id).map_or(&[][..], Vec::as_slice);
         BatchBody::new(batch, alerts).map_err(Problem::internal)
     };
-    Ok(Listed(BatchPage {
-        items: batches.into_iter().map(body).collect::<Result<_, _>>()?,
-        next_cursor,
-    }))
+    let items = batches.into_iter().map(body).collect::<Result<_, _>>()?;
+    Ok(Listed(BatchPage::new(items, next_cursor)))
 }

@@ -1,4 +1,4 @@
-//! Whose share a request counts against.
+//! The client address that a request counts against.
 
 use std::convert::Infallible;
 use std::fmt;
@@ -7,8 +7,8 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 
-/// The address at the other end of a connection. Of IPv6 the first 64 bits, because whoever has one
-/// address of a network has all of them. `X-Forwarded-For` is not believed.
+/// The address at the other end of a connection; for IPv6 its first 64 bits, because a client has all addresses of
+/// its network. `X-Forwarded-For` is not trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ClientAddress(IpAddr);
 
@@ -40,7 +40,7 @@ impl fmt::Display for ClientAddress {
 impl<S: Sync> FromRequestParts<S> for ClientAddress {
     type Rejection = Infallible;
 
-    /// The listener states it; requests that came another way share one address.
+    /// The listener sets it; requests without it share one address.
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
         let stated = parts.extensions.get::<Self>().copied();
         Ok(stated.unwrap_or(Self(Ipv4Addr::UNSPECIFIED.into())))
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_is_told_as_far_as_it_is_known() {
+    fn a_client_is_written_as_an_address_or_a_network() {
         assert_eq!(client("::ffff:192.0.2.1").to_string(), "192.0.2.1");
         assert_eq!(client("2001:db8:1:2::3").to_string(), "2001:db8:1:2::/64");
     }

@@ -1,4 +1,4 @@
-//! The OpenAPI document, its browser, and the maintainers' page.
+//! The OpenAPI document, its browser, and the maintainers' console.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -15,7 +15,7 @@ use super::ApiState;
 use super::extract::NoQuery;
 
 const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
-/// The browser of the vendored Swagger UI sets styles and draws its icons inline.
+/// The vendored Swagger UI sets styles and draws its icons inline.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 pub(super) const HTML: &str = "text/html; charset=utf-8";
@@ -29,7 +29,7 @@ macro_rules! console {
     };
 }
 
-/// The maintainers' console, but `/words.js`.
+/// The files of the maintainers' console, except `/words.js`.
 pub(super) const CONSOLE: [(&str, &str, &str); 45] = [
     console!("/", HTML, "index.html"),
     console!("/console.css", STYLE, "console.css"),
@@ -78,7 +78,7 @@ pub(super) const CONSOLE: [(&str, &str, &str); 45] = [
     console!("/zones.js", SCRIPT, "zones.js"),
 ];
 
-/// `/openapi.json`, `/docs` and the console, whose words for enumerations are those of the model.
+/// `/openapi.json`, `/docs` and the console; its words for enumerations are `words`.
 pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
     let docs = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]));
     let docs = Router::from(docs).layer(from_fn(|request, next: Next| async move {
@@ -95,7 +95,7 @@ pub(super) fn router(openapi: Bytes, words: Bytes) -> Router<ApiState> {
     router.merge(docs)
 }
 
-/// Serves a text that a browser keeps for as long as its digest is the same.
+/// Serves a text with an ETag, which a browser uses to keep its copy.
 pub(super) fn file(media_type: &'static str, text: Bytes) -> MethodRouter<ApiState> {
     let tag = format!("W/\"{}\"", STANDARD.encode(Sha256::digest(&text)));
     get(move |request: HeaderMap| async move {

@@ -1,4 +1,4 @@
-//! Batches of edges: upload. Their status is that of any batch.
+//! Uploading batches of edges; everything else about them is as for batches of scans.
 
 use axum::body::Body;
 use axum::extract::State;
@@ -10,8 +10,9 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
 
 use super::ApiState;
 use super::access::Identity;
+use super::batch_body::BatchBody;
+use super::batch_intake::take_upload;
 use super::batch_upload::extensions_schema;
-use super::batches::{BatchBody, take_upload};
 use super::client_address::ClientAddress;
 use super::extract::{ApiPath, NoQuery};
 use super::parameters::{BatchParam, RouteParam, UploadHeaders};
@@ -35,19 +36,19 @@ use crate::store::{BatchContent, NewBatch};
 }))]
 #[allow(dead_code)]
 pub(super) struct EdgeBatchUpload {
-    /// Who drove.
+    /// The vehicle.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: String,
-    /// Which drive; the batch itself if left out. A trip has edges or scans, not both.
+    /// The trip; the name of the batch by default. A trip has edges or scans, not both.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
     trip_id: Option<String>,
     /// New nodes.
     #[schema(max_items = 5000)]
     nodes: Vec<NodeUpload>,
-    /// New edges; with the nodes at least one.
+    /// New edges. A batch has at least one node or edge.
     #[schema(max_items = 20000)]
     edges: Vec<EdgeUpload>,
-    /// For your own use: kept, and returned with the batch.
+    /// For your own use: stored, and returned with the batch.
     #[schema(schema_with = extensions_schema)]
     extensions: Option<serde_json::Map<String, serde_json::Value>>,
 }
@@ -57,15 +58,15 @@ pub(super) struct EdgeBatchUpload {
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct NodeUpload {
-    /// What the vehicle calls it: a name or a whole number (7 and "7" are the same), that none of
-    /// the vehicle's nodes on this route had before.
+    /// The vehicle's own id of the node: a name or an integer (7 and "7" are the same) that it has not used on
+    /// this route before.
     #[schema(schema_with = own_name)]
     id: String,
-    /// Where the vehicle takes itself to be. The first node of an empty map is put there; all
-    /// others begin where the edges lead.
+    /// The vehicle's own estimate of the pose. It is used for the first node of an empty map; the initial poses of
+    /// all other nodes follow from the edges.
     pose: PoseBody,
-    /// RFC 3339, between 1970 and 2100; when the batch came in if left out, or if it lies before 2000
-    /// (the time of a simulation).
+    /// RFC 3339, between 1970 and 2100. The arrival of the batch by default, and instead of a time before 2000, which
+    /// is taken to be simulated.
     #[schema(format = DateTime)]
     stamp: Option<String>,
 }
@@ -75,21 +76,20 @@ struct NodeUpload {
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct EdgeUpload {
-    /// A node of this batch, or of this or an earlier drive of the vehicle on this route, by the
-    /// vehicle's name for it; or `map:` with the number of any node of the map.
+    /// A node of this batch, or of any trip of the vehicle on this route, by the vehicle's own id; or `map:` followed
+    /// by the id of any node of the map.
     #[schema(schema_with = any_name)]
     from: String,
-    /// As `from`; another node.
+    /// Another node, in the same form as `from`.
     #[schema(schema_with = any_name)]
     to: String,
-    /// `from_from_to`: where `to` is, seen from `from`.
+    /// `from_from_to`: the pose of `to` relative to `from`.
     measurement: PoseBody,
-    /// Information matrix in the order (x, y, θ), upper triangle row by row, as in g2o; positive
-    /// definite, no entry beyond 1e12. A route with detector `seed` takes the identity instead, as
-    /// the paper does.
+    /// Information matrix in the order (x, y, θ), upper triangle row by row, as in g2o; positive definite, no entry
+    /// beyond 1e12. A route with detector `seed` uses the identity instead, as the paper does.
     #[schema(min_items = 6, max_items = 6)]
     information: Vec<f64>,
-    /// What made it.
+    /// How it was measured.
     kind: EdgeKind,
 }
 
@@ -110,20 +110,20 @@ fn name(pattern: &str) -> Object {
 
 /// Upload a batch of edges.
 ///
-/// For vehicles that match scans on board or have other sensors. Safe to repeat, answered and
-/// followed as a batch of scans is; ids are shared with those. Odometry edges are added, then loop
-/// closures one after the other, with the residuals that each leaves.
+/// For vehicles that match scans on board or have other sensors. Safe to repeat; answered and processed like a
+/// batch of scans, with which it shares the ids. Odometry edges are added first, then loop closures one by one,
+/// each with the residual that it leaves.
 ///
-/// Every new node must be tied to the map by a chain of the batch's edges; in an empty map to the
-/// first node of the batch. A batch that names nodes which have not come yet, or that is tied to
-/// nothing, is `unanchored`: it is tried again with the vehicle's next batch, and when the map has
-/// grown. A batch that brings a node again is `quarantined`.
+/// Every new node must be connected to the map by a chain of the batch's edges, or in an empty map to the first
+/// node of the batch. A batch that names nodes that have not arrived yet, or that is not connected, is
+/// `unanchored`: it is tried again with the vehicle's next batch, and when the map has grown. A batch that repeats
+/// the id of a node is `quarantined`.
 #[utoipa::path(
     put, path = "/v1/routes/{route}/edge-batches/{batch}", tag = "batches",
     params(RouteParam, BatchParam, UploadHeaders),
     request_body(content = EdgeBatchUpload, description = "At most 16 MiB as sent, 64 MiB after decompression, 20 times the compressed size"),
     responses(
-        (status = 200, description = "The same bytes were stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
+        (status = 200, description = "The same bytes have been stored before", body = BatchBody, headers(("Idempotent-Replayed" = String, description = "`true`"))),
         (status = 202, description = "Stored durably", body = BatchBody, headers(("Location" = String, description = "The batch"))),
         EdgeUploadProblems,
     )

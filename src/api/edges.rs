@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{Listed, PageQuery, Wanted, page};
 use super::parameters::{EdgeParam, RouteParam};
 use super::problem::Problem;
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -26,11 +26,11 @@ pub(super) struct EdgeBody {
     from: i64,
     /// The newer node.
     to: i64,
-    /// What made it.
+    /// How it was measured.
     kind: EdgeKind,
-    /// Whether it is optimised.
+    /// Whether it takes part in the optimisation.
     status: EdgeStatus,
-    /// The upload it came with.
+    /// The batch that it came with.
     batch_id: String,
     /// `from_from_to`, as optimised.
     measurement: PoseBody,
@@ -39,49 +39,41 @@ pub(super) struct EdgeBody {
     information: Vec<f64>,
     /// eᵀΩe at the current poses.
     residual: f64,
-    /// What a loop closure added to the optimum F when it was inserted; null for odometry.
+    /// The increase of the optimum F when the loop closure was inserted; null for odometry.
     #[schema(required)]
     delta_f: Option<f64>,
-    /// The block of the graph it lies in; null for bridges.
+    /// The sub-graph that it belongs to; null for bridges.
     #[schema(required)]
     subgraph_id: Option<i64>,
-    /// How two scans were matched; null for odometry, and for loop closures that came as edges.
+    /// How two scans were matched; null for odometry and for uploaded loop closures.
     #[schema(required)]
     closure: Option<ClosureBody>,
 }
 
-/// What two matched scans say beside the estimate that is optimised.
+/// The second estimate from two matched scans, and the quality of the match.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Closure)]
 struct ClosureBody {
-    /// The all-points estimate of `from_from_to`; watched, never optimised in fused mode.
+    /// The estimate of `from_from_to` from all points: monitored, but not optimised with detector `fused`.
     all_points_measurement: PoseBody,
-    /// Its information, as in `information`.
+    /// Its information matrix, in the form of `information`.
     #[schema(min_items = 6, max_items = 6)]
     all_points_information: Vec<f64>,
     /// eᵀΩe of the all-points estimate when the closure was inserted.
     all_points_residual: f64,
     /// Share of the points with a counterpart.
     overlap: f64,
-    /// Share of the counterparts that agree.
+    /// Share of these points that agree with their counterpart.
     inlier_share: f64,
     /// Root mean square distance of the agreeing points, metres.
     rmse: f64,
 }
 
-/// A part of a route's list of edges.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct EdgePage {
-    /// By id.
-    items: Vec<EdgeBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for EdgePage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of a route's list of edges.
+    pub(super) struct EdgePage {
+        /// By id.
+        items: Vec<EdgeBody>,
     }
 }
 
@@ -90,10 +82,10 @@ impl Part for EdgePage {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct EdgeQuery {
-    /// Only of this kind.
+    /// Only edges of this kind.
     #[param(nullable = false, inline)]
     kind: Option<EdgeKind>,
-    /// Only in this state.
+    /// Only edges with this status.
     #[param(nullable = false, inline)]
     status: Option<EdgeStatus>,
     /// As `PageQuery` declares it.
@@ -138,36 +130,32 @@ impl From<EdgeRecord> for EdgeBody {
 
 /// List a route's edges.
 ///
-/// By id, in parts; by kind and status if wanted.
+/// By id; optionally only those of a kind or a status.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges", tag = "graph",
     params(RouteParam, EdgeQuery, PageQuery),
-    responses((status = 200, description = "A part of the list", body = EdgePage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = EdgePage), RouteProblems)
 )]
 pub(super) async fn list_edges(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<EdgeQuery>,
 ) -> Result<Listed<EdgePage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    let wanted: Wanted<i64> = Wanted::checked(query.limit, query.cursor.as_deref())?;
     let filter = EdgeFilter {
         kind: query.kind,
         status: query.status,
     };
-    let after = after.map(EdgeId);
-    let edges = state.store.edge_page(&route_id, filter, after, limit + 1);
-    let mut edges = edges.await?;
-    let next_cursor = cut_page(&mut edges, limit, |edge| edge.id.to_string());
-    Ok(Listed(EdgePage {
-        items: edges.into_iter().map(EdgeBody::from).collect(),
-        next_cursor,
-    }))
+    let after = wanted.after.map(EdgeId);
+    let edges = state
+        .store
+        .edge_page(&route_id, filter, after, wanted.to_read());
+    Ok(wanted.page(edges.await?, |edge| edge.id, EdgeBody::from))
 }
 
 /// Read an edge.
 ///
-/// The measurement, how well it agrees with the map, and how its scans were matched.
+/// The measurement, its residual in the map, and how its scans were matched.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/edges/{edge}", tag = "graph",
     params(RouteParam, EdgeParam),

@@ -1,4 +1,4 @@
-//! Documents that are as long as a route is old: sent as they are read.
+//! Documents that grow with the age of a route: sent as they are read.
 
 use axum::body::{Body, Bytes};
 use axum::http::header;
@@ -7,33 +7,33 @@ use futures::stream;
 
 use crate::store::{Pieces, StoreError};
 
-/// How pieces become a document.
+/// How pieces are written as a document.
 pub(super) trait Document<T>: Send + 'static {
-    /// What the document is.
+    /// The media type of the document.
     const MEDIA_TYPE: &'static str;
-    /// Appends what comes before the first piece.
+    /// Appends the text before the first piece.
     fn begin(&mut self, _text: &mut String) {}
     /// Appends a piece.
     ///
     /// # Errors
-    /// If it cannot be written; the document ends in the middle then.
+    /// If it cannot be written; the document is then cut off.
     fn append(&mut self, piece: T, text: &mut String) -> Result<(), serde_json::Error>;
-    /// Appends what comes after the last piece.
+    /// Appends the text after the last piece.
     fn end(&mut self, _text: &mut String) {}
 }
 
-/// A document on its way.
+/// A document that is being sent.
 struct Sending<T, D> {
-    /// What comes next; `None` after the last.
+    /// The next piece; `None` after the last.
     piece: Option<T>,
     pieces: Pieces<T>,
     document: D,
-    /// Where the document begins.
+    /// The text that the next part begins with.
     text: String,
 }
 
-/// Sends a document piece by piece, beginning with `first`. If the store fails on the way the
-/// connection is cut, so that the document does not look complete.
+/// Sends a document piece by piece, beginning with `first`. If the store fails, the connection is cut, so that the
+/// document does not look complete.
 pub(super) fn send<T, D>(first: Option<T>, pieces: Pieces<T>, mut document: D) -> Response
 where
     T: Send + 'static,
@@ -80,10 +80,10 @@ pub(super) struct Members {
 }
 
 impl Members {
-    /// Appends one, after a comma if it is not the first.
+    /// Appends a member, after a comma if it is not the first.
     ///
     /// # Errors
-    /// If it has no JSON.
+    /// If it does not serialise.
     pub(super) fn append(
         &mut self,
         member: &impl serde::Serialize,

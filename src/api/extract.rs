@@ -1,4 +1,4 @@
-//! What handlers take from a request, with every refusal a [`Problem`].
+//! What handlers extract from a request. Every rejection is a [`Problem`].
 
 use axum::extract::path::ErrorKind;
 use axum::extract::rejection::{PathRejection, RawPathParamsRejection};
@@ -6,7 +6,6 @@ use axum::extract::{FromRequestParts, Path, Query, RawPathParams};
 use axum::http::request::Parts;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use utoipa::IntoParams;
 
 use super::problem::{Problem, ProblemKind};
 
@@ -41,10 +40,10 @@ where
     }
 }
 
-/// The parts of the path as they were sent, decoded.
+/// The decoded parts of the path.
 ///
 /// # Errors
-/// 400 for what is not UTF-8.
+/// 400 for a part that is not UTF-8.
 pub(super) async fn raw_path<S: Send + Sync>(
     parts: &mut Parts,
     state: &S,
@@ -86,18 +85,5 @@ where
 #[serde(deny_unknown_fields)]
 pub(super) struct Nothing {}
 
-/// Operations without parameters refuse every query.
+/// Refuses every query, for operations without parameters.
 pub(super) type NoQuery = ApiQuery<Nothing>;
-
-/// Which part of a list to send.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct PageQuery {
-    /// How many items at most, 1 to 1,000; 100 if left out.
-    #[param(minimum = 1, maximum = 1000, nullable = false)]
-    pub limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(nullable = false)]
-    pub cursor: Option<String>,
-}

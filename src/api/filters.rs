@@ -1,4 +1,4 @@
-//! Conditions that several lists take, checked.
+//! Conditions of several lists, checked.
 
 use jiff::Timestamp;
 
@@ -8,7 +8,7 @@ use crate::ids::{RouteId, VehicleId};
 /// The `route_id` parameter.
 ///
 /// # Errors
-/// 400 for what is no name.
+/// 400 for a text that is not a name.
 pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Problem> {
     let route = name.map(RouteId::new).transpose();
     route.map_err(|error| Problem::parameter("route_id", error.to_string()))
@@ -17,7 +17,7 @@ pub(super) fn checked_route(name: Option<&str>) -> Result<Option<RouteId>, Probl
 /// The `vehicle_id` parameter.
 ///
 /// # Errors
-/// 400 for what is no name.
+/// 400 for a text that is not a name.
 pub(super) fn checked_vehicle(name: Option<&str>) -> Result<Option<VehicleId>, Problem> {
     let vehicle = name.map(VehicleId::new).transpose();
     vehicle.map_err(|error| Problem::parameter("vehicle_id", error.to_string()))
@@ -26,7 +26,7 @@ pub(super) fn checked_vehicle(name: Option<&str>) -> Result<Option<VehicleId>, P
 /// A parameter that is a time.
 ///
 /// # Errors
-/// 400 for what is no time.
+/// 400 for a text that is not a time.
 pub(super) fn checked_time(
     parameter: &'static str,
     text: Option<&str>,

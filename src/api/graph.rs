@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
+use super::bounding_box::BoundingBox;
 use super::edges::EdgeBody;
 use super::export::{self, Document, Members};
 use super::extract::{ApiPath, ApiQuery, NoQuery};
@@ -22,7 +23,7 @@ use crate::store::{GraphPart, Within};
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Graph)]
 pub(super) struct GraphBody {
-    /// Which map the poses belong to.
+    /// The version of the map that the poses belong to.
     map_version: i64,
     /// By id.
     nodes: Vec<NodeBody>,
@@ -35,7 +36,7 @@ pub(super) struct GraphBody {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct GraphQuery {
-    /// `x0,y0,x1,y1` in the map frame, metres: only nodes within, and edges between them.
+    /// Only nodes within `x0,y0,x1,y1` (map frame, metres) and the edges between them.
     #[param(
         pattern = r"^-?[0-9]+(\.[0-9]+)?(,-?[0-9]+(\.[0-9]+)?){3}$",
         nullable = false,
@@ -44,54 +45,9 @@ pub(super) struct GraphQuery {
     bbox: Option<String>,
 }
 
-/// A rectangle in the map frame, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct BoundingBox {
-    x: [f64; 2],
-    y: [f64; 2],
-}
-
-impl std::str::FromStr for BoundingBox {
-    type Err = Problem;
-
-    fn from_str(text: &str) -> Result<Self, Problem> {
-        let refuse = || {
-            Problem::parameter(
-                "bbox",
-                "bbox is x0,y0,x1,y1 in metres, with x0 < x1 and y0 < y1",
-            )
-        };
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(str::parse).collect();
-        match numbers.map_err(|_| refuse())?[..] {
-            [x0, y0, x1, y1]
-                if x0 < x1 && y0 < y1 && [x0, y0, x1, y1].iter().all(|v| v.is_finite()) =>
-            {
-                Ok(Self {
-                    x: [x0, x1],
-                    y: [y0, y1],
-                })
-            }
-            _ => Err(refuse()),
-        }
-    }
-}
-
-impl BoundingBox {
-    /// Lowest x, lowest y, highest x, highest y.
-    pub(super) fn bounds(&self) -> [f64; 4] {
-        [self.x[0], self.y[0], self.x[1], self.y[1]]
-    }
-}
-
-impl From<BoundingBox> for Within {
-    fn from(BoundingBox { x, y }: BoundingBox) -> Self {
-        Self { x, y }
-    }
-}
-
 /// Read a route's pose graph.
 ///
-/// All nodes and edges, or those in a box: nodes within it, and edges with both ends within it.
+/// All nodes and edges, or only the nodes within a box and the edges with both ends in it.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/graph", tag = "graph",
     params(RouteParam, GraphQuery),
@@ -129,9 +85,9 @@ pub(super) async fn get_graph_g2o(
     Ok(export::send(first, pieces, GraphG2o))
 }
 
-/// [`GraphBody`], its nodes and edges as they come.
+/// Writes a [`GraphBody`] as its nodes and edges are read.
 struct GraphJson {
-    /// What comes before the nodes, between them and the edges, and after these.
+    /// The text before the nodes, between nodes and edges, and after the edges.
     frame: [String; 3],
     nodes: Members,
     edges: Option<Members>,
@@ -192,7 +148,7 @@ impl Document<GraphPart> for GraphJson {
     }
 }
 
-/// The lines of a g2o file.
+/// Writes the lines of a g2o file.
 struct GraphG2o;
 
 impl Document<GraphPart> for GraphG2o {
@@ -214,29 +170,5 @@ impl Document<GraphPart> for GraphG2o {
             }
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn boxes_are_read_strictly() {
-        let good: BoundingBox = "-5,-5.5,20,1e1".parse().unwrap();
-        assert_eq!(good.x, [-5.0, 20.0]);
-        assert_eq!(good.y, [-5.5, 10.0]);
-        for bad in [
-            "",
-            "1,2,3",
-            "1,2,3,4,5",
-            "1,2,1,4",
-            "3,2,1,4",
-            "a,b,c,d",
-            "nan,0,1,1",
-            "0,0,inf,1",
-        ] {
-            assert!(bad.parse::<BoundingBox>().is_err(), "{bad}");
-        }
     }
 }

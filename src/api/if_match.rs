@@ -1,14 +1,39 @@
-//! What `If-Match` and `If-None-Match` say (RFC 9110, sections 13.1.1 and 13.1.2).
+//! Conditional requests: `If-Match` and `If-None-Match` (RFC 9110, sections 13.1.1 and 13.1.2).
 
 use axum::http::{HeaderMap, header};
 
-/// Whether `If-Match` allows a change of what has this ETag; `None` without the header.
+use super::problem::{Problem, ProblemKind};
+
+/// Whether `If-Match` allows something with this ETag to be changed; `None` without the header.
 pub(super) fn if_match(headers: &HeaderMap, tag: &str) -> Option<bool> {
     let wanted = headers.get(header::IF_MATCH)?;
     Some(is_among(wanted.to_str().unwrap_or_default(), tag))
 }
 
-/// Whether `If-None-Match` says that the client has what has this ETag; by weak comparison.
+/// The revision that an edit is bound to by `If-Match`; `None` without the header.
+///
+/// # Errors
+/// 412 if the thing has another ETag.
+pub(super) fn bound_revision(
+    headers: &HeaderMap,
+    tag: &str,
+    revision: i64,
+    what: &str,
+) -> Result<Option<i64>, Problem> {
+    match if_match(headers, tag) {
+        None => Ok(None),
+        Some(true) => Ok(Some(revision)),
+        Some(false) => Err(stale(what)),
+    }
+}
+
+/// The problem that something has changed since it was read.
+pub(super) fn stale(what: &str) -> Problem {
+    let detail = format!("the {what} does not have the ETag in If-Match: read it again");
+    Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
+}
+
+/// Whether `If-None-Match` has this ETag, by weak comparison: the client's copy is still valid.
 pub(super) fn is_known(headers: &HeaderMap, tag: &str) -> bool {
     let weak = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     let mut values = headers.get_all(header::IF_NONE_MATCH).iter();
@@ -20,7 +45,7 @@ pub(super) fn is_known(headers: &HeaderMap, tag: &str) -> bool {
     })
 }
 
-/// Whether a list of ETags has this one, or is `*`.
+/// Whether a list of ETags contains this one, or `*`.
 pub(super) fn is_among(wanted: &str, tag: &str) -> bool {
     let mut tags = wanted.split(',').map(str::trim);
     tags.any(|t| t == "*" || t == tag)

@@ -1,9 +1,8 @@
-//! Keys: whom the service knows.
+//! Keys, which identify the people and machines that use the service.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -11,15 +10,15 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{Listed, PageQuery, page};
 use super::parameters::KeyParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{
     AnyProblems, KeyCreationProblems, KeyProblems, KeyRevocationProblems,
 };
 use super::types::NameText;
-use super::upload::small_json;
+use super::upload::SmallJson;
 use crate::ids::{KeyId, RouteId, VehicleId};
 use crate::model::{Actor, Role, checked_holder};
 use crate::store::{KeyRecord, KeyText, NewKey, Secret};
@@ -34,10 +33,10 @@ const ROUTES_MAX: usize = 1_000;
     "created_by": "kim", "last_used_at": null, "expires_at": null, "revoked_at": null, "key": null
 }))]
 pub(super) struct KeyBody {
-    /// The part of it that is no secret.
+    /// The public part of the key.
     #[schema(format = "uuid")]
     id: String,
-    /// Whose it is: a person or a machine.
+    /// Its holder, a person or a machine.
     #[schema(example = "agv-07")]
     name: String,
     /// What its holder may do.
@@ -48,47 +47,39 @@ pub(super) struct KeyBody {
     /// The routes that it is limited to; null for all.
     #[schema(value_type = Option<Vec<String>>, required)]
     routes: Option<Vec<RouteId>>,
-    /// When it was made.
+    /// When it was created.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// Who made it.
+    /// Who created it.
     created_by: String,
-    /// When it was last used, to five minutes; null before the first use.
+    /// When it was last used, to within five minutes; null before the first use.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     last_used_at: Option<Timestamp>,
-    /// From then on it is no key; null for never.
+    /// When it expires; null for never.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     expires_at: Option<Timestamp>,
-    /// Since then it is no key; null while nobody has revoked it.
+    /// When it was revoked; null if it was not.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     revoked_at: Option<Timestamp>,
-    /// The key itself. Shown once, in the answer to its creation; null ever after.
+    /// The key itself, shown once in the answer to its creation; null in every other answer.
     #[schema(required)]
     key: Option<String>,
 }
 
-/// A part of the list of keys.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct KeyPage {
-    /// The oldest first.
-    items: Vec<KeyBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for KeyPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the list of keys.
+    pub(super) struct KeyPage {
+        /// The oldest first.
+        items: Vec<KeyBody>,
     }
 }
 
-/// A key to make.
+/// A key to create.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"name": "agv-07", "role": "vehicle", "vehicle_id": "agv-07"}))]
 pub(super) struct KeyPost {
-    /// Whose it is: a person or a machine. Several keys may have one name, so that they can be rotated.
+    /// Its holder, a person or a machine. Several keys may have the same name, so that they can be rotated.
     #[schema(
         min_length = 1,
         max_length = 100,
@@ -97,13 +88,13 @@ pub(super) struct KeyPost {
     name: String,
     /// What its holder may do.
     role: Role,
-    /// The one vehicle that it uploads for; with role `vehicle` alone.
+    /// The one vehicle that it uploads for; only with role `vehicle`.
     #[schema(value_type = Option<String>, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<VehicleId>,
     /// The routes that it is limited to; all if left out. Not with role `admin`.
     #[schema(value_type = Option<Vec<NameText>>, min_items = 1, max_items = 1000)]
     routes: Option<Vec<RouteId>>,
-    /// From then on it is no key; never if left out.
+    /// When it expires; never if left out.
     #[schema(value_type = Option<String>, format = DateTime)]
     expires_at: Option<Timestamp>,
 }
@@ -135,7 +126,7 @@ impl KeyPost {
             return refuse("/name", refusal.to_string());
         }
         if self.vehicle_id.is_some() && self.role != Role::Vehicle {
-            let detail = "vehicle_id goes with the role vehicle alone";
+            let detail = "vehicle_id goes with the role vehicle only";
             return refuse("/vehicle_id", detail.to_owned());
         }
         let count = self.routes.as_ref().map(Vec::len);
@@ -144,11 +135,15 @@ impl KeyPost {
             return refuse("/routes", detail.to_owned());
         }
         if count.is_some() && self.role == Role::Admin {
-            let detail = "an admin may make keys for every route, and is not limited to some";
+            let detail =
+                "an admin can create keys for every route, so it cannot be limited to some";
             return refuse("/routes", detail.to_owned());
         }
         if self.expires_at.is_some_and(|end| end <= now) {
-            return refuse("/expires_at", format!("it is {now:.0} already"));
+            return refuse(
+                "/expires_at",
+                format!("this is in the past: it is {now:.0} now"),
+            );
         }
         Ok(NewKey {
             id: KeyId(Uuid::now_v7()),
@@ -165,28 +160,23 @@ impl KeyPost {
 
 /// List keys.
 ///
-/// All of them, the oldest first, in parts; also those that are revoked or have expired.
+/// The oldest first, including revoked and expired ones.
 #[utoipa::path(
     get, path = "/v1/keys", tag = "access", params(PageQuery),
-    responses((status = 200, description = "A part of the list", body = KeyPage), AnyProblems)
+    responses((status = 200, description = "A page of the list", body = KeyPage), AnyProblems)
 )]
 pub(super) async fn list_keys(
     State(state): State<ApiState>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<KeyPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<KeyId> = key_of_cursor(query.cursor.as_deref())?;
-    let mut keys = state.store.keys(after, limit + 1).await?;
-    let next_cursor = cut_page(&mut keys, limit, |key| key.id.to_string());
-    Ok(Listed(KeyPage {
-        items: keys.into_iter().map(KeyBody::from).collect(),
-        next_cursor,
-    }))
+    let wanted = query.wanted::<KeyId>()?;
+    let keys = state.store.keys(wanted.after, wanted.to_read()).await?;
+    Ok(wanted.page(keys, |key| key.id, KeyBody::from))
 }
 
 /// Read a key.
 ///
-/// Whose it is, what it is for, and when it was last used; never its secret.
+/// Its holder, its role, and when it was last used; never its secret.
 #[utoipa::path(
     get, path = "/v1/keys/{key}", tag = "access", params(KeyParam),
     responses((status = 200, description = "The key", body = KeyBody), KeyProblems)
@@ -199,33 +189,31 @@ pub(super) async fn get_key(
     Ok(Json(known_key(&state, id).await?.into()))
 }
 
-/// Make a key.
+/// Create a key.
 ///
-/// The answer holds the key, which is shown only here. The first key has to be an administrator's: from
-/// then on every request needs one.
+/// The answer contains the key, which is shown only here. The first key must have the role `admin`: from then on
+/// every request needs a key.
 #[utoipa::path(
     post, path = "/v1/keys", tag = "access",
-    request_body(content = KeyPost, description = "For whom, and what they may do"),
-    responses((status = 201, description = "Made; with its secret", body = KeyBody, headers(("Location" = String, description = "Path of the key"))), KeyCreationProblems)
+    request_body(content = KeyPost, description = "Its holder and role"),
+    responses((status = 201, description = "Created; with its secret", body = KeyBody, headers(("Location" = String, description = "Path of the key"))), KeyCreationProblems)
 )]
 pub(super) async fn create_key(
     State(state): State<ApiState>,
     _: NoQuery,
     by: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<KeyPost>,
 ) -> Result<Response, Problem> {
-    let post: KeyPost = small_json(&state, &headers, body).await?;
     let new = post.check(Timestamp::now())?;
     if state.is_open() && new.role != Role::Admin {
-        let detail = "from the first key on nobody gets in without one: make one with the role admin \
-                      first, so that somebody can make others";
+        let detail = "once there is a key, every request needs one: create one with the role admin \
+                      first, which can create others";
         return Err(Problem::new(ProblemKind::FirstKey, detail).at("/role"));
     }
     let (id, secret) = (new.id, new.secret.clone());
     state.store.create_key(new, &by).await?;
     let location = (header::LOCATION, format!("/v1/keys/{id}"));
-    // It holds a secret.
+    // The answer contains a secret.
     let no_store = (header::CACHE_CONTROL, "no-store".to_owned());
     let mut body = KeyBody::from(known_key(&state, id).await?);
     body.key = Some(KeyText { id, secret }.text());
@@ -234,10 +222,10 @@ pub(super) async fn create_key(
 
 /// Revoke a key.
 ///
-/// From now on it is no key, and the sessions that were begun with it have ended. It stays in the list.
+/// It is no longer valid, and the sessions begun with it end. It remains in the list.
 #[utoipa::path(
     delete, path = "/v1/keys/{key}", tag = "access", params(KeyParam),
-    responses((status = 204, description = "Revoked, perhaps before"), KeyRevocationProblems)
+    responses((status = 204, description = "Revoked, now or before"), KeyRevocationProblems)
 )]
 pub(super) async fn revoke_key(
     State(state): State<ApiState>,

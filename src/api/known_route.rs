@@ -1,5 +1,5 @@
-//! What belongs to a route that is not there is answered with 404, before query, headers and body are
-//! checked: the order is the same everywhere.
+//! Requests below a route that does not exist are answered 404 before their query, headers and body are checked,
+//! so that the order of checks is the same everywhere.
 
 use std::str::FromStr;
 
@@ -11,17 +11,17 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::ApiState;
-use super::batches::count_upload;
+use super::batch_intake::count_upload;
 use super::extract::raw_path;
 use super::problem::Problem;
 use crate::ids::RouteId;
 
-/// Where a PUT makes the route.
+/// The path where a PUT creates the route.
 const ROUTE: &str = "/v1/routes/{route}";
-/// How the paths end where a PUT uploads.
+/// How the paths of uploads end.
 const BATCH: &str = "/{batch}";
 
-/// Refuses requests below a route that does not exist. The connection is closed where a body was not read.
+/// Refuses requests below a route that does not exist, and closes the connection if a body was not read.
 pub(super) async fn require(
     State(state): State<ApiState>,
     request: Request,
@@ -41,7 +41,7 @@ pub(super) async fn require(
     }
 }
 
-/// A name that is none is the handler's to refuse.
+/// Leaves malformed names for the handler to refuse.
 async fn check(state: &ApiState, parts: &mut Parts) -> Result<(), Problem> {
     let matched = parts.extensions.get::<MatchedPath>();
     if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str() == ROUTE) {

@@ -1,4 +1,4 @@
-//! What surrounds every handler: request id, log, metrics, panics, time limit, draining.
+//! The layers around every handler: request id, log, metrics, panics, time limit, draining.
 
 use std::any::Any;
 use std::time::Instant;
@@ -16,10 +16,10 @@ use super::problem::{Problem, ProblemKind};
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const REQUEST_ID_LENGTH_MAX: usize = 128;
-/// As long as the longest query that makes sense, many times over.
+/// Many times longer than the longest sensible query.
 const URI_LENGTH_MAX: usize = 8 << 10;
 
-/// The outermost layer: gives the request its id and span, writes problems, counts.
+/// The outermost layer: gives the request its id and span, writes problems, and records metrics.
 pub(super) async fn observe(request: Request, next: Next) -> Response {
     let started = Instant::now();
     let request_id = request_id(request.headers());
@@ -50,7 +50,7 @@ pub(super) async fn observe(request: Request, next: Next) -> Response {
     response
 }
 
-/// Refuses what comes in after the service was told to stop.
+/// Refuses requests that arrive after the service has begun to stop.
 pub(super) async fn refuse_while_draining(
     State(state): State<ApiState>,
     request: Request,
@@ -67,7 +67,7 @@ pub(super) async fn refuse_while_draining(
     next.run(request).await
 }
 
-/// Refuses addresses that are longer than anybody needs; the listener bounds a head as a whole.
+/// Refuses addresses that are too long; the listener bounds the whole head.
 pub(super) async fn limit_uri(request: Request, next: Next) -> Response {
     let path = request.uri().path_and_query();
     if path.is_none_or(|path| path.as_str().len() <= URI_LENGTH_MAX) {
@@ -78,8 +78,8 @@ pub(super) async fn limit_uri(request: Request, next: Next) -> Response {
     problem.closing().into_response()
 }
 
-/// Ends an answer that takes too long to begin. The time of a request's body is added, which has
-/// bounds of its own.
+/// Ends an answer that takes too long to begin. The time for the request's body, which has limits of its own, is
+/// added.
 pub(super) async fn limit_time(
     State(state): State<ApiState>,
     request: Request,
@@ -100,7 +100,7 @@ pub(super) async fn limit_time(
     }
 }
 
-/// What a panic in a handler becomes.
+/// The problem that a panic in a handler becomes.
 pub(super) fn problem_of_panic(panic: Box<dyn Any + Send>) -> Response {
     let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
@@ -108,7 +108,7 @@ pub(super) fn problem_of_panic(panic: Box<dyn Any + Send>) -> Response {
     Problem::internal(std::io::Error::other(text)).into_response()
 }
 
-/// Paths that nobody knows.
+/// Answers paths that do not exist.
 pub(super) async fn unknown_path() -> Problem {
     Problem::new(
         ProblemKind::NotFound,
@@ -116,8 +116,8 @@ pub(super) async fn unknown_path() -> Problem {
     )
 }
 
-/// Methods that a path does not have, and `OPTIONS`, which asks for those that it has; the router adds
-/// `Allow`. Pages of other origins are not let in, so that there is nothing else to say.
+/// Answers methods that a path does not have, and `OPTIONS`, which asks for those that it has; the router adds
+/// `Allow`. There are no CORS headers, because pages of other origins are not admitted.
 pub(super) async fn unknown_method(method: Method) -> Response {
     if method == Method::OPTIONS {
         return StatusCode::NO_CONTENT.into_response();
@@ -142,7 +142,7 @@ fn matched_path(request: &Request) -> String {
     matched.map_or("unmatched", |path| path.as_str()).to_owned()
 }
 
-/// Clients choose methods freely, metrics labels must not grow with that.
+/// The label of a method. Clients may send any method, which must not create new labels.
 fn known_method(method: &Method) -> &'static str {
     match *method {
         Method::GET => "GET",
@@ -156,7 +156,7 @@ fn known_method(method: &Method) -> &'static str {
     }
 }
 
-/// Writes the body of a problem, and turns the plain errors of libraries into problems.
+/// Writes the body of a problem, and turns plain errors of libraries into problems.
 fn write_problem(response: Response, request_id: &str) -> Response {
     let (mut parts, body) = response.into_parts();
     let problem = match parts.extensions.remove::<Problem>() {
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_panic_is_a_problem_that_keeps_its_secret() {
+    async fn a_panic_becomes_a_problem_without_its_message() {
         let (status, problem) = answer(|| panic!("the secret")).await;
         assert_eq!(status, StatusCode::INTERNAL_SERVER_ERROR);
         assert_eq!(problem["type"], "/problems/internal");
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_plain_refusals_of_libraries_become_problems() {
+    async fn plain_refusals_of_libraries_become_problems() {
         let (status, problem) = answer(|| StatusCode::PAYLOAD_TOO_LARGE).await;
         assert_eq!(status, StatusCode::PAYLOAD_TOO_LARGE);
         assert_eq!(problem["type"], "/problems/too-large");

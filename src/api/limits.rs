@@ -1,33 +1,32 @@
-//! How much of everything the service takes on.
+//! The limits of the service.
 
 use std::time::{Duration, Instant};
 
 /// The service's limits. The defaults are for production; tests shorten the times.
 #[derive(Debug, Clone)]
 pub struct Limits {
-    /// Connections open at once. Those that wait for a request make room for new ones.
+    /// Connections open at once. Idle ones are closed to make room for new ones.
     pub connections: usize,
-    /// How much of the connections, uploads, bytes of uploads, reads and streams one client
-    /// address may hold, per cent. The address is that of the socket: behind a proxy it is the
-    /// proxy's, whatever a header says.
+    /// How much of the connections, uploads, bytes of uploads, reads and streams one client address may hold, per
+    /// cent. The address is that of the socket: behind a proxy it is the proxy's, regardless of headers.
     pub address_share_percent: u8,
-    /// Time for a request's head, and for the next request of an idle connection.
+    /// Time for the head of a request, and for the next request on an idle connection.
     pub header_timeout: Duration,
-    /// How slowly a request's body may come.
+    /// How slowly the body of a request may arrive.
     pub body_pace: Pace,
-    /// How slowly an answer may be taken while there is something to take.
+    /// How slowly a client may read its answer.
     pub answer_pace: Pace,
-    /// Time until an answer begins, the request's body aside.
+    /// Time until an answer begins, not counting the body of the request.
     pub answer_timeout: Duration,
-    /// Time that a read waits for its turn.
+    /// How long a read waits for its turn.
     pub turn_timeout: Duration,
-    /// Time after which a stream of events ends, for the client to come back.
+    /// Time after which a stream of events ends and its client reconnects.
     pub stream_time: Duration,
-    /// Time for the requests under way when the service is told to stop.
+    /// Time for requests under way to complete when the service stops.
     pub drain_timeout: Duration,
     /// Uploads under way at once.
     pub uploads: usize,
-    /// Short reads: worked on at once, and not yet sent to the end.
+    /// Reads of a few rows.
     pub short_reads: Reads,
     /// Reads of pictures, series and evidence.
     pub heavy_reads: Reads,
@@ -53,19 +52,19 @@ pub struct Limits {
     pub small_body_bytes: usize,
 }
 
-/// How slowly bytes may move.
+/// How slowly bytes may be transferred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// Time in which none need to move.
+    /// Time before the rate counts.
     pub grace: Duration,
-    /// Least bytes a second from then on, on average since the beginning.
+    /// The lowest average rate since the beginning, bytes a second.
     pub bytes_per_s: u32,
-    /// Time for all of them.
+    /// Time for the whole transfer.
     pub total: Duration,
 }
 
 impl Pace {
-    /// When a transfer that has moved so many bytes counts as too slow.
+    /// When a transfer of which this many bytes have arrived counts as too slow.
     pub fn deadline(&self, begun: Instant, bytes: u64) -> Instant {
         let earned_ms = bytes.saturating_mul(1_000) / u64::from(self.bytes_per_s.max(1));
         let earned = Duration::from_millis(earned_ms);
@@ -73,17 +72,17 @@ impl Pace {
     }
 }
 
-/// How many reads of a kind are taken on.
+/// How many reads of a kind are accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reads {
     /// Worked on at once.
     pub at_once: usize,
-    /// Waiting, worked on, or not yet sent to the end: their answers are in memory.
+    /// Waiting, worked on, or not yet sent completely: their answers are in memory.
     pub under_way: usize,
 }
 
 impl Limits {
-    /// What one client address may hold of so much.
+    /// One client address's share of a whole.
     pub fn share(&self, whole: usize) -> usize {
         (whole * usize::from(self.address_share_percent) / 100).max(1)
     }
@@ -95,7 +94,7 @@ impl Default for Limits {
             connections: 1_024,
             address_share_percent: 50,
             header_timeout: Duration::from_secs(5),
-            // Half of what a gateway on a bad radio link manages.
+            // Half of the rate of a gateway on a bad radio link.
             body_pace: Pace {
                 grace: Duration::from_secs(5),
                 bytes_per_s: 1_000,
@@ -143,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slow_gateway_keeps_ahead_of_the_deadline_and_a_trickle_does_not() {
+    fn a_slow_gateway_stays_ahead_of_the_deadline_and_a_trickle_does_not() {
         let pace = Limits::default().body_pace;
         let begun = Instant::now();
         let after = |seconds: u64| begun + Duration::from_secs(seconds);
@@ -156,14 +155,14 @@ mod tests {
     }
 
     #[test]
-    fn no_transfer_takes_longer_than_all_of_it_may() {
+    fn no_transfer_takes_longer_than_the_total() {
         let pace = Limits::default().body_pace;
         let begun = Instant::now();
         assert_eq!(pace.deadline(begun, u64::MAX), begun + pace.total);
     }
 
     #[test]
-    fn a_share_is_never_nothing() {
+    fn a_share_is_at_least_one() {
         let limits = Limits {
             address_share_percent: 1,
             ..Limits::default()

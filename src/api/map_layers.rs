@@ -1,4 +1,4 @@
-//! What viewers draw over a map: ways of trips, loop closures, keyframes. Small however old the route is.
+//! What viewers draw over a map: trajectories, loop closures, keyframes. Bounded, however old the route is.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,16 +17,16 @@ use crate::ids::RouteId;
 use crate::model::EdgeKind;
 use crate::store::{ActiveClosure, TripTrack};
 
-/// Points of all trips together, if nobody says.
+/// Points of all trips together by default.
 const POINTS: u32 = 5_000;
 const POINTS_MIN: u32 = 100;
 const POINTS_MAX: u32 = 50_000;
-/// Trips that are shown: fewer than half of [`POINTS_MIN`], so that each has its two ends.
+/// Most trips shown: fewer than half of [`POINTS_MIN`], so that each has its two ends.
 const TRIPS_MAX: usize = 40;
-/// Loop closures, if nobody says.
+/// Loop closures by default.
 const CLOSURES: u32 = 500;
 const CLOSURES_MAX: u32 = 5_000;
-/// Reference keyframes; of more only every so many.
+/// Most reference keyframes shown.
 const KEYFRAMES_MAX: usize = 5_000;
 
 /// How much of trajectories to send.
@@ -34,7 +34,7 @@ const KEYFRAMES_MAX: usize = 5_000;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct PointsQuery {
-    /// At most so many points, those of all trips together; 5,000 if left out.
+    /// The most points to send for all trips together; 5,000 by default.
     #[param(minimum = 100, maximum = 50000, nullable = false)]
     max_points: Option<u32>,
 }
@@ -44,38 +44,38 @@ pub(super) struct PointsQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct ClosuresQuery {
-    /// At most so many loop closures; 500 if left out.
+    /// The most loop closures to send; 500 by default.
     #[param(minimum = 1, maximum = 5000, nullable = false)]
     limit: Option<u32>,
 }
 
-/// The ways of the newest trips.
+/// The trajectories of the newest trips.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct TrajectoryLayer {
     /// The trip with the newest keyframe first; at most 40.
     items: Vec<TrackBody>,
 }
 
-/// The way of a trip.
+/// The trajectory of a trip.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = TrajectoryLayerItem)]
 struct TrackBody {
     /// Its name.
     trip_id: String,
-    /// Whose it is.
+    /// Its vehicle.
     vehicle_id: String,
-    /// x and y of keyframes in the order of time, metres, map frame, rounded to centimetres: thinned evenly,
-    /// the first and the last among them.
+    /// x and y of keyframes in the order of time, map frame, metres, rounded to centimetres: an even selection that
+    /// includes the first and the last.
     points: Vec<[f64; 2]>,
-    /// When its last keyframe was taken.
+    /// The stamp of its last keyframe.
     #[schema(value_type = String, format = DateTime)]
     last_stamp: Timestamp,
-    /// Where its last keyframe was taken; null where the vehicle has a newer trip in the list.
+    /// The pose of its last keyframe; null if the vehicle has a newer trip in the list.
     #[schema(required)]
     last_pose: Option<PoseBody>,
 }
 
-/// The loop closures that fit worst.
+/// The loop closures with the largest residuals.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct ResidualLayer {
     /// The largest residual first.
@@ -88,27 +88,26 @@ pub(super) struct ResidualLayer {
 struct ClosureBody {
     /// Its edge.
     edge_id: i64,
-    /// x and y of its older node, metres, map frame, rounded to centimetres.
+    /// x and y of its older node, map frame, metres, rounded to centimetres.
     from: [f64; 2],
     /// x and y of its newer node.
     to: [f64; 2],
     /// eᵀΩe at the current poses.
     residual: f64,
-    /// What made it.
+    /// How it was measured.
     kind: EdgeKind,
 }
 
-/// Where the reference keyframes are.
+/// The positions of the reference keyframes.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct KeyframeLayer {
-    /// x and y, metres, map frame, rounded to centimetres; by id. Of more than 5,000 as many, evenly
-    /// thinned.
+    /// x and y by id, map frame, metres, rounded to centimetres; an even selection if there are more than 5,000.
     points: Vec<[f64; 2]>,
 }
 
-/// Read the ways of the newest trips as a layer of the map.
+/// Read the trajectories of the newest trips as a layer of the map.
 ///
-/// For viewers: at most 40 trips, thinned to so many points in all. `…/trajectories/{trip}` has all of one.
+/// For viewers: at most 40 trips, thinned to `max_points` in all. `…/trajectories/{trip}` has every pose of a trip.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map/layers/trajectories", tag = "map",
     params(RouteParam, PointsQuery),
@@ -126,9 +125,9 @@ pub(super) async fn get_trajectory_layer(
     Ok(Json(TrajectoryLayer { items }))
 }
 
-/// Read the loop closures that fit worst as a layer of the map.
+/// Read the loop closures with the largest residuals as a layer of the map.
 ///
-/// For viewers: of the loop closures that are optimised those with the largest residuals. `…/edges` has all.
+/// For viewers: only loop closures that take part in the optimisation. `…/edges` has all.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map/layers/residuals", tag = "map",
     params(RouteParam, ClosuresQuery),
@@ -145,9 +144,9 @@ pub(super) async fn get_residual_layer(
     Ok(Json(ResidualLayer { items }))
 }
 
-/// Read where the reference keyframes are as a layer of the map.
+/// Read the positions of the reference keyframes as a layer of the map.
 ///
-/// For viewers: what new passes are matched against. `…/nodes` says all of each.
+/// For viewers: new passes are matched with these keyframes. `…/nodes` has all their fields.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map/layers/keyframes", tag = "map",
     params(RouteParam),
@@ -171,7 +170,7 @@ fn within(name: &str, asked: u32, least: u32, most: u32) -> Result<usize, Proble
     Err(Problem::parameter(name, refusal))
 }
 
-/// The tracks with so many points in all: each has its two ends, and a share of the rest by its length.
+/// The tracks with `points` points in all: each has its two ends, and a share of the rest by its length.
 fn layer_of(tracks: &[TripTrack], points: usize) -> Vec<TrackBody> {
     let all: usize = tracks.iter().map(|track| track.poses.len()).sum();
     let rest = points.saturating_sub(2 * tracks.len());
@@ -197,8 +196,7 @@ fn layer_of(tracks: &[TripTrack], points: usize) -> Vec<TrackBody> {
     items
 }
 
-/// So many of some things at most, evenly chosen, the first and the last among them; at least 2 are asked
-/// for.
+/// An even selection of at most `most` (at least 2) items, including the first and the last.
 fn evenly<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
     let count = all.len().min(most);
     let last = all.len().saturating_sub(1);

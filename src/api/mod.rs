@@ -1,30 +1,39 @@
-//! The HTTP interface: one file per resource, one error type, the OpenAPI document, the page.
+//! The HTTP interface: one file per resource, one error type, the OpenAPI document, the console.
 //!
-//! Knows the store, the pipeline's [`Decisions`](crate::pipeline::Decisions), and where webhooks may
-//! lead ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving
-//! and workers.
+//! Uses the store, the pipeline's [`Decisions`](crate::pipeline::Decisions) and
+//! [`Operations`](crate::pipeline::Operations), and the policy for addresses of webhooks
+//! ([`ReceiverPolicy`](crate::webhooks::ReceiverPolicy)); knows nothing of matching, solving and workers. Begin with
+//! [`router`]: it lists the operations and the layers around them.
 
 mod access;
 mod alerts;
 mod audit;
+mod batch_body;
+mod batch_intake;
 mod batch_upload;
 mod batches;
+mod bounding_box;
 mod client_address;
+mod compression;
 mod documents;
 mod edge_batches;
 mod edges;
+mod entity_tags;
 mod enum_schemas;
 mod export;
 mod extract;
 mod filters;
+mod gate;
 mod graph;
 mod if_match;
 mod keys;
 mod known_route;
 mod layers;
 mod limits;
+mod map_cache;
 mod map_files;
 mod map_layers;
+mod map_validity;
 mod maps;
 mod nodes;
 mod note;
@@ -48,14 +57,17 @@ mod removals;
 mod report;
 mod residuals;
 mod retries;
+mod route_body;
+mod route_put;
 mod routes;
 mod session;
 mod shares;
+mod shown_map;
 mod state;
 mod subgraphs;
 mod tiles;
-mod traffic;
 mod trajectories;
+mod transcoding;
 mod trips;
 mod types;
 mod upload;
@@ -66,6 +78,7 @@ mod version_maps;
 mod versions;
 mod webhooks;
 mod words;
+mod zone_body;
 mod zones;
 
 use std::sync::Arc;
@@ -93,8 +106,15 @@ pub use webhooks::EventForms;
 use access::Rules;
 use reading::Weight;
 
-/// Operations that read a few rows, or write.
+/// Operations that write, or read a few rows.
 fn short_operations() -> OpenApiRouter<ApiState> {
+    route_operations()
+        .merge(alert_operations())
+        .merge(access_operations())
+}
+
+/// Routes, what is uploaded to them, and their maps.
+fn route_operations() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(routes::list_routes))
         .routes(routes!(
@@ -121,6 +141,11 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(vda5050::get_vda5050))
         .routes(routes!(releases::release_version))
         .routes(routes!(releases::retire_version))
+}
+
+/// Alerts, decisions about them, and webhooks.
+fn alert_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
         .routes(routes!(alerts::list_alerts))
         .routes(routes!(alerts::list_alerts_geojson))
         .routes(routes!(alerts::get_alert))
@@ -151,6 +176,11 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(webhooks::test_webhook))
         .routes(routes!(webhooks::rotate_webhook_secret))
         .routes(routes!(webhooks::list_deliveries))
+}
+
+/// The audit, sessions and keys.
+fn access_operations() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
         .routes(routes!(audit::list_audit))
         .routes(routes!(
             session::get_session,
@@ -161,7 +191,7 @@ fn short_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(keys::get_key, keys::revoke_key))
 }
 
-/// Operations that draw, or compute from much that is stored.
+/// Operations that draw, or compute from many rows.
 fn heavy_operations() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(subgraphs::list_subgraphs))
@@ -190,7 +220,7 @@ fn heavy_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(alerts::get_observations_svg))
 }
 
-/// Operations whose answer is as long as a route is old.
+/// Operations whose answer grows with the age of a route.
 fn export_operations() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(graph::get_graph))
@@ -200,7 +230,7 @@ fn export_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(audit::export_audit))
 }
 
-/// Operations that wait for no other: health, and streams, which are counted on their own.
+/// Operations that never wait for others: health, and streams, which have limits of their own.
 fn unlimited_operations() -> OpenApiRouter<ApiState> {
     OpenApiRouter::with_openapi(openapi::Document::openapi())
         .routes(routes!(alerts::stream_alerts))
@@ -209,7 +239,7 @@ fn unlimited_operations() -> OpenApiRouter<ApiState> {
         .routes(routes!(operations::metrics))
 }
 
-/// All operations, with their documentation; reads of a weight go through what surrounds it.
+/// All operations with their documentation; `surround` adds the layers around those of a weight.
 fn operations(
     surround: impl Fn(OpenApiRouter<ApiState>, Weight) -> OpenApiRouter<ApiState>,
 ) -> OpenApiRouter<ApiState> {
@@ -227,10 +257,10 @@ pub fn openapi_document() -> Result<serde_json::Value, serde_json::Error> {
     openapi::complete(operations(|router, _| router).get_openapi())
 }
 
-/// The service's router, with everything that surrounds its handlers.
+/// The service's router, with all layers around its handlers.
 ///
 /// # Errors
-/// If the OpenAPI document, or the words of the page, do not serialise.
+/// If the OpenAPI document, or the console's words, do not serialise.
 pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
     let document = openapi_document()?;
     let rules = Arc::new(Rules::of(&document));
@@ -248,7 +278,7 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
         .fallback(layers::unknown_path)
         .method_not_allowed_fallback(layers::unknown_method)
         .layer(from_fn(paging::link_next))
-        .layer(from_fn(traffic::name_answers))
+        .layer(from_fn(entity_tags::tag_answers))
         .layer(from_fn_with_state(state.clone(), access::check_origin))
         .layer(from_fn_with_state(state.clone(), layers::limit_time))
         .layer(CatchPanicLayer::custom(layers::problem_of_panic))
@@ -258,6 +288,6 @@ pub fn router(state: ApiState) -> Result<Router, serde_json::Error> {
             layers::refuse_while_draining,
         ))
         .layer(from_fn(layers::observe))
-        .layer(from_fn(traffic::compress))
+        .layer(from_fn(compression::compress))
         .with_state(state))
 }

@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::access::Identity;
 use super::batch_upload::BandBody;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{Listed, PageQuery, page};
 use super::parameters::{NodeParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -19,7 +19,7 @@ use crate::ids::{NodeId, RouteId};
 use crate::scan::{LaserScan, Reading, decode_scan};
 use crate::store::NodeRecord;
 
-/// A node: where a vehicle was.
+/// A node of the pose graph: the pose of a vehicle at a keyframe.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Node)]
 pub(super) struct NodeBody {
@@ -27,50 +27,42 @@ pub(super) struct NodeBody {
     id: i64,
     /// `map_from_base`.
     pose: PoseBody,
-    /// Standard deviations of the pose in the map frame, relative to the first node that it hangs
-    /// together with, which has zeros. From the information of the edges around it, scaled by how
-    /// well loop closures agree. null where it is not known where the node is, and where they were
-    /// not computed yet. Of a node that is not active any more, as they were last.
+    /// Standard deviations of the pose in the map frame, relative to the first node that it is connected
+    /// with, whose own are zero. Computed from the information of the edges around it and scaled by how well
+    /// loop closures agree. Null for a node that is not localised, and before they are first computed. An
+    /// archived node keeps its last values.
     #[schema(required)]
     sigma: Option<PoseBody>,
-    /// The upload it came with.
+    /// The batch that it came with.
     batch_id: String,
-    /// Who drove.
+    /// The vehicle.
     vehicle_id: String,
-    /// Which drive.
+    /// The trip.
     trip_id: String,
-    /// When it was there.
+    /// When its scan was taken.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
-    /// The block of the graph it lies in; null outside every block with a loop closure.
+    /// The sub-graph that it belongs to; null if it is in no block with a loop closure.
     #[schema(required)]
     subgraph_id: Option<i64>,
-    /// Whether it is known where it was. Of a vehicle that was carried, or whose odometry broke
-    /// where its scans said nothing either, it is not, until its scans say it: until then the pose
-    /// stands for nothing, and nothing is concluded from what was seen there.
+    /// Whether its place in the map is known. It is not if the vehicle was carried, or if its odometry failed
+    /// where scans did not help, until later scans are matched with the map. Until then the pose is meaningless,
+    /// and nothing is concluded from its scan.
     localised: bool,
-    /// Whether later laps are tied to it.
+    /// Whether it is a reference keyframe, which later passes are matched with.
     reference: bool,
     /// Whether it takes part in the optimisation.
     active: bool,
-    /// What its vehicle calls it; null for nodes that were made here.
+    /// The vehicle's own id of it, for nodes uploaded with edges; null for nodes made from scans.
     #[schema(required)]
     client_id: Option<String>,
 }
 
-/// A part of a route's list of nodes.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct NodePage {
-    /// By id.
-    items: Vec<NodeBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for NodePage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of a route's list of nodes.
+    pub(super) struct NodePage {
+        /// By id.
+        items: Vec<NodeBody>,
     }
 }
 
@@ -80,20 +72,20 @@ impl Part for NodePage {
 pub(super) struct NodeScanBody {
     /// The node.
     node_id: i64,
-    /// `map_from_base`: a return at range r of beam k lies at
+    /// `map_from_base`: a return of beam k at range r is at
     /// `pose ∘ lidar.mount ∘ (r cos a, r sin a)` in the map, with
     /// `a = lidar.angle_min + k · lidar.angle_increment`.
     pose: PoseBody,
-    /// When it was taken.
+    /// When the scan was taken.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
     /// The lidar that took it.
     lidar: ScanLidarBody,
-    /// Metres along each beam, in the lidar frame and counter-clockwise; null where there was no return,
-    /// or an invalid reading.
+    /// The range of each beam, metres, counter-clockwise in the lidar frame; null for no return or an invalid
+    /// reading.
     ranges: Vec<Option<f64>>,
-    /// The beams whose readings were invalid, as places in `ranges`, ascending: they say nothing, also not
-    /// that nothing is there.
+    /// Indices in `ranges` of beams with invalid readings, ascending: these say nothing, not even that the beam
+    /// is free.
     invalid_beams: Vec<usize>,
 }
 
@@ -105,17 +97,17 @@ struct ScanLidarBody {
     angle_min: f64,
     /// Direction of the last beam, radians.
     angle_max: f64,
-    /// Turn from a beam to the next, radians.
+    /// Angle from one beam to the next, radians.
     angle_increment: f64,
-    /// Shorter ranges said nothing, metres.
+    /// Shorter ranges count as invalid, metres.
     range_min: f64,
-    /// Ranges of this length or longer counted as no return, metres.
+    /// Ranges of this length or more count as no return, metres.
     range_max: f64,
     /// `base_from_lidar`.
     mount: PoseBody,
     /// Standard deviation of one range, metres.
     range_sigma: f64,
-    /// The heights that its scans are made of; null for a lidar that looks along one plane.
+    /// The height band that its scans were made from; null for a lidar that scans a single plane.
     #[schema(required)]
     band: Option<BandBody>,
 }
@@ -166,32 +158,27 @@ impl NodeScanBody {
 
 /// List a route's nodes.
 ///
-/// By id, in parts.
+/// By id.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes", tag = "graph",
     params(RouteParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = NodePage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = NodePage), RouteProblems)
 )]
 pub(super) async fn list_nodes(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<NodePage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    let after = after.map(NodeId);
-    let nodes = state.store.node_page(&route_id, after, limit + 1);
-    let mut nodes = nodes.await?;
-    let next_cursor = cut_page(&mut nodes, limit, |node| node.id.to_string());
-    Ok(Listed(NodePage {
-        items: nodes.into_iter().map(NodeBody::from).collect(),
-        next_cursor,
-    }))
+    let wanted = query.wanted::<i64>()?;
+    let after = wanted.after.map(NodeId);
+    let nodes = state.store.node_page(&route_id, after, wanted.to_read());
+    Ok(wanted.page(nodes.await?, |node| node.id, NodeBody::from))
 }
 
 /// Read a node.
 ///
-/// Its pose in the map and where it came from; for a key that uploads for one vehicle, if it is of this vehicle.
+/// Its pose in the map, and the upload that it came with. A key that uploads for one vehicle reads only that
+/// vehicle's nodes.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes/{node}", tag = "graph",
     params(RouteParam, NodeParam),
@@ -212,7 +199,7 @@ pub(super) async fn get_node(
 
 /// Read a node's scan.
 ///
-/// The ranges in the lidar frame, with all that is needed to draw them in the map.
+/// The ranges in the lidar frame, with everything needed to draw them in the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/nodes/{node}/scan", tag = "graph",
     params(RouteParam, NodeParam),
@@ -226,13 +213,17 @@ pub(super) async fn get_node_scan(
     let node = known_node(&state, &route_id, id).await?;
     let bytes = state.store.node_scan(&route_id, id).await?;
     let bytes = bytes.ok_or_else(|| {
-        let detail = format!("node {id} came with a batch of edges: it has no scan");
+        let detail = format!("node {id} was uploaded with edges: it has no scan");
         Problem::new(ProblemKind::NotFound, detail)
     })?;
     let scan = decode_scan(&bytes).map_err(Problem::internal)?;
     Ok(Json(NodeScanBody::new(&node, &scan)))
 }
 
+/// A node as it is now.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
 pub(super) async fn known_node(
     state: &ApiState,
     route_id: &RouteId,

@@ -1,4 +1,4 @@
-//! The bounded door from request handlers to work that keeps a core busy.
+//! Work that keeps a core busy, moved off the threads of request handlers and bounded.
 
 use std::sync::Arc;
 
@@ -18,8 +18,8 @@ impl Offload {
         }
     }
 
-    /// Waits for a turn and runs the closure. A caller that goes away leaves it running, and its
-    /// turn taken, until it ends.
+    /// Waits for a turn and runs the closure. If the caller is cancelled, the closure keeps running and keeps its
+    /// turn until it ends.
     ///
     /// # Errors
     /// An internal [`Problem`] if the closure panicked.
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_panic_is_a_problem_and_gives_its_turn_back() {
+    async fn a_panic_becomes_a_problem_and_releases_its_turn() {
         let offload = Offload::new(1);
         let outcome: Result<(), _> = offload.run(|| panic!("on purpose")).await;
         assert!(outcome.is_err());

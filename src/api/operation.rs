@@ -1,4 +1,4 @@
-//! Long work that somebody asked for, and how far it has come.
+//! Operations: long work that a request has started, and its progress.
 
 use axum::Json;
 use axum::extract::State;
@@ -18,59 +18,59 @@ use crate::ids::OperationId;
 use crate::model::{OperationKind, OperationStatus};
 use crate::store::{OperationRecord, OperationResult};
 
-/// Long work that somebody asked for.
+/// Long work that a request has started.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Operation)]
 pub(super) struct OperationBody {
-    /// By which it is asked for.
+    /// Its id.
     id: String,
     /// What it does.
     kind: OperationKind,
-    /// The route that it changes; null if it is about alerts of several routes.
+    /// The route that it changes; null if it concerns alerts of several routes.
     #[schema(required)]
     route_id: Option<String>,
-    /// How far it has come.
+    /// Its status.
     status: OperationStatus,
-    /// From 0 to 1.
+    /// How much of it is done, from 0 to 1.
     #[schema(minimum = 0, maximum = 1)]
     progress: f64,
-    /// Whether it only says what it would do.
+    /// Whether it only reports what it would do.
     dry_run: bool,
-    /// What was done, or would be; null until it has succeeded.
+    /// What was done, or would be done; null until it has succeeded.
     #[schema(required)]
     result: Option<OperationResultBody>,
-    /// Why it failed; null unless it did.
+    /// Why it failed; null otherwise.
     #[schema(required)]
     reason: Option<String>,
-    /// When it was asked for.
+    /// When it was requested.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// When it ended.
+    /// When it ended; null before.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     ended_at: Option<Timestamp>,
 }
 
-/// What an operation has done: of a `removal` all fields but `decisions`, of `decisions` that one alone;
-/// the others are null.
+/// The result of an operation: a `removal` has all fields except `decisions`, `decisions` only that one; the others
+/// are null.
 #[derive(Debug, Default, Serialize, ToSchema)]
 #[schema(as = OperationResult)]
 struct OperationResultBody {
-    /// Uploads that were removed, or would be.
+    /// Batches that were removed, or would be.
     #[schema(required)]
     batches: Option<u64>,
-    /// Nodes.
+    /// Nodes that were removed, or would be.
     #[schema(required)]
     nodes: Option<u64>,
-    /// Edges, those of others that ended at the nodes among them.
+    /// Edges that were removed, or would be, including edges of other batches that ended at these nodes.
     #[schema(required)]
     edges: Option<u64>,
-    /// Alerts that change by it: raised, resolved, or resting on less.
+    /// Alerts that change: raised, resolved, or with less evidence.
     #[schema(required)]
     alerts: Option<u64>,
-    /// How far the rest of the map moves, at most, metres.
+    /// The largest displacement of a node in the rest of the map, metres.
     #[schema(required)]
     moved_m: Option<f64>,
-    /// What became of each decision, in the order of the request.
+    /// The outcome of each decision, in the order of the request.
     #[schema(required)]
     decisions: Option<Vec<DecisionOutcomeBody>>,
 }
@@ -119,7 +119,7 @@ impl From<OperationRecord> for OperationBody {
 
 /// Read an operation.
 ///
-/// How far long work has come, and what came of it.
+/// The progress and the result of long work.
 #[utoipa::path(
     get, path = "/v1/operations/{operation}", tag = "batches",
     params(OperationParam),
@@ -134,14 +134,18 @@ pub(super) async fn get_operation(
     Ok(Json(operation.into()))
 }
 
-/// Says where to ask for an operation that was taken on.
-pub(super) async fn taken_on(state: &ApiState, id: OperationId) -> Result<Response, Problem> {
+/// The answer 202 that names an operation which has been accepted.
+pub(super) async fn accepted(state: &ApiState, id: OperationId) -> Result<Response, Problem> {
     let operation = known_operation(state, id).await?;
     let location = format!("/v1/operations/{id}");
     let body = Json(OperationBody::from(operation));
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], body).into_response())
 }
 
+/// An operation as it is now.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
 pub(super) async fn known_operation(
     state: &ApiState,
     id: OperationId,

@@ -1,4 +1,4 @@
-//! For those who run the service: liveness, readiness, metrics.
+//! For operators: liveness, readiness, metrics.
 
 use axum::extract::State;
 use axum::http::header;
@@ -8,12 +8,11 @@ use super::ApiState;
 use super::extract::NoQuery;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AnyProblems, ReadinessProblems};
-use crate::ids::RouteId;
 use crate::store::StoreError;
 
-/// Say that the process lives.
+/// Check that the process is alive.
 ///
-/// Answers as long as requests are served at all, also while the service is draining.
+/// Answers as long as requests are served at all, even while the service is shutting down.
 #[utoipa::path(
     get, path = "/livez", tag = "operations",
     responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"), AnyProblems)
@@ -22,9 +21,9 @@ pub(super) async fn livez(_: NoQuery) -> &'static str {
     "ok\n"
 }
 
-/// Say whether uploads can be taken.
+/// Check whether uploads can be accepted.
 ///
-/// 503 while the store does not take writes or the service is shutting down.
+/// 503 while the store does not accept writes, or the service is shutting down.
 #[utoipa::path(
     get, path = "/readyz", tag = "operations",
     responses((status = 200, description = "`ok`", body = String, content_type = "text/plain"), ReadinessProblems)
@@ -39,9 +38,9 @@ pub(super) async fn readyz(
             tracing::warn!(%error, "not ready");
             let detail = match error {
                 StoreError::Full => {
-                    "the disk is full: uploads are refused, reads and deletions go on"
+                    "the disk is full: uploads are refused, reads and deletions still work"
                 }
-                _ => "the store does not take writes; the service's log says why",
+                _ => "the store does not accept writes; the service's log says why",
             };
             Err(Problem::new(ProblemKind::NotReady, detail))
         }
@@ -56,26 +55,10 @@ pub(super) async fn readyz(
     responses((status = 200, description = "Metrics", body = String, content_type = "text/plain"), AnyProblems)
 )]
 pub(super) async fn metrics(State(state): State<ApiState>, _: NoQuery) -> Response {
-    match pending_batches(&state).await {
+    match state.store.pending_batches().await {
         Ok(pending) => metrics::gauge!("mapshift_pending_batches").set(pending as f64),
-        Err(problem) => tracing::warn!(?problem, "pending batches were not counted"),
+        Err(error) => tracing::warn!(%error, "pending batches could not be counted"),
     }
     let media_type = "text/plain; version=0.0.4; charset=utf-8";
     ([(header::CONTENT_TYPE, media_type)], state.metrics.render()).into_response()
-}
-
-async fn pending_batches(state: &ApiState) -> Result<i64, Problem> {
-    const PAGE: u32 = 1_000;
-    let (mut pending, mut after): (i64, Option<RouteId>) = (0, None);
-    loop {
-        let routes = state.store.routes(after.as_ref(), PAGE).await?;
-        pending += routes
-            .iter()
-            .map(|route| route.pending_batches)
-            .sum::<i64>();
-        match routes.last() {
-            Some(last) if routes.len() == PAGE as usize => after = Some(last.id.clone()),
-            _ => return Ok(pending),
-        }
-    }
 }

@@ -1,7 +1,7 @@
-//! Parameters that several operations have, as the OpenAPI document tells them. Handlers read them
-//! from the path and the headers themselves; those of queries are declared where they are read.
+//! Parameters that several operations have, for the OpenAPI document. Handlers read the path and the headers
+//! themselves; parameters of queries are declared where they are read.
 
-// Only what is derived is used, never a value.
+// Only the derived descriptions are used, never a value.
 #![allow(dead_code)]
 
 use utoipa::IntoParams;
@@ -63,7 +63,7 @@ pub(super) struct EdgeParam {
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
 pub(super) struct VersionParam {
-    /// A version of the map: a number, as the list of versions has it
+    /// A version of the map: its number in the list of versions
     #[param(minimum = 1)]
     version: i64,
 }
@@ -102,8 +102,8 @@ pub(super) struct ZoneParam {
 
 #[derive(IntoParams)]
 #[into_params(parameter_in = Header)]
-pub(super) struct IfZoneMatches {
-    /// Change nothing unless the zone has this ETag
+pub(super) struct IfMatch {
+    /// Refuse the request unless this is still the ETag
     #[param(rename = "If-Match", nullable = false)]
     if_match: Option<String>,
 }
@@ -118,8 +118,8 @@ pub(super) struct IfAlertMatches {
 
 #[derive(IntoParams)]
 #[into_params(parameter_in = Header)]
-pub(super) struct IfMapChanged {
-    /// Send nothing if the map still has this ETag
+pub(super) struct IfNoneMatch {
+    /// Answer 304 without a body if this is still the ETag
     #[param(rename = "If-None-Match", nullable = false)]
     if_none_match: Option<String>,
 }
@@ -128,7 +128,7 @@ pub(super) struct IfMapChanged {
 #[derive(IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct RecordingHeaders {
-    /// `sha-256=:BASE64:` of the file (RFC 9530)
+    /// The digest of the file as `sha-256=:BASE64:` (RFC 9530)
     #[param(rename = "Content-Digest", nullable = false)]
     content_digest: Option<String>,
 }
@@ -144,7 +144,7 @@ pub(super) struct UploadHeaders {
         pattern = "^(gzip|zstd|identity)$"
     )]
     content_encoding: Option<String>,
-    /// `sha-256=:BASE64:` of the bytes as they are sent (RFC 9530)
+    /// The digest of the bytes as they are sent, as `sha-256=:BASE64:` (RFC 9530)
     #[param(rename = "Content-Digest", nullable = false)]
     content_digest: Option<String>,
 }

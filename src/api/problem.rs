@@ -29,8 +29,7 @@ pub struct FieldError {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = Problem)]
 pub struct ProblemBody {
-    /// Stable kind of the problem: a reference relative to the service, where it leads to a page that
-    /// explains it.
+    /// The stable kind of the problem: a URI reference, relative to the service, to a page that explains it.
     #[serde(rename = "type")]
     #[schema(example = "/problems/scan-geometry", format = "uri-reference")]
     pub kind: String,
@@ -39,18 +38,18 @@ pub struct ProblemBody {
     /// The HTTP status.
     #[schema(example = 422)]
     pub status: u16,
-    /// What happened this time.
+    /// What happened in this case.
     pub detail: String,
     /// The request's id, as in `X-Request-Id`.
     pub instance: String,
-    /// The faulty places, if any can be named.
+    /// The faulty places, if they can be named.
     pub errors: Vec<FieldError>,
 }
 
 /// Why a request was not served.
 ///
-/// As a response it carries itself in the extensions; the outermost layer writes the body, because
-/// only that layer knows the request's id, and logs the cause.
+/// As a response it carries itself in the extensions: only the outermost layer knows the id of the request, so
+/// that layer writes the body and logs the cause.
 #[derive(Debug, Clone)]
 pub struct Problem {
     kind: ProblemKind,
@@ -61,7 +60,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem of a kind, with what happened this time.
+    /// A problem of a kind, with what happened in this case.
     pub fn new(kind: ProblemKind, detail: impl Into<String>) -> Self {
         let problem = Self {
             kind,
@@ -78,7 +77,7 @@ impl Problem {
         }
     }
 
-    /// Names a faulty place.
+    /// Adds a faulty place.
     pub fn at(mut self, pointer: impl Into<String>) -> Self {
         self.errors.push(FieldError {
             pointer: pointer.into(),
@@ -87,7 +86,8 @@ impl Problem {
         self
     }
 
-    /// The same of a part of a body, which is at a JSON pointer of the whole.
+    /// The problem of a part of a body, whose JSON pointer within the whole is prepended to those of the faulty
+    /// places.
     pub(super) fn below(mut self, pointer: &str) -> Self {
         for error in &mut self.errors {
             error.pointer.insert_str(0, pointer);
@@ -100,18 +100,18 @@ impl Problem {
         self.with_value(name, HeaderValue::from_static(value))
     }
 
-    /// Adds a header whose value was made.
+    /// Adds a header with a computed value.
     pub(super) fn with_value(mut self, name: header::HeaderName, value: HeaderValue) -> Self {
         self.headers.push((name, value));
         self
     }
 
-    /// Closes the connection after the response: the body was not read to its end.
+    /// Closes the connection after the response, because the request's body was not read to its end.
     pub fn closing(self) -> Self {
         self.header(header::CONNECTION, "close")
     }
 
-    /// A mistake of the service; the cause goes to the log, not to the client.
+    /// A failure of the service; the cause goes to the log, not to the client.
     pub fn internal(cause: impl Error + Send + Sync + 'static) -> Self {
         let mut problem = Self::new(
             ProblemKind::Internal,
@@ -129,11 +129,11 @@ impl Problem {
         )
     }
 
-    /// A route that was never put.
+    /// A route that does not exist.
     pub fn unknown_route() -> Self {
         Self::new(
             ProblemKind::UnknownRoute,
-            "there is no such route: PUT /v1/routes/{route} makes one",
+            "there is no such route: PUT /v1/routes/{route} creates one",
         )
     }
 
@@ -142,7 +142,7 @@ impl Problem {
         Self::new(ProblemKind::InvalidParameter, detail).at(name)
     }
 
-    /// What a plain response of a library means.
+    /// The problem for a plain response of a library.
     pub fn from_status(status: StatusCode) -> Self {
         let kind = match status {
             StatusCode::NOT_FOUND => ProblemKind::NotFound,
@@ -163,12 +163,12 @@ impl Problem {
         self.kind
     }
 
-    /// What happened this time.
+    /// What happened in this case.
     pub(super) fn detail(&self) -> &str {
         &self.detail
     }
 
-    /// What only the log may see.
+    /// The cause, which only the log may show.
     pub(super) fn cause(&self) -> Option<&(dyn Error + Send + Sync)> {
         self.cause.as_deref()
     }
@@ -185,12 +185,12 @@ impl Problem {
         }
     }
 
-    /// Says when to ask again.
+    /// Says when to try again.
     pub(super) fn retry_after(self, seconds: u32) -> Self {
         self.with_value(header::RETRY_AFTER, HeaderValue::from(seconds))
     }
 
-    /// What the response has beside its body.
+    /// The headers of the response.
     pub(super) fn headers(&self) -> &[(header::HeaderName, HeaderValue)] {
         &self.headers
     }
@@ -218,7 +218,7 @@ impl From<StoreError> for Problem {
             ),
             StoreError::Unavailable => Self::new(
                 ProblemKind::Overloaded,
-                "the store does not answer at the moment; send the same again later",
+                "the store is not responding at the moment; send the same again later",
             ),
             StoreError::Corrupt(_) => {
                 let mut problem = Self::new(ProblemKind::Corrupt, error.to_string());

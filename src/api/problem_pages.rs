@@ -1,4 +1,4 @@
-//! The pages to which the `type` of a problem leads, made from the one table of problems.
+//! The pages that the `type` of a problem refers to, made from the table of problems.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -9,7 +9,7 @@ use super::problem::ProblemKind;
 
 const STYLE_SHEET: &str = include_str!("page/problems.css");
 
-/// `/problems`, a page for each of them, and what they look like.
+/// `/problems`, a page for each problem, and their style sheet.
 pub(super) fn router() -> Router<ApiState> {
     let mut router = Router::new()
         .route("/problems", file(HTML, list().into()))
@@ -37,8 +37,8 @@ fn list() -> String {
     document(
         "Problems",
         &format!(
-            "<h1>Problems</h1>\n<p>What the service answers when it does not do what it was asked for: the \
-             <code>type</code> of the answer is one of these.</p>\n<table>\n\
+            "<h1>Problems</h1>\n<p>The errors that the service answers with: the <code>type</code> of the answer is \
+             one of these.</p>\n<table>\n\
              <tr><th>type</th><th>status</th><th>title</th></tr>\n{items}</table>\n"
         ),
     )
@@ -51,9 +51,9 @@ fn page(kind: ProblemKind) -> String {
          <h2>What happened</h2>\n<p>{cause}</p>\n\
          <h2>What to do</h2>\n<p>{remedy}</p>\n\
          <h2>Does repeating help?</h2>\n<p>{repeating}</p>\n\
-         <p class=\"note\">The answer itself says more: <code>detail</code> what happened this time, \
-         <code>errors</code> where in the request, and <code>instance</code> the request id under which the \
-         service's log has it.</p>\n",
+         <p class=\"note\">The answer itself has more: <code>detail</code> says what happened in this case, \
+         <code>errors</code> where in the request, and <code>instance</code> is the request id under which the \
+         service logs it.</p>\n",
         title = kind.title(),
         name = kind.name(),
         status = kind.status(),
@@ -72,7 +72,7 @@ fn document(title: &str, body: &str) -> String {
     )
 }
 
-/// Text of the table as HTML: what stands between backticks is code.
+/// A text of the table as HTML: text between backticks becomes code.
 fn with_code(text: &str) -> String {
     let parts = text.split('`').enumerate();
     parts

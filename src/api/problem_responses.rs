@@ -1,5 +1,5 @@
-//! The problems that operations can end in, as the OpenAPI document tells them: one set for each kind of
-//! operation, which its `responses` name.
+//! The problems that operations can answer with, for the OpenAPI document: one set for each kind of operation,
+//! which its `responses` name.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Response, Respo
 
 use super::problem::{ProblemKind, ProblemKind as K};
 
-/// What every operation can end in.
+/// The problems of every operation.
 const ANY: &[ProblemKind] = &[
     K::InvalidParameter,
     K::BadRequest,
@@ -26,7 +26,7 @@ const ANY: &[ProblemKind] = &[
     K::Overloaded,
     K::ShuttingDown,
 ];
-/// … and one that reads a body and keeps what is in it.
+/// Further problems of an operation that reads a body and stores what is in it.
 const BODY: &[ProblemKind] = &[
     K::MalformedJson,
     K::InvalidField,
@@ -37,7 +37,7 @@ const BODY: &[ProblemKind] = &[
     K::OutOfRange,
     K::DiskFull,
 ];
-/// … and an upload of a batch.
+/// Further problems of an upload of a batch.
 const UPLOAD: &[ProblemKind] = &[
     K::UnknownRoute,
     K::BadEncoding,
@@ -45,7 +45,7 @@ const UPLOAD: &[ProblemKind] = &[
     K::BatchIdReused,
 ];
 
-/// What a response that can be tried again says, and how it is described.
+/// A header of responses to requests that can be repeated, and its description.
 const RETRY_AFTER: (&str, &str) = (
     "Retry-After",
     "Seconds to wait before the same request is sent again",
@@ -53,11 +53,11 @@ const RETRY_AFTER: (&str, &str) = (
 const WWW_AUTHENTICATE: (&str, &str) = ("WWW-Authenticate", "`Bearer`");
 const RATE_LIMIT_POLICY: (&str, &str) = (
     "RateLimit-Policy",
-    "What one client address may have under way, as draft-ietf-httpapi-ratelimit-headers-10 writes it: `\"uploads\";q=32;qu=\"concurrent-requests\"`",
+    "How much one client address may have under way (draft-ietf-httpapi-ratelimit-headers-10): `\"uploads\";q=32;qu=\"concurrent-requests\"`",
 );
 const RATE_LIMIT: (&str, &str) = (
     "RateLimit",
-    "What is left of it, and after how many seconds it is worth asking again: `\"uploads\";r=0;t=2`",
+    "How much of it is left, and after how many seconds to try again: `\"uploads\";r=0;t=2`",
 );
 
 macro_rules! problem_responses {
@@ -75,12 +75,12 @@ macro_rules! problem_responses {
 }
 
 problem_responses! {
-    /// Of an operation that names nothing.
+    /// Of an operation without parameters in its path.
     AnyProblems = [];
-    /// Of the question whether the service is ready.
+    /// Of checking whether the service is ready.
     ReadinessProblems = [K::NotReady];
 
-    /// Of reading a route, or a list of it.
+    /// Of reading a route, or a list of its parts.
     RouteProblems = [K::InvalidField, K::UnknownRoute];
     /// Of reading a part of a route.
     RoutePartProblems = [K::InvalidField, K::UnknownRoute, K::NotFound];
@@ -115,7 +115,7 @@ problem_responses! {
     ReleaseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::DiskFull];
     /// Of releasing a version of a map.
     VersionReleaseProblems = [K::UnknownRoute, K::NotFound, K::VersionState], with BODY;
-    /// Of reading what only a released version of a map has.
+    /// Of reading something that only a released version of a map has.
     VersionUseProblems = [K::InvalidField, K::UnknownRoute, K::NotFound, K::VersionState];
     /// Of retiring a version of a map.
     VersionRetirementProblems = [
@@ -125,16 +125,16 @@ problem_responses! {
         K::VersionState,
         K::DiskFull,
     ];
-    /// Of taking uploads out.
+    /// Of removing uploads.
     RemovalProblems = [K::UnknownRoute], with BODY;
     /// Of reading an operation.
     OperationProblems = [K::InvalidField, K::NotFound];
 
-    /// Of listing alerts, or following them: of one route, if the query names it.
+    /// Of listing or following alerts; the query may name a route.
     AlertListProblems = [K::UnknownRoute];
-    /// Of listing alerts on the Earth.
+    /// Of listing alerts in geographic coordinates.
     AlertMapProblems = [K::UnknownRoute, K::NoGeoAnchor];
-    /// Of reading an alert, or what belongs to it.
+    /// Of reading an alert, or something that belongs to it.
     AlertProblems = [K::InvalidField, K::NotFound];
     /// Of deciding about an alert.
     DecisionProblems = [
@@ -148,7 +148,7 @@ problem_responses! {
     PreviewProblems = [K::InvalidField, K::NotFound, K::TransitionNotAllowed];
     /// Of assigning an alert, or commenting on it.
     HandlingProblems = [K::NotFound], with BODY;
-    /// Of making a zone.
+    /// Of creating a zone.
     ZoneCreationProblems = [K::UnknownRoute, K::TooManyZones], with BODY;
     /// Of replacing a zone.
     ZonePutProblems = [K::UnknownRoute, K::NotFound, K::PreconditionFailed], with BODY;
@@ -165,7 +165,7 @@ problem_responses! {
 
     /// Of reading a key.
     KeyProblems = [K::InvalidField, K::NotFound];
-    /// Of making a key.
+    /// Of creating a key.
     KeyCreationProblems = [K::FirstKey], with BODY;
     /// Of revoking a key.
     KeyRevocationProblems = [K::InvalidField, K::NotFound, K::DiskFull];
@@ -174,7 +174,7 @@ problem_responses! {
     /// Of ending a session.
     SignOutProblems = [K::DiskFull];
 
-    /// Of reading a webhook, or what belongs to it.
+    /// Of reading a webhook, or its deliveries.
     WebhookProblems = [K::InvalidField, K::NotFound];
     /// Of registering a webhook.
     WebhookRegistrationProblems = [K::UnknownRoute, K::TooManyWebhooks, K::WebhookUrlRefused], with BODY;
@@ -184,7 +184,7 @@ problem_responses! {
     WebhookRotationProblems = [K::NotFound, K::PreconditionFailed], with BODY;
     /// Of deleting a webhook.
     WebhookDeletionProblems = [K::InvalidField, K::NotFound, K::PreconditionFailed, K::DiskFull];
-    /// Of trying a webhook out.
+    /// Of testing a webhook.
     WebhookTestProblems = [K::InvalidField, K::NotFound, K::WebhookDisabled, K::DiskFull];
 }
 

@@ -1,9 +1,7 @@
-//! Keeping what a vehicle sends out of a map, by hand.
+//! Keeping a vehicle's uploads out of a map by hand.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -14,27 +12,27 @@ use super::note::checked_note;
 use super::parameters::{RouteParam, VehicleParam};
 use super::problem::Problem;
 use super::problem_responses::{QuarantineProblems, ReleaseProblems};
-use super::upload::small_json;
+use super::upload::SmallJson;
 use super::vehicles::{VehicleBody, known_vehicle};
 use crate::ids::{RouteId, VehicleId};
 use crate::model::Actor;
 use crate::store::Quarantine;
 
-/// What goes with it; an empty body is as good as `{}`.
+/// The details of a quarantine; an empty body counts as `{}`.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"note": "its mount is loose"}))]
 pub(super) struct QuarantinePost {
-    /// Why, for people: stands among the vehicle's reasons, and as the `reason` of its batches.
+    /// Why, for people: shown among the vehicle's reasons, and as the `reason` of its batches.
     #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
 
 /// Keep a vehicle's uploads out of the map.
 ///
-/// From now on, until it is released: they are taken on and kept, and end as `quarantined`, those among
-/// them that wait already. What is in the map stays there; a removal takes it out. Safe to repeat: the
-/// first note stays.
+/// Until the vehicle is released, its uploads are stored but become `quarantined`, including those that are
+/// waiting to be processed. What is already in the map remains; a removal takes it out. Safe to repeat: the first
+/// note is kept.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/vehicles/{vehicle}/quarantine", tag = "vehicles",
     params(RouteParam, VehicleParam),
@@ -46,10 +44,8 @@ pub(super) async fn quarantine_vehicle(
     ApiPath((route, vehicle)): ApiPath<(RouteId, VehicleId)>,
     _: NoQuery,
     by: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<QuarantinePost>,
 ) -> Result<Json<VehicleBody>, Problem> {
-    let post: QuarantinePost = small_json(&state, &headers, body).await?;
     let quarantine = Quarantine {
         since: Timestamp::now(),
         note: checked_note(post.note)?,
@@ -59,9 +55,9 @@ pub(super) async fn quarantine_vehicle(
 
 /// Release a vehicle.
 ///
-/// What it sends from now on goes into the map again; what was kept out meanwhile can be tried again,
-/// batch by batch. A vehicle that is merely suspected is released by deciding about the alerts that
-/// suspect it, or by itself once it drives well.
+/// Its new uploads go into the map again; batches kept out in the meantime can be tried again one by one. A
+/// vehicle that is only suspect ceases to be when the alerts that suspect it are decided, or once its trips fit
+/// the map again.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/vehicles/{vehicle}/release", tag = "vehicles",
     params(RouteParam, VehicleParam),
@@ -83,7 +79,7 @@ async fn put(
     quarantine: Option<Quarantine>,
     by: &Actor,
 ) -> Result<Json<VehicleBody>, Problem> {
-    // One that is not there is the problem of reading it.
+    // Reading the vehicle reports one that does not exist.
     state
         .store
         .put_quarantine(route, vehicle, quarantine, by, Timestamp::now())

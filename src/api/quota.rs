@@ -1,11 +1,11 @@
-//! How a client is told that its address has its share: the fields of
+//! The answer to a client whose address has reached its share: the fields of
 //! draft-ietf-httpapi-ratelimit-headers-10.
 
 use axum::http::{HeaderName, HeaderValue};
 
 use super::problem::{Problem, ProblemKind};
 
-/// Seconds after which it is worth asking again: most of what is under way is over by then.
+/// Seconds after which to try again: most requests under way have ended by then.
 const RETRY_AFTER_S: u32 = 2;
 const RATE_LIMIT: HeaderName = HeaderName::from_static("ratelimit");
 const RATE_LIMIT_POLICY: HeaderName = HeaderName::from_static("ratelimit-policy");
@@ -31,20 +31,21 @@ impl Quota {
         Self { name, amount, unit }
     }
 
-    /// How much it is.
+    /// The amount.
     pub fn amount(&self) -> usize {
         self.amount
     }
 
-    /// The problem of a client that wants more.
+    /// The problem of a client that asks for more.
     pub fn exceeded(&self) -> Problem {
         let Self { name, amount, unit } = self;
-        let detail = format!("this address may have {amount} {name} under way, and has them");
+        let detail =
+            format!("this address already has the {amount} {name} under way that it may have");
         let policy = format!("\"{name}\";q={amount};qu=\"{unit}\"");
         let state = format!("\"{name}\";r=0;t={RETRY_AFTER_S}");
         let mut problem = Problem::new(ProblemKind::TooManyRequests, detail);
         for (field, text) in [(RATE_LIMIT_POLICY, policy), (RATE_LIMIT, state)] {
-            // Names are plain words, so that this is always a value.
+            // Names are plain words, so this is always a valid value.
             if let Ok(value) = HeaderValue::try_from(text) {
                 problem = problem.with_value(field, value);
             }

@@ -1,4 +1,4 @@
-//! A problem as the bytes of a whole answer: for connections of which no request ever came.
+//! A problem as the bytes of a whole answer, for connections on which no request was read.
 
 use axum::http::header;
 use jiff::Timestamp;
@@ -38,7 +38,7 @@ mod tests {
     use crate::api::quota::Quota;
 
     #[test]
-    fn an_answer_is_whole_and_the_last() {
+    fn an_answer_is_complete_and_closes_the_connection() {
         let problem = Quota::requests("connections", 512).exceeded().closing();
         let answer = String::from_utf8(raw_answer(&problem)).unwrap();
         let (head, body) = answer.split_once("\r\n\r\n").unwrap();

@@ -1,5 +1,4 @@
-//! Reads are taken on in bounds of their own: a few are worked on at once, and what has not been sent
-//! yet counts against the address that asked. Uploads, health and metrics never wait for them.
+//! The layer that bounds reads by weight. Uploads, health and metrics never wait for them.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -8,14 +7,10 @@ use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use tokio::sync::Semaphore;
-use tokio::time::{Instant, timeout_at};
 
 use super::ApiState;
 use super::client_address::ClientAddress;
-use super::limits::{Limits, Reads};
-use super::problem::{Problem, ProblemKind};
-use super::shares::Shares;
+use super::problem::Problem;
 
 /// How much a read costs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,33 +19,17 @@ pub(super) enum Weight {
     Short,
     /// Pictures, series, evidence.
     Heavy,
-    /// Documents as long as a route is old.
+    /// Documents that grow with the age of a route.
     Export,
 }
 
-/// What reads of one weight take.
-pub(super) struct Gate {
-    under_way: Shares,
-    turns: Semaphore,
-}
-
-/// What an answer holds until it is sent to the end: whoever sends it keeps this until then.
+/// What an answer holds until all of it has been sent: the listener takes it out of the extensions.
 #[derive(Clone)]
 pub struct Held {
     _share: Arc<dyn Any + Send + Sync>,
 }
 
-impl Gate {
-    pub(super) fn new(name: &'static str, reads: Reads, limits: &Limits) -> Self {
-        let share = limits.share(reads.under_way);
-        Self {
-            under_way: Shares::of_requests(name, reads.under_way, share),
-            turns: Semaphore::new(reads.at_once),
-        }
-    }
-}
-
-/// Has a read wait for its turn, and its answer count until it is sent.
+/// Makes a read wait for its turn, and counts its answer against the client until it has been sent.
 pub(super) async fn limit(
     State((state, weight)): State<(ApiState, Weight)>,
     client: ClientAddress,
@@ -78,18 +57,10 @@ async fn read(
         Weight::Heavy => &state.heavy_reads,
         Weight::Export => &state.exports,
     };
-    let time_max = state.limits.turn_timeout;
-    let deadline = Instant::now() + time_max;
-    let share = gate.under_way.take(client, time_max).await?;
-    let turn = timeout_at(deadline, gate.turns.acquire()).await;
-    let turn = turn.map_err(|_| {
-        let detail = "too many reads are under way; ask again later";
-        Problem::new(ProblemKind::Overloaded, detail)
-    })?;
-    let turn = turn.map_err(Problem::internal)?;
+    let admitted = gate.enter(client, state.limits.turn_timeout).await?;
     let mut response = next.run(request).await;
-    drop(turn);
-    let _share = Arc::new(share);
+    drop(admitted.turn);
+    let _share = Arc::new(admitted.share);
     response.extensions_mut().insert(Held { _share });
     Ok(response)
 }

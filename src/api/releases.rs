@@ -1,9 +1,7 @@
 //! Releasing a version of a map for vehicles, and withdrawing it.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -14,14 +12,14 @@ use super::note::checked_note;
 use super::parameters::{RouteParam, VersionParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{VersionReleaseProblems, VersionRetirementProblems};
-use super::upload::small_json;
+use super::upload::SmallJson;
 use super::versions::{VersionBody, known_version};
 use crate::ids::RouteId;
 use crate::model::{Actor, VersionState};
 use crate::pipeline::{ReleaseError, ReleaseOrder};
 use crate::store::VersionRelease;
 
-/// What goes with a release; an empty body is as good as `{}`.
+/// The details of a release; an empty body counts as `{}`.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"note": "after the move of aisle 4"}))]
@@ -33,9 +31,9 @@ pub(super) struct ReleasePost {
 
 /// Release the draft of a map for vehicles.
 ///
-/// Its picture of what was accepted is kept as it is now, with its hash, and never changes; the map goes
-/// on as the next version. Waits for the batch that the route is processing. Safe to repeat: a version that is
-/// released stays as it is.
+/// The picture of the accepted map is stored with its hash and never changes; the map continues as the next
+/// version. Waits for the batch that the route is processing. Safe to repeat: a released version does not
+/// change.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/versions/{version}/release", tag = "map",
     params(RouteParam, VersionParam),
@@ -47,10 +45,8 @@ pub(super) async fn release_version(
     ApiPath((route_id, version)): ApiPath<(RouteId, i64)>,
     _: NoQuery,
     actor: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<ReleasePost>,
 ) -> Result<Json<VersionBody>, Problem> {
-    let post: ReleasePost = small_json(&state, &headers, body).await?;
     let note = checked_note(post.note)?;
     let order = ReleaseOrder {
         route_id,
@@ -68,8 +64,7 @@ pub(super) async fn release_version(
 
 /// Retire a released version of a map.
 ///
-/// It is no longer what `map.png`, `map.pgm` and `map.yaml` of the route answer with; its own files stay.
-/// Safe to repeat.
+/// The route's `map.png`, `map.pgm` and `map.yaml` no longer show it; its own files remain. Safe to repeat.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/versions/{version}/retire", tag = "map",
     params(RouteParam, VersionParam),
@@ -86,7 +81,8 @@ pub(super) async fn retire_version(
     retired.await?;
     let record = known_version(&state, &route_id, version).await?;
     if record.state() == VersionState::Draft {
-        let detail = format!("version {version} is the draft: only a released version is retired");
+        let detail =
+            format!("version {version} is the draft: only a released version can be retired");
         return Err(Problem::new(ProblemKind::VersionState, detail));
     }
     Ok(Json(record.into()))
@@ -97,17 +93,17 @@ fn problem_of(error: ReleaseError) -> Problem {
         ReleaseError::UnknownVersion => Problem::not_found("version of the map"),
         ReleaseError::NotAllowed(version) => {
             let detail = format!(
-                "version {} has ended: only the draft is released, the last one of the list",
+                "version {} has ended: only the draft, the last version of the list, can be released",
                 version.version
             );
             Problem::new(ProblemKind::VersionState, detail)
         }
         ReleaseError::Empty => {
-            let detail = "there is no map yet to release: nothing has been merged";
+            let detail = "there is no map to release yet: nothing has been merged";
             Problem::new(ProblemKind::VersionState, detail)
         }
         ReleaseError::Busy => {
-            let detail = "the route changes too quickly; send the same again later";
+            let detail = "the route is changing too quickly; send the same again later";
             Problem::new(ProblemKind::Overloaded, detail)
         }
         ReleaseError::Store(error) => error.into(),

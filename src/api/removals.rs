@@ -1,8 +1,6 @@
-//! Taking uploads out of a route.
+//! Removing uploads from a route.
 
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -11,40 +9,40 @@ use utoipa::ToSchema;
 use super::ApiState;
 use super::extract::{ApiPath, NoQuery};
 use super::note::checked_note;
-use super::operation::{OperationBody, taken_on};
+use super::operation::{OperationBody, accepted};
 use super::parameters::RouteParam;
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::RemovalProblems;
 use super::types::NameText;
-use super::upload::small_json;
+use super::upload::SmallJson;
 use crate::ids::{BatchId, RouteId, TripId, VehicleId};
 use crate::model::Actor;
 use crate::store::{Meant, OperationRequest, RemovalRequest};
 
 const NAMES_MAX: usize = 1_000;
 
-/// What to take out: exactly one of `batches`, `trips` and `vehicle_id`.
+/// What to remove: exactly one of `batches`, `trips` and `vehicle_id`.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"trips": ["agv-07-0931"], "note": "its lidar was loose"}))]
 pub(super) struct RemovalPost {
-    /// Batches by their ids.
+    /// Ids of batches.
     #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<NameText>>)]
     batches: Option<Vec<BatchId>>,
-    /// Everything of some trips.
+    /// Names of trips, all of whose batches are removed.
     #[schema(min_items = 1, max_items = 1000, value_type = Option<Vec<NameText>>)]
     trips: Option<Vec<TripId>>,
-    /// Everything that a vehicle sent …
+    /// A vehicle, all of whose batches are removed.
     #[schema(value_type = Option<String>, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<VehicleId>,
-    /// … and that came in at this time or later; only with `vehicle_id`.
+    /// Only batches that arrived at this time or later; only with `vehicle_id`.
     #[schema(value_type = Option<String>, format = DateTime)]
     since: Option<Timestamp>,
-    /// Only say what would be removed; false if left out.
+    /// Only report what would be removed; false by default.
     dry_run: Option<bool>,
-    /// Delete the bytes of the uploads too, for good; false if left out.
+    /// Also delete the bytes of the uploads, permanently; false by default.
     erase: Option<bool>,
-    /// Why, for people: stands as the `reason` of the batches.
+    /// Why, for people: shown as the `reason` of the batches.
     #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
 }
@@ -55,7 +53,7 @@ impl RemovalPost {
             Err(Problem::new(ProblemKind::OutOfRange, detail).at(pointer))
         };
         if self.since.is_some() && self.vehicle_id.is_none() {
-            return refuse("/since", "a time goes with vehicle_id alone");
+            return refuse("/since", "a time goes with vehicle_id only");
         }
         let is_count = |count: usize| (1..=NAMES_MAX).contains(&count);
         if self
@@ -90,17 +88,17 @@ impl RemovalPost {
     }
 }
 
-/// Take uploads out of a route.
+/// Remove uploads from a route.
 ///
-/// Out of the map, of alerts and of pictures: their nodes and edges go, the rest of the map is solved
-/// anew, and every place is judged anew. The uploads stay in the list of batches as `removed`, and their
-/// bytes are kept unless `erase` says otherwise. What nothing ties to the rest any more stays where it
-/// is. Safe to repeat: what was removed before is passed over. The answer names an operation, which says
-/// how far it has come; it goes on if the service is restarted meanwhile.
+/// From the map, alerts and pictures: their nodes and edges are deleted, the rest of the map is optimised again,
+/// and every place is judged again. Parts of the map that are no longer connected to the rest keep their poses. The
+/// uploads remain in the list of batches as `removed`, and their bytes are kept unless `erase` is set. Safe to
+/// repeat: what was removed before is skipped. The answer names an operation, which shows the progress; it
+/// continues after a restart of the service.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/removals", tag = "batches",
     params(RouteParam),
-    request_body(content = RemovalPost, description = "What to take out"),
+    request_body(content = RemovalPost, description = "What to remove"),
     responses(
         (status = 202, description = "It will be carried out", body = OperationBody, headers(("Location" = String, description = "The operation"))),
         RemovalProblems,
@@ -111,11 +109,9 @@ pub(super) async fn post_removal(
     ApiPath(route): ApiPath<RouteId>,
     _: NoQuery,
     by: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<RemovalPost>,
 ) -> Result<Response, Problem> {
-    let post: RemovalPost = small_json(&state, &headers, body).await?;
     let request = OperationRequest::Removal(post.check()?);
     let id = state.operations.ask_for(Some(&route), request, &by).await?;
-    taken_on(&state, id).await
+    accepted(&state, id).await
 }

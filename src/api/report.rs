@@ -1,4 +1,4 @@
-//! What happened to alerts in a shift.
+//! The report of a shift: what happened to alerts.
 
 use axum::Json;
 use axum::extract::State;
@@ -14,23 +14,23 @@ use super::problem_responses::AlertListProblems;
 use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, Tier};
 use crate::store::{AlertRecord, DecidedRecord, DismissalCount, Report, ReportCounts, ReportScope};
 
-/// Entries of a list.
+/// Most entries of a list.
 const ENTRIES_MAX: u32 = 1_000;
-/// How long a report reaches back where nobody says.
+/// The length of a report by default.
 const SHIFT: SignedDuration = SignedDuration::from_hours(8);
 
-/// Which time, and whose alerts.
+/// Which period, and which alerts.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct ReportQuery {
-    /// From this time on, RFC 3339; 8 hours before `until` if left out.
+    /// The beginning of the period, RFC 3339; 8 hours before `until` by default.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
-    /// Before this time, RFC 3339; now if left out.
+    /// The end of the period (exclusive), RFC 3339; now by default.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T14:00:00Z")]
     until: Option<String>,
-    /// Only of this route.
+    /// Only alerts of this route.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     route_id: Option<String>,
 }
@@ -43,7 +43,7 @@ impl ReportQuery {
             None => until.checked_sub(SHIFT).unwrap_or(Timestamp::MIN),
         };
         if since >= until {
-            return Err(Problem::parameter("since", "since is a time before until"));
+            return Err(Problem::parameter("since", "since must be before until"));
         }
         Ok(ReportScope {
             since,
@@ -54,27 +54,27 @@ impl ReportQuery {
     }
 }
 
-/// What happened to alerts in a time.
+/// What happened to alerts in a period.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Report)]
 pub(super) struct ReportBody {
-    /// From then on …
+    /// The beginning of the period.
     #[schema(value_type = String, format = DateTime)]
     since: Timestamp,
-    /// … and before that.
+    /// The end of the period (exclusive).
     #[schema(value_type = String, format = DateTime)]
     until: Timestamp,
-    /// Alerts that were raised in it, the newest first, as they are now; at most 1,000.
+    /// Alerts raised in the period, as they are now, the newest first; at most 1,000.
     raised: Vec<ReportAlert>,
-    /// What people decided in it, the newest first; at most 1,000.
+    /// Decisions made in the period, the newest first; at most 1,000.
     decided: Vec<ReportDecision>,
-    /// Alerts that wait for a decision now and are not muted, the newest first; at most 1,000.
+    /// Alerts that await a decision now and are not muted, the newest first; at most 1,000.
     open: Vec<ReportAlert>,
-    /// How often alerts were dismissed in it, by route, kind and reason; at most 1,000.
+    /// The number of dismissals in the period by route, kind and reason; at most 1,000.
     dismissals: Vec<ReportDismissals>,
-    /// How many there are of each, also of what is left out of the lists.
+    /// The total numbers, including entries left out of the lists.
     counts: ReportCountsBody,
-    /// Whether a list is cut short.
+    /// Whether a list was truncated.
     truncated: bool,
 }
 
@@ -88,18 +88,18 @@ struct ReportAlert {
     route_id: String,
     /// What changed.
     kind: ChangeKind,
-    /// What became of it.
+    /// Whether it awaits a decision, and what was decided.
     status: AlertStatus,
-    /// How far it is to be believed.
+    /// How well it is supported.
     tier: Tier,
-    /// Where it is, map frame, metres.
+    /// The x of its location, map frame, metres.
     x: f64,
-    /// Where it is, map frame, metres.
+    /// The y of its location, map frame, metres.
     y: f64,
     /// When it was raised.
     #[schema(value_type = String, format = DateTime)]
     raised_at: Timestamp,
-    /// Who sees to it; null if nobody does.
+    /// Who is responsible for it; null if nobody is.
     #[schema(required)]
     assignee: Option<String>,
     /// Whether a zone mutes it.
@@ -114,16 +114,16 @@ struct ReportDecision {
     alert: String,
     /// Its route.
     route_id: String,
-    /// What changed there.
+    /// What changed.
     kind: ChangeKind,
     /// What was done.
     action: AlertAction,
-    /// By whom.
+    /// Who did it.
     by: String,
-    /// When.
+    /// When it was done.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// Why it was dismissed; null where nobody says, and of other actions.
+    /// Why it was dismissed; null if no reason was given, and for other actions.
     #[schema(required)]
     reason: Option<DismissReason>,
     /// Why, for people.
@@ -131,31 +131,31 @@ struct ReportDecision {
     note: Option<String>,
 }
 
-/// How often alerts of a kind were dismissed for a reason.
+/// How often alerts of one kind were dismissed for one reason.
 #[derive(Debug, Serialize, ToSchema)]
 struct ReportDismissals {
-    /// On this route.
+    /// The route.
     route_id: String,
-    /// Alerts of this kind.
+    /// The kind of the alerts.
     kind: ChangeKind,
-    /// For this reason; null where nobody says.
+    /// The reason; null if none was given.
     #[schema(required)]
     reason: Option<DismissReason>,
-    /// So often.
+    /// The number of dismissals.
     count: i64,
 }
 
-/// How many there are of each.
+/// Total numbers.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ReportCounts)]
 struct ReportCountsBody {
-    /// Alerts raised in the time.
+    /// Alerts raised in the period.
     raised: i64,
-    /// Decisions in the time.
+    /// Decisions made in the period.
     decided: i64,
-    /// Alerts that wait now, muted ones left out.
+    /// Alerts that await a decision now and are not muted.
     open: i64,
-    /// Alerts that wait now and are muted.
+    /// Alerts that await a decision now and are muted.
     muted: i64,
 }
 
@@ -235,7 +235,7 @@ impl ReportBody {
 
 /// Read a shift report.
 ///
-/// What was raised and decided in a time, by whom and why, and what is open now.
+/// The alerts raised and the decisions made in a period, and the alerts that are open now.
 #[utoipa::path(
     get, path = "/v1/report", tag = "alerts", params(ReportQuery),
     responses((status = 200, description = "The report", body = ReportBody), AlertListProblems)

@@ -16,7 +16,7 @@ use crate::ids::RouteId;
 use crate::model::{ResidualMeasurement, ResidualVerdict};
 use crate::pipeline::{ResidualReading, Residuals};
 
-/// Most entries that can be asked for.
+/// Most entries that a request may ask for.
 const POINTS_MAX: u32 = 100_000;
 
 /// A residual series.
@@ -26,22 +26,21 @@ pub(super) struct ResidualSeriesBody {
     /// The sub-graph; null for the whole route.
     #[schema(required)]
     subgraph_id: Option<i64>,
-    /// Which residuals.
+    /// Which residuals the series has.
     measurement: ResidualMeasurement,
-    /// The n at which f settled; null before.
+    /// The n at which f converged; null until then.
     #[schema(required)]
     converged_at: Option<u64>,
-    /// σ² = f(n) at that n; null before.
+    /// σ² = f(n) at that n; null until then.
     #[schema(required)]
     sigma2: Option<f64>,
-    /// What ΔF is compared with; null before.
+    /// The threshold on ΔF; null until then.
     #[schema(required)]
     threshold: Option<f64>,
-    /// The smoothing looks ahead by this many closures: the last entries may still change.
+    /// How many later closures the smoothing uses: the last entries may still change.
     delay: u64,
-    /// One a loop closure, in the order of insertion. Of a route that is driven for long the
-    /// closures in the middle are left out: those that are neither between active nodes nor among
-    /// the first 1,000 that have left them.
+    /// One for each loop closure, in the order of insertion. On a route with a long history, closures in the
+    /// middle are left out: those that are neither between active nodes nor among the first 1,000 archived ones.
     entries: Vec<ResidualEntryBody>,
 }
 
@@ -49,9 +48,9 @@ pub(super) struct ResidualSeriesBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ResidualEntry)]
 struct ResidualEntryBody {
-    /// 1, 2, … over all closures, those left out included.
+    /// 1, 2, … over all closures, including those left out.
     n: u64,
-    /// The closure.
+    /// The loop closure.
     edge_id: i64,
     /// F(n).
     total: f64,
@@ -61,23 +60,22 @@ struct ResidualEntryBody {
     delta_f: f64,
     /// The derivative of the smoothed F at n.
     smoothed: f64,
-    /// What `delta_f` is compared with; null while warming up.
+    /// The threshold on `delta_f`; null until the series has converged.
     #[schema(required)]
     threshold: Option<f64>,
-    /// `delta_f` over the threshold; null while warming up.
+    /// `delta_f` divided by the threshold; null until the series has converged.
     #[schema(required)]
     ratio: Option<f64>,
-    /// Probability of a `delta_f` this large without a change.
+    /// The probability of a `delta_f` this large without a change.
     p_value: f64,
-    /// Probability of an all-points residual this large without a change (of a closure that came as
-    /// an edge: of such a `delta_f`), calibrated by the closures of its vehicle before it that were
-    /// not told, those of the baseline up to `converged_at` among them; null where there are too
-    /// few.
+    /// The probability of an all-points residual this large without a change (for an uploaded closure, of such a
+    /// `delta_f`), calibrated with the vehicle's earlier closures that were not flagged, including those up to
+    /// `converged_at`; null if there are too few.
     #[schema(required)]
     calibrated_p_value: Option<f64>,
-    /// Whether that is below 0.0001: so small a share of unchanged closures is flagged.
+    /// Whether `calibrated_p_value` is below 0.0001, the share of unchanged closures that is flagged.
     alarm: bool,
-    /// What the paper's rule says.
+    /// The verdict of the paper's rule.
     verdict: ResidualVerdict,
 }
 
@@ -89,19 +87,19 @@ pub(super) struct ResidualQuery {
     /// Only the closures of this sub-graph.
     #[param(nullable = false)]
     subgraph_id: Option<i64>,
-    /// Which residuals; `robust` if left out.
+    /// Which residuals to send; `robust` by default.
     #[param(nullable = false, inline)]
     measurement: Option<ResidualMeasurement>,
-    /// At most so many entries: of as many equal parts of the series the one with the largest
-    /// `delta_f`. All if left out.
+    /// The most entries to send: the series is divided into this many equal parts, and each is represented by its
+    /// entry with the largest `delta_f`. All entries by default.
     #[param(minimum = 1, maximum = 100000, nullable = false)]
     max_points: Option<u32>,
 }
 
 /// Read a residual series.
 ///
-/// F, f and ΔF over the loop closures as the paper has them, with its threshold. Where a change of
-/// the world was accepted, the closures made before it no longer count.
+/// F, f and ΔF over the loop closures, with the threshold, as defined in the paper. Once a change of the world is
+/// accepted, older closures at its place no longer count.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/residuals", tag = "residuals",
     params(RouteParam, ResidualQuery),
@@ -140,7 +138,7 @@ fn checked_points(points: u32) -> Result<usize, Problem> {
     Err(Problem::parameter("max_points", refusal))
 }
 
-/// Keeps of so many equal parts of a series the entry with the largest ΔF each.
+/// Keeps the entry with the largest ΔF of each of this many equal parts of a series.
 fn thin(entries: &mut Vec<SeriesEntry>, points: usize) {
     let count = entries.len();
     if count <= points {

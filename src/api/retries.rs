@@ -1,4 +1,4 @@
-//! Another try for an upload that was kept out of the map.
+//! Trying an upload that was kept out of the map again.
 
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -6,7 +6,8 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 
 use super::ApiState;
-use super::batches::{BatchBody, known_batch};
+use super::batch_body::BatchBody;
+use super::batches::known_batch;
 use super::extract::{ApiPath, NoQuery};
 use super::parameters::{BatchParam, RouteParam};
 use super::problem::{Problem, ProblemKind};
@@ -17,12 +18,12 @@ use crate::store::Retried;
 
 /// Try a batch again.
 ///
-/// Of one that is `quarantined` or `unanchored`: after what kept it out was mended, such as a setting,
-/// or the trip of a stranger that had its name.
+/// For a batch that is `quarantined` or `unanchored`, after the cause was removed, such as a setting or another
+/// trip with the same name.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/batches/{batch}/retry", tag = "batches",
     params(RouteParam, BatchParam),
-    responses((status = 202, description = "It is queued", body = BatchBody), RetryProblems)
+    responses((status = 202, description = "The batch is queued", body = BatchBody), RetryProblems)
 )]
 pub(super) async fn retry_batch(
     State(state): State<ApiState>,
@@ -37,7 +38,7 @@ pub(super) async fn retry_batch(
         let detail = format!("batch {batch} cannot be tried again: {reason}");
         return Err(Problem::new(ProblemKind::RetryRefused, detail));
     }
-    // A batch that is not there is the problem of reading it.
+    // Reading the batch reports one that does not exist.
     let batch = known_batch(&state, &route, &batch).await?;
     Ok((StatusCode::ACCEPTED, batch).into_response())
 }

@@ -1,4 +1,4 @@
-//! Sessions: a browser shows a key once and gets a cookie for it.
+//! Sessions: a browser exchanges a key for a cookie.
 
 use axum::Json;
 use axum::body::Body;
@@ -21,25 +21,25 @@ use crate::ids::RouteId;
 use crate::model::Role;
 use crate::store::{KeyText, Secret};
 
-/// Who somebody is to the service.
+/// The identity of the sender.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Session, example = json!({
     "open": false, "name": "Kim", "role": "maintainer", "routes": null,
     "expires_at": "2026-11-27T06:00:00Z"
 }))]
 pub(super) struct SessionBody {
-    /// Whether no key exists: whoever reaches the service may do everything.
+    /// Whether no key exists, so that everybody may do everything.
     open: bool,
-    /// Their name; null for somebody who has not signed in.
+    /// Their name; null if they have not signed in.
     #[schema(required)]
     name: Option<String>,
-    /// What they may do; null for nothing.
+    /// Their role; null for none.
     #[schema(value_type = Option<Role>, required)]
     role: Option<Role>,
     /// The routes that they are limited to; null for all.
     #[schema(value_type = Option<Vec<String>>, required)]
     routes: Option<Vec<RouteId>>,
-    /// When they have to sign in again at the latest; null for never.
+    /// The latest time at which they have to sign in again; null for never.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     expires_at: Option<Timestamp>,
 }
@@ -56,21 +56,21 @@ impl SessionBody {
     }
 }
 
-/// The key that somebody signs in with.
+/// A key to sign in with.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SessionPost {
-    /// As it was shown when it was made.
+    /// The key as it was shown when it was created.
     #[schema(max_length = 200)]
     key: String,
 }
 
-/// Read who one is.
+/// Read the own identity.
 ///
-/// Also for those who have not signed in. While no key exists, `open` is true and `role` is `admin`.
+/// Works without signing in. While no key exists, `open` is true and `role` is `admin`.
 #[utoipa::path(
     get, path = "/v1/session", tag = "access",
-    responses((status = 200, description = "Who one is to the service", body = SessionBody), AnyProblems)
+    responses((status = 200, description = "The identity", body = SessionBody), AnyProblems)
 )]
 pub(super) async fn get_session(
     State(state): State<ApiState>,
@@ -83,12 +83,12 @@ pub(super) async fn get_session(
 
 /// Sign in.
 ///
-/// Exchanges a key for a session: a cookie that scripts cannot read. It ends after 12 hours without a
-/// request, after 7 days, and with its key. An address that shows ten keys in a minute which are none has
-/// to wait.
+/// Exchanges a key for a session, kept in a cookie that scripts cannot read. The session ends after 12 hours
+/// without a request, after 7 days, or when its key becomes invalid. An address that sends ten invalid keys
+/// within a minute has to wait.
 #[utoipa::path(
     post, path = "/v1/session", tag = "access",
-    request_body(content = SessionPost, description = "A key"),
+    request_body(content = SessionPost, description = "The key"),
     responses((status = 200, description = "Signed in", body = SessionBody, headers(("Set-Cookie" = String, description = "The session"))), SignInProblems)
 )]
 pub(super) async fn sign_in(
@@ -112,7 +112,7 @@ pub(super) async fn sign_in(
     };
     let id = Secret::random().map_err(Problem::internal)?;
     state.store.begin_session(&id, key.id, now).await?;
-    // None if the key was revoked meanwhile.
+    // There is none if the key has been revoked in the meantime.
     let session = state.store.session(&id, now).await?;
     let session = session.ok_or_else(not_a_key)?;
     tracing::info!(name = key.name, key = %key.id, "signed in");

@@ -1,4 +1,4 @@
-//! What runs out: so much in all, and no more than a share of it for one client address.
+//! Limited resources: a total amount, of which one client address may take only a share.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,22 +10,22 @@ use super::client_address::ClientAddress;
 use super::problem::{Problem, ProblemKind};
 use super::quota::Quota;
 
-/// Something of which so much is there.
+/// A limited resource.
 pub(super) struct Shares {
     name: &'static str,
-    /// Of one address; none if a single one may take all.
+    /// How much one address may take; `None` if it may take all.
     quota: Option<Quota>,
     whole: Arc<Semaphore>,
     by_address: Arc<Mutex<HashMap<ClientAddress, usize>>>,
 }
 
-/// What a client has taken; given back when dropped.
+/// What a client has taken; released when dropped.
 pub(super) struct Share {
     _permit: OwnedSemaphorePermit,
     _own: Own,
 }
 
-/// What is counted against an address.
+/// The amount counted against an address.
 struct Own {
     by_address: Arc<Mutex<HashMap<ClientAddress, usize>>>,
     client: ClientAddress,
@@ -33,12 +33,12 @@ struct Own {
 }
 
 impl Shares {
-    /// So many requests, of which `per_address` for one.
+    /// `whole` requests, of which one address may have `per_address`.
     pub(super) fn of_requests(name: &'static str, whole: usize, per_address: usize) -> Self {
         Self::new(name, whole, Quota::requests(name, per_address))
     }
 
-    /// So many bytes, of which `per_address` for one.
+    /// `whole` bytes, of which one address may have `per_address`.
     pub(super) fn of_bytes(name: &'static str, whole: usize, per_address: usize) -> Self {
         Self::new(name, whole, Quota::bytes(name, per_address))
     }
@@ -52,7 +52,7 @@ impl Shares {
         }
     }
 
-    /// Takes so much at once.
+    /// Takes an amount without waiting.
     ///
     /// # Errors
     /// 429 if the address has its share, 503 if nothing is left.
@@ -67,7 +67,7 @@ impl Shares {
         })
     }
 
-    /// Takes one, waiting for it if others have them all.
+    /// Takes one, waiting for it if none is free.
     ///
     /// # Errors
     /// 429 if the address has its share, 503 if none becomes free.
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn one_address_gets_its_share_and_leaves_the_rest() {
+    fn one_address_gets_its_share_and_leaves_the_rest_to_others() {
         let shares = Shares::of_requests("tests", 3, 2);
         let (one, other) = (client("192.0.2.1"), client("192.0.2.2"));
         let held = [shares.try_take(one, 1), shares.try_take(one, 1)];
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_for_want_of_places_takes_nothing_of_the_share() {
+    fn a_refusal_of_the_whole_does_not_count_against_the_address() {
         let shares = Shares::of_bytes("tests", 4, 4);
         let held = shares.try_take(client("192.0.2.1"), 3).unwrap();
         let other = client("192.0.2.2");
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_place_is_waited_for_and_not_for_ever() {
+    async fn taking_one_waits_for_a_bounded_time() {
         let shares = Shares::of_requests("tests", 1, 1);
         let held = shares.try_take(client("192.0.2.1"), 1).unwrap();
         let wait = |time_max| shares.take(client("192.0.2.2"), time_max);

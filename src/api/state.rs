@@ -9,10 +9,10 @@ use tokio_util::sync::CancellationToken;
 
 use super::Limits;
 use super::access::{AccessOptions, Hosts, SignIns, TrustedProxies};
-use super::map_files::MapCache;
+use super::gate::Gate;
+use super::map_cache::MapCache;
 use super::offload::Offload;
 use super::problem::Problem;
-use super::reading::Gate;
 use super::shares::Shares;
 use crate::ids::RouteId;
 use crate::pipeline::{Decisions, Operations};
@@ -25,23 +25,23 @@ pub struct ApiState(Arc<Shared>);
 
 /// The parts of [`ApiState`].
 pub struct Shared {
-    /// Where everything is kept.
+    /// The database.
     pub store: Store,
-    /// How much is taken on.
+    /// How much the service takes on.
     pub limits: Limits,
-    /// Cancelled once the service takes no new requests.
+    /// Cancelled once the service accepts no new requests.
     pub draining: CancellationToken,
-    /// What `/metrics` is read from.
+    /// The source of `/metrics`.
     pub metrics: PrometheusHandle,
-    /// Who carries decisions about alerts out.
+    /// Carries out decisions about alerts.
     pub decisions: Decisions,
-    /// Who carries long work out.
+    /// Carries out long work.
     pub operations: Operations,
-    /// Where webhooks may lead.
+    /// Which addresses webhooks may have.
     pub receivers: ReceiverPolicy,
     /// The names of the service.
     pub(super) hosts: Hosts,
-    /// Whose statements of who somebody is are believed.
+    /// The proxies that are trusted to identify people.
     pub(super) proxies: TrustedProxies,
     /// Failed sign-ins.
     pub(super) sign_ins: SignIns,
@@ -53,11 +53,11 @@ pub struct Shared {
     pub(super) body_budget: Arc<Semaphore>,
     /// Recordings that may be under way.
     pub(super) recordings: Shares,
-    /// Where recordings are written as batches, one at a time.
+    /// Converts recordings to batches, one at a time.
     pub(super) transcoding: Offload,
-    /// Where uploads are decoded.
+    /// Decodes uploads.
     pub(super) decoding: Offload,
-    /// Where pictures and large documents are made.
+    /// Makes pictures and large documents.
     pub(super) rendering: Offload,
     /// Reads of a few rows.
     pub(super) short_reads: Gate,
@@ -73,13 +73,13 @@ pub struct Shared {
 
 /// How the interface is set up.
 pub struct ApiSettings {
-    /// How much is taken on.
+    /// How much the service takes on.
     pub limits: Limits,
-    /// Where webhooks may lead.
+    /// Which addresses webhooks may have.
     pub receivers: ReceiverPolicy,
-    /// Where the service listens.
+    /// The address that the service listens on.
     pub listen: IpAddr,
-    /// Under which names it is reached, and who is believed.
+    /// The names under which it is reached, and which proxies are trusted.
     pub access: AccessOptions,
 }
 
@@ -129,12 +129,15 @@ impl ApiState {
         }))
     }
 
-    /// Whether everybody may do everything: no key was ever made, and no proxy is trusted.
+    /// Whether everybody may do everything: no key was ever created, and no proxy is trusted.
     pub(super) fn is_open(&self) -> bool {
         !self.store.has_keys() && self.proxies.networks.is_empty()
     }
 
-    /// The route, or the problem that there is none.
+    /// A route as it is now.
+    ///
+    /// # Errors
+    /// The [`Problem`] that there is none.
     pub(super) async fn known_route(&self, id: &RouteId) -> Result<RouteRecord, Problem> {
         let route = self.store.route(id).await?;
         route.ok_or_else(Problem::unknown_route)

@@ -9,25 +9,27 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
-use super::map_files::{Kept, MapFiles, Shown, map_files, meant};
-use super::maps::Binary;
-use super::parameters::{IfMapChanged, RouteParam};
+use super::map_cache::Shown;
+use super::map_files::raster;
+use super::parameters::{IfNoneMatch, RouteParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::RoutePartProblems;
+use super::shown_map::ShownMap;
+use super::types::Binary;
 use crate::ids::RouteId;
 use crate::model::MapLayer;
-use crate::render::{MapRaster, TILE_PIXELS, ZOOM_MAX};
-use crate::store::RouteRecord;
+use crate::render::{TILE_PIXELS, ZOOM_MAX};
 
 /// Which map to show.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct TileQuery {
-    /// A version of the map; if left out the newest released one, or the draft while none is released.
+    /// A version of the map; the newest released one by default, or the draft while none is released.
     #[param(nullable = false)]
     version: Option<i64>,
-    /// What of the world the map shows: `observed` is the draft with changes that nobody has accepted.
+    /// Which state of the world the map shows: `accepted` (the default), or `observed`, the draft with
+    /// changes that nobody has accepted yet.
     #[param(nullable = false, inline)]
     layer: Option<MapLayer>,
 }
@@ -41,22 +43,22 @@ pub(super) struct TilePath {
     y: TileRow,
 }
 
-/// The place of a tile, as the OpenAPI document has it.
+/// The parts of a tile's path, for the OpenAPI document.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code)]
 struct TileParams {
-    /// Zoom: at 8 a pixel is 5 cm, at each lower one twice that of the one above
+    /// Zoom level: a pixel is 5 cm at 8, and twice as large at each level below
     #[param(minimum = 0, maximum = 8)]
     z: u8,
-    /// Column, along the map's x; 0 begins at the map's origin
+    /// Column, in the direction of the map's x; column 0 begins at the map's origin
     x: i32,
-    /// Row, against the map's y; 0 begins at the map's origin. With `.png` behind it
+    /// Row, against the direction of the map's y, followed by `.png`; row 0 begins at the map's origin
     #[param(pattern = r"^-?[0-9]{1,10}\.png$")]
     y: String,
 }
 
-/// The row of a tile with the name of its format behind it: parts of a path are matched whole.
+/// The row of a tile followed by the name of its format: the router matches a part of a path as a whole.
 #[derive(Debug)]
 struct TileRow(i32);
 
@@ -72,13 +74,13 @@ impl<'de> Deserialize<'de> for TileRow {
     }
 }
 
-/// What there is in tiles, and where.
+/// What the tiles of a map cover.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapTiles)]
 pub(super) struct TilesBody {
-    /// The version that is shown.
+    /// The version shown.
     version: i64,
-    /// What of the world it shows.
+    /// Which state of the world it shows.
     layer: MapLayer,
     /// Path of a tile, with `{z}`, `{x}` and `{y}` to be replaced.
     tiles: String,
@@ -86,51 +88,28 @@ pub(super) struct TilesBody {
     tile_size: usize,
     /// The lowest zoom.
     min_zoom: u8,
-    /// The highest zoom at which tiles show more than at the one below. Higher ones, up to 8, show larger
-    /// pixels.
+    /// The highest zoom at which tiles show more detail than at the one below; higher ones, up to 8, only
+    /// show larger pixels.
     max_zoom: u8,
-    /// Edge of a cell of the map, metres: 0.05, or coarser for a map of more than 24 million cells.
+    /// Edge of a cell of the map, metres: 0.05, or more for a map of more than 24 million cells.
     resolution_m: f64,
     /// Lowest x and y, highest x and y of the map, metres, map frame.
     #[schema(min_items = 4, max_items = 4)]
     bounds: [f64; 4],
-    /// The ETag of every tile: as long as it is the same, so are the tiles.
+    /// The ETag of every tile: while it is the same, so are the tiles.
     tag: String,
-}
-
-/// What a request asks for.
-struct Asked {
-    route: RouteRecord,
-    shown: Shown,
-    kept: Kept,
-}
-
-async fn asked(state: &ApiState, route: &RouteId, query: &TileQuery) -> Result<Asked, Problem> {
-    let route = state.known_route(route).await?;
-    let shown = meant(state, &route, query.version, query.layer).await?;
-    let kept = Kept::new(&route, query.version, shown);
-    Ok(Asked { route, shown, kept })
-}
-
-/// The cells of a picture.
-pub(super) fn raster(files: &MapFiles) -> Result<MapRaster<'_>, Problem> {
-    let yaml = std::str::from_utf8(&files.yaml).map_err(Problem::internal)?;
-    MapRaster::read(&files.pgm, yaml).ok_or_else(|| {
-        let error = std::io::Error::other("a map's picture does not read back");
-        Problem::internal(error)
-    })
 }
 
 /// Read what the tiles of a map cover.
 ///
-/// The extent of the map, its zooms, and the path of its tiles. A map of more than 24 million cells is drawn with
-/// coarser cells, and its highest zoom is lower.
+/// The extent of the map, its zoom levels, and the path of its tiles. A map of more than 24 million cells is
+/// drawn with coarser cells, so its highest zoom is lower.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map/tiles.json", tag = "map",
-    params(RouteParam, TileQuery, IfMapChanged),
+    params(RouteParam, TileQuery, IfNoneMatch),
     responses(
-        (status = 200, description = "What there is", body = TilesBody, headers(("ETag" = String, description = "Changes with the map"))),
-        (status = 304, description = "The map is as it was"),
+        (status = 200, description = "What the tiles cover", body = TilesBody, headers(("ETag" = String, description = "Changes with the map"))),
+        (status = 304, description = "The map has not changed"),
         RoutePartProblems,
     )
 )]
@@ -140,14 +119,14 @@ pub(super) async fn get_tiles(
     ApiQuery(query): ApiQuery<TileQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let Asked { route, shown, kept } = asked(&state, &route_id, &query).await?;
-    if let Some(unchanged) = kept.unchanged(&headers) {
+    let map = ShownMap::of(&state, &route_id, query.version, query.layer).await?;
+    if let Some(unchanged) = map.validity.unchanged(&headers) {
         return Ok(unchanged);
     }
-    let files = map_files(&state, &route, shown).await?;
+    let files = map.files(&state).await?;
     let raster = raster(&files)?;
-    let (version, layer) = match shown {
-        Shown::Draft(layer) => (route.map_version, layer),
+    let (version, layer) = match map.shown {
+        Shown::Draft(layer) => (map.route.map_version, layer),
         Shown::Version(version) => (version, MapLayer::Accepted),
     };
     let layered = match layer {
@@ -158,29 +137,29 @@ pub(super) async fn get_tiles(
         version,
         layer,
         tiles: format!(
-            "/v1/routes/{}/map/tiles/{{z}}/{{x}}/{{y}}.png?version={version}{layered}",
-            route.id
+            "/v1/routes/{route_id}/map/tiles/{{z}}/{{x}}/{{y}}.png?version={version}{layered}"
         ),
         tile_size: TILE_PIXELS,
         min_zoom: 0,
         max_zoom: raster.zoom(),
         resolution_m: raster.resolution_m(),
         bounds: raster.bounds_m(),
-        tag: kept.tag().to_owned(),
+        tag: map.validity.tag().to_owned(),
     };
-    Ok((kept.headers(), Json(body)).into_response())
+    Ok((map.validity.headers(), Json(body)).into_response())
 }
 
 /// Read a tile of a map as a PNG picture.
 ///
-/// 256 × 256 pixels. Free white, occupied black, unknown transparent, as is everything outside the map. A
-/// pixel of several cells is occupied if one of them is. Tiles of a version that has ended never change.
+/// 256 × 256 pixels. Free cells are white, occupied ones black; unknown cells and everything outside the map
+/// are transparent. A pixel that covers several cells is occupied if any of them is. Tiles of a version that
+/// has ended never change.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/map/tiles/{z}/{x}/{y}", tag = "map",
-    params(RouteParam, TileParams, TileQuery, IfMapChanged),
+    params(RouteParam, TileParams, TileQuery, IfNoneMatch),
     responses(
         (status = 200, description = "The tile", body = Binary, content_type = "image/png", headers(("ETag" = String, description = "Changes with the map"))),
-        (status = 304, description = "The map is as it was"),
+        (status = 304, description = "The map has not changed"),
         RoutePartProblems,
     )
 )]
@@ -194,12 +173,12 @@ pub(super) async fn get_tile(
         let detail = format!("a zoom is 0 to {ZOOM_MAX}, at which a pixel is 5 cm");
         return Err(Problem::new(ProblemKind::InvalidField, detail));
     }
-    let Asked { route, shown, kept } = asked(&state, &route, &query).await?;
-    if let Some(unchanged) = kept.unchanged(&headers) {
+    let map = ShownMap::of(&state, &route, query.version, query.layer).await?;
+    if let Some(unchanged) = map.validity.unchanged(&headers) {
         return Ok(unchanged);
     }
-    let files = map_files(&state, &route, shown).await?;
+    let files = map.files(&state).await?;
     let draw = move || raster(&files)?.tile(z, x, y.0).map_err(Problem::internal);
     let tile = state.rendering.run(draw).await?;
-    Ok(kept.answer("image/png", tile?.into()))
+    Ok(map.validity.answer("image/png", tile?.into()))
 }

@@ -1,4 +1,4 @@
-//! Where a trip went, in the map.
+//! The trajectory of a trip in the map.
 
 use std::fmt::Write;
 
@@ -22,42 +22,42 @@ use crate::calibration::AppliedCorrection;
 use crate::ids::{RouteId, TripId};
 use crate::store::{Pieces, TrajectoryPose};
 
-/// A trip's way through the map.
+/// A trip's trajectory in the map.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Trajectory)]
 pub(super) struct TrajectoryBody {
-    /// Which drive.
+    /// The trip.
     trip_id: String,
-    /// What of its vehicle is corrected in it, as was known when it began.
+    /// The corrections of its vehicle that were known when it began, and are applied to it.
     corrections: Vec<TripCorrectionBody>,
-    /// In the order of time, also those that left the active graph.
+    /// In the order of time, archived nodes included.
     poses: Vec<TrajectoryPoseBody>,
 }
 
-/// A correction that is in force for a trip.
+/// A correction that is applied to a trip.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = TripCorrection)]
 struct TripCorrectionBody {
-    /// The lidar whose trips say it; null for the vehicle's only one.
+    /// The lidar that it was estimated from; null for the vehicle's only one.
     #[schema(required)]
     lidar: Option<String>,
     /// What is corrected: the name of a field of the vehicle's `calibration`.
     quantity: &'static str,
-    /// By how much, in the unit of that field.
+    /// The correction, in the unit of that field.
     value: f64,
     /// Its standard error.
     sigma: f64,
 }
 
-/// Where a trip was at a time.
+/// The pose of a trip at a time.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = TrajectoryPose)]
 struct TrajectoryPoseBody {
-    /// The keyframe that the scan is, or moves with.
+    /// The keyframe that the scan belongs to.
     node_id: i64,
-    /// Whether the scan is the keyframe's own; false for one between keyframes.
+    /// Whether the scan is that keyframe; false for a scan between keyframes.
     keyframe: bool,
-    /// When.
+    /// When the scan was taken.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
     /// `map_from_base`.
@@ -80,16 +80,16 @@ enum PosesName {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct TrajectoryQuery {
-    /// `keyframes`, or `all` for every uploaded scan; `keyframes` if left out.
+    /// `keyframes` (the default), or `all` for every uploaded scan.
     #[param(nullable = false, inline)]
     poses: Option<PosesName>,
 }
 
 /// Read a trip's trajectory.
 ///
-/// The optimised pose of every keyframe of the trip, or of every uploaded scan: a scan between
-/// keyframes moves rigidly with the keyframe before it. A key that uploads for one vehicle reads the
-/// trips of this vehicle, so that the vehicle can localise itself in the map.
+/// The optimised pose of every keyframe of the trip, or of every uploaded scan; a scan between keyframes moves
+/// rigidly with the keyframe before it. A key that uploads for one vehicle reads only that vehicle's trips, so
+/// that the vehicle can find itself in the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}", tag = "graph",
     params(RouteParam, TripParam, TrajectoryQuery),
@@ -126,8 +126,8 @@ fn correction_body(applied: &AppliedCorrection) -> TripCorrectionBody {
 
 /// Read a trip's trajectory as TUM text.
 ///
-/// Lines of `timestamp x y z qx qy qz qw`, Unix seconds, for evo and similar tools: one for every
-/// keyframe, or for every uploaded scan.
+/// One line `timestamp x y z qx qy qz qw` for every keyframe, or for every uploaded scan; the time stamp is in
+/// Unix seconds. For evo and similar tools.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trajectories/{trip}/tum", tag = "graph",
     params(RouteParam, TripParam, TrajectoryQuery),
@@ -144,7 +144,7 @@ pub(super) async fn get_trajectory_tum(
 
 type Poses = Vec<TrajectoryPose>;
 
-/// The poses that are asked for, in the order of time: the first piece, the rest.
+/// The requested poses in the order of time: the first piece, and the rest.
 async fn poses(
     state: &ApiState,
     route_id: &RouteId,
@@ -159,7 +159,7 @@ async fn poses(
     Ok((first, poses))
 }
 
-/// Refuses a vehicle the trip of another one just as a trip that is not there.
+/// Refuses a vehicle another vehicle's trip, as if that did not exist.
 async fn check_own(
     state: &ApiState,
     identity: &Identity,
@@ -180,9 +180,9 @@ fn unknown_trip() -> Problem {
     Problem::not_found("trip with keyframes in the map")
 }
 
-/// [`TrajectoryBody`], its poses as they come.
+/// Writes a [`TrajectoryBody`] as its poses are read.
 struct TrajectoryJson {
-    /// What comes before the poses, and after them.
+    /// The text before and after the poses.
     frame: [String; 2],
     poses: Members,
 }
@@ -226,7 +226,7 @@ impl From<TrajectoryPose> for TrajectoryPoseBody {
     }
 }
 
-/// The lines of a TUM file.
+/// Writes the lines of a TUM file.
 struct TrajectoryTum;
 
 impl Document<Poses> for TrajectoryTum {

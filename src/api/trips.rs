@@ -6,8 +6,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery};
+use super::paging::{Listed, PageQuery, page};
 use super::parameters::RouteParam;
 use super::problem::Problem;
 use super::problem_responses::RouteProblems;
@@ -15,26 +15,26 @@ use super::types::timestamp;
 use crate::ids::{RouteId, TripId};
 use crate::store::TripRecord;
 
-/// A trip: one drive of one vehicle.
+/// A trip: a part of a vehicle's journey with one odometry frame.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Trip)]
-struct TripBody {
+pub(super) struct TripBody {
     /// Its name.
     trip_id: String,
-    /// Whose it is.
+    /// Its vehicle.
     vehicle_id: String,
-    /// Its batches, whatever became of them.
+    /// Its batches, whatever their status.
     batches: i64,
-    /// Those of them that are in the map.
+    /// Its batches that are in the map.
     merged_batches: i64,
     /// Scans in its batches.
     scans: i64,
-    /// Whether a part of it is in the map.
+    /// Whether any of its batches is in the map.
     localised: bool,
-    /// When its first node was taken; null without nodes.
+    /// The stamp of its first node; null without nodes.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     first_stamp: Option<Timestamp>,
-    /// When its last node was taken; null without nodes.
+    /// The stamp of its last node; null without nodes.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     last_stamp: Option<Timestamp>,
     /// When its first batch arrived.
@@ -62,40 +62,30 @@ impl From<TripRecord> for TripBody {
     }
 }
 
-/// A part of a route's list of trips.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct TripPage {
-    /// By name.
-    items: Vec<TripBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for TripPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of a route's list of trips.
+    pub(super) struct TripPage {
+        /// By name.
+        items: Vec<TripBody>,
     }
 }
 
 /// List a route's trips.
 ///
-/// Whose they are, what they brought, and whether they are in the map.
+/// By name, each with its vehicle, its uploads, and whether it is in the map.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/trips", tag = "vehicles",
     params(RouteParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = TripPage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = TripPage), RouteProblems)
 )]
 pub(super) async fn list_trips(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<TripPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<TripId> = key_of_cursor(query.cursor.as_deref())?;
-    let page = state.store.trip_page(&route_id, after.as_ref(), limit + 1);
-    let mut trips = page.await?;
-    let next_cursor = cut_page(&mut trips, limit, |trip| trip.id.to_string());
-    let items = trips.into_iter().map(TripBody::from).collect();
-    Ok(Listed(TripPage { items, next_cursor }))
+    let wanted = query.wanted::<TripId>()?;
+    let trips = state
+        .store
+        .trip_page(&route_id, wanted.after.as_ref(), wanted.to_read());
+    Ok(wanted.page(trips.await?, |trip| trip.id.clone(), TripBody::from))
 }

@@ -23,11 +23,17 @@ pub(super) struct PoseBody {
     pub theta: f64,
 }
 
-/// A name that a client has chosen, as lists of names in the OpenAPI document have it.
+/// A name chosen by a client, for lists of names in the OpenAPI document.
 #[derive(ToSchema)]
 #[schema(as = Name, value_type = String, pattern = "^[A-Za-z0-9._-]{1,64}$")]
 #[allow(dead_code)]
 pub(super) struct NameText(String);
+
+/// The bytes of a file.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code)]
+pub(super) struct Binary(Vec<u8>);
 
 impl From<Pose2> for PoseBody {
     fn from(pose: Pose2) -> Self {
@@ -49,7 +55,12 @@ impl From<PoseSigma> for PoseBody {
     }
 }
 
-/// A stamp for people. Every `i64` of nanoseconds lies within the years that jiff knows.
+/// The hexadecimal text of a hash.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A stamp as a time. Every `i64` of nanoseconds is within the range of jiff.
 pub(super) fn timestamp(stamp: StampNs) -> Timestamp {
     Timestamp::from_nanosecond(i128::from(stamp.0)).unwrap_or_default()
 }

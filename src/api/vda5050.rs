@@ -1,4 +1,4 @@
-//! A released version of a map in the words of VDA 5050.
+//! A released version of a map as VDA 5050 actions.
 
 use axum::Json;
 use axum::extract::State;
@@ -11,7 +11,8 @@ use super::extract::{ApiPath, ApiQuery};
 use super::parameters::{RouteParam, VersionParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::VersionUseProblems;
-use super::versions::{hex, known_version};
+use super::types::hex;
+use super::versions::known_version;
 use crate::ids::RouteId;
 use crate::model::VersionState;
 
@@ -26,24 +27,24 @@ enum Edition {
     V3_0,
 }
 
-/// Which edition to speak.
+/// Which edition to use.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct EditionQuery {
-    /// Edition of VDA 5050; `2.1` if left out.
+    /// Edition of VDA 5050; `2.1` by default.
     #[param(nullable = false, inline)]
     vda5050: Option<Edition>,
 }
 
-/// What of an `instantActions` message does not depend on the vehicle: `headerId`, `timestamp`,
-/// `manufacturer` and `serialNumber` are the sender's.
+/// The parts of an `instantActions` message that do not depend on the vehicle; the sender adds `headerId`,
+/// `timestamp`, `manufacturer` and `serialNumber`.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Vda5050InstantActions)]
 pub(super) struct InstantActionsBody {
     /// Edition of VDA 5050 of the message.
     version: &'static str,
-    /// `downloadMap`, then `enableMap`: for when the vehicle has reported that the download is `FINISHED`.
+    /// `downloadMap`, then `enableMap`, to be sent once the vehicle has reported the download as `FINISHED`.
     actions: Vec<ActionBody>,
 }
 
@@ -54,11 +55,11 @@ pub(super) struct InstantActionsBody {
 struct ActionBody {
     /// `downloadMap` or `enableMap`.
     action_type: &'static str,
-    /// The same for the same version of a route's map: replace it to send an action to a vehicle once more.
+    /// The same for the same version of a route's map; replace it to send an action to a vehicle again.
     action_id: String,
-    /// `NONE`: neither stops the vehicle; instant actions of edition 3.0 are never anything else.
+    /// `NONE`: neither action stops the vehicle; edition 3.0 allows nothing else for instant actions.
     blocking_type: &'static str,
-    /// `mapId`, `mapVersion`; of a download `mapDownloadLink` and `mapHash`, the SHA-256 of the PGM, too.
+    /// `mapId` and `mapVersion`; for a download also `mapDownloadLink` and `mapHash`, the SHA-256 of the PGM.
     action_parameters: Vec<ParameterBody>,
 }
 
@@ -72,11 +73,11 @@ struct ParameterBody {
     value: String,
 }
 
-/// Read how vehicles download and enable a version, by VDA 5050.
+/// Read the VDA 5050 actions that download and enable a version.
 ///
-/// Of a released version alone: only that has a hash for vehicles. `mapId` is the name of the route,
-/// `mapVersion` the number of the version. The link begins with the service's public URL, or with
-/// `http://` and the host that this request was sent to while none is set.
+/// Only for a released version. `mapId` is the name of the route, `mapVersion` the number of the version. The
+/// link begins with the service's public URL or, if none is set, with `http://` and the host that this request
+/// was sent to.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/vda5050", tag = "map",
     params(RouteParam, VersionParam, EditionQuery),
@@ -94,7 +95,7 @@ pub(super) async fn get_vda5050(
         .filter(|_| record.state() == VersionState::Released);
     let sha256 = sha256.ok_or_else(|| {
         let name = record.state().name();
-        let detail = format!("version {version} is {name}: vehicles get released versions only");
+        let detail = format!("version {version} is {name}: vehicles get only released versions");
         Problem::new(ProblemKind::VersionState, detail)
     })?;
     let origin = origin(&state, &headers)?;
@@ -121,14 +122,15 @@ pub(super) async fn get_vda5050(
     }))
 }
 
-/// Where vehicles reach the service.
+/// Scheme and host under which vehicles reach the service.
 fn origin(state: &ApiState, request: &HeaderMap) -> Result<String, Problem> {
     if let Some(origin) = state.hosts.public_origin() {
         return Ok(origin.to_owned());
     }
     let host = request.get(header::HOST);
     let host = host.and_then(|host| host.to_str().ok()).ok_or_else(|| {
-        let detail = "say in Host where vehicles reach this service: the link is made of it";
+        let detail =
+            "send the header Host, from which the link is made, or set the service's public URL";
         Problem::new(ProblemKind::BadRequest, detail)
     })?;
     Ok(format!("http://{host}"))

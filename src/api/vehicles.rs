@@ -7,8 +7,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery};
+use super::paging::{Listed, PageQuery, page};
 use super::parameters::{RouteParam, VehicleParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{RoutePartProblems, RouteProblems};
@@ -20,19 +20,19 @@ use crate::ids::{AlertId, LidarId, RouteId, VehicleId};
 use crate::model::VehicleState;
 use crate::store::{KeptOut, LidarRecord, VehicleRecord};
 
-/// A vehicle as a route knows it.
+/// A vehicle on a route.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Vehicle)]
 pub(super) struct VehicleBody {
     /// Its name.
     id: String,
-    /// The route that knows it so.
+    /// The route.
     route_id: String,
-    /// Whether what it sends is believed.
+    /// Whether its uploads are trusted.
     state: VehicleState,
-    /// Why it is not trusted, for people; empty for one that is.
+    /// Why it is not trusted, for people; empty if it is.
     reasons: Vec<String>,
-    /// Undecided alerts that suspect it.
+    /// Ids of undecided alerts that suspect it.
     #[schema(value_type = Vec<String>)]
     suspected_by: Vec<AlertId>,
     /// What it has sent.
@@ -40,10 +40,10 @@ pub(super) struct VehicleBody {
     /// When its last batch arrived.
     #[schema(value_type = String, format = DateTime)]
     last_seen: Timestamp,
-    /// Where its lidar truly sits and how its wheels and its clock err, as far as its trips say. Of
-    /// a vehicle with several lidars see `lidars`.
+    /// The true mount of its lidar, and the errors of its wheels and its clock, as estimated from its trips. For a
+    /// vehicle with several lidars see `lidars`.
     calibration: CalibrationBody,
-    /// The same of each of several lidars, by name; empty for a vehicle that has only one.
+    /// The same for each of several lidars, by name; empty for a vehicle with only one.
     lidars: Vec<VehicleLidarBody>,
 }
 
@@ -53,32 +53,31 @@ pub(super) struct VehicleBody {
 struct VehicleLidarBody {
     /// As the vehicle names it.
     id: String,
-    /// By its own scans and the vehicle's odometry.
+    /// Estimated from its own scans and the vehicle's odometry.
     calibration: CalibrationBody,
-    /// Where it sits beside the lidar that takes the keyframes, by what both see of the same places;
-    /// null if no trip has asked. Nothing is corrected by it: its own scans say what is.
+    /// Its mount relative to the lidar that takes the keyframes, estimated from what both observe of the same places;
+    /// null before the first estimate. It is not used for corrections.
     #[schema(required)]
     relative_mount: Option<RelativeMountBody>,
 }
 
-/// How far a lidar sits from its stated mount, taken that the mount of the lidar that takes the
-/// keyframes is as stated. A value is null where no trip tells it.
+/// How far a lidar is from its stated mount, assuming that the stated mount of the lidar that takes the keyframes
+/// is right. A value is null if no trip determines it.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = RelativeMount)]
 struct RelativeMountBody {
-    /// Trips that were asked.
+    /// The number of trips used for the estimate.
     trips: usize,
-    /// Turn of the lidar on its mount, radians, counter-clockwise.
+    /// Rotation of the lidar against its stated mount, radians, counter-clockwise.
     #[schema(required)]
     yaw: Option<CalibratedBody>,
-    /// How far the lidar sits ahead of its stated mount, metres.
+    /// How far the lidar is ahead of its stated mount, metres.
     #[schema(required)]
     offset_x: Option<CalibratedBody>,
-    /// How far the lidar sits to the left of its stated mount, metres.
+    /// How far the lidar is to the left of its stated mount, metres.
     #[schema(required)]
     offset_y: Option<CalibratedBody>,
-    /// What the newest trips contradict of what those before said, until four of them say the same:
-    /// names of the fields above.
+    /// The fields above whose value the newest trips contradict, until four of them agree on a new one.
     changed: Vec<String>,
 }
 
@@ -88,43 +87,43 @@ struct RelativeMountBody {
 struct VehicleCountsBody {
     /// Its trips.
     trips: i64,
-    /// Batches, whatever became of them.
+    /// Its batches, whatever their status.
     batches: i64,
     /// Scans in them.
     scans: i64,
 }
 
-/// What a vehicle's trips say of its systematic errors.
+/// A vehicle's systematic errors, estimated from its trips.
 ///
-/// Each value is how far the truth is from what was stated: 0 for a vehicle that is as it says. A
-/// value is null where no trip tells it: wheels and straight ways tell the yaw of a mount, turns its
-/// position. A trip is asked once the map keeps 150 of its scans, and again at 600; the newest 20
-/// trips of a vehicle are weighed together.
+/// Each value is the difference between the true and the stated quantity: 0 for a vehicle that is as stated. A
+/// value is null if no trip determines it: straight driving determines the yaw of a mount, turns its position. A
+/// trip is used once the map keeps 150 of its scans, and again at 600; the newest 20 trips of a vehicle are
+/// combined.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Calibration)]
 struct CalibrationBody {
-    /// Trips that were asked.
+    /// The number of trips used for the estimate.
     trips: usize,
-    /// Turn of the lidar on its mount, radians, counter-clockwise.
+    /// Rotation of the lidar against its stated mount, radians, counter-clockwise.
     #[schema(required)]
     yaw: Option<CalibratedBody>,
-    /// How far the lidar sits ahead of its stated mount, metres.
+    /// How far the lidar is ahead of its stated mount, metres.
     #[schema(required)]
     offset_x: Option<CalibratedBody>,
-    /// How far the lidar sits to the left of its stated mount, metres.
+    /// How far the lidar is to the left of its stated mount, metres.
     #[schema(required)]
     offset_y: Option<CalibratedBody>,
-    /// Share by which ways by the scans are longer than by the wheels.
+    /// The fraction by which distances from the scans are longer than from the wheels.
     #[schema(required)]
     way_scale: Option<CalibratedBody>,
-    /// Share by which turns are larger than the wheels say.
+    /// The fraction by which turns are larger than the wheels say.
     #[schema(required)]
     turn_scale: Option<CalibratedBody>,
-    /// Turn that each metre ahead adds and the wheels do not show, radians a metre.
+    /// Rotation per metre driven ahead that the wheels do not show, radians a metre.
     #[schema(required)]
     turn_per_metre: Option<CalibratedBody>,
-    /// How long after the odometry of the same stamp the scans show a motion, seconds. Whatever is
-    /// said here, each trip's odometry is moved by the offset that its own scans show.
+    /// How long after the odometry of the same stamp the scans show a motion, seconds. Each trip's odometry is
+    /// shifted by the offset that its own scans show, regardless of this value.
     #[schema(required)]
     clock: Option<CalibratedBody>,
     /// Share by which the beams are farther apart than stated, where turns and straight walls agree
@@ -135,8 +134,7 @@ struct CalibrationBody {
     /// brought into the map. A vehicle alone cannot tell it.
     #[schema(required)]
     range_scale: Option<CalibratedBody>,
-    /// What the newest trips contradict of what those before said, until four of them say the same:
-    /// names of the fields above.
+    /// The fields above whose value the newest trips contradict, until four of them agree on a new one.
     changed: Vec<String>,
     /// Faults of the newest trip that no correction would mend, for people.
     faults: Vec<String>,
@@ -156,14 +154,14 @@ struct CalibratedBody {
     /// wheels by a lidar that is not the vehicle's first, `beam_spacing`, and `range_scale` unless the
     /// ranges of two other vehicles fit the map. The clock never is sure: each trip measures its own.
     sure: bool,
-    /// Whether the scans and odometry of its newest trip are corrected for it.
+    /// Whether the scans and odometry of its newest trip are corrected by it.
     applied: bool,
-    /// What they are corrected by; null if they are not.
+    /// The correction; null if there is none.
     #[schema(required)]
     correction: Option<CorrectionBody>,
 }
 
-/// What is corrected, frozen when a trip began.
+/// A correction, fixed when a trip began.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Correction)]
 struct CorrectionBody {
@@ -171,61 +169,51 @@ struct CorrectionBody {
     value: f64,
     /// Its standard error.
     sigma: f64,
-    /// The first trip of those that have been corrected so without a break.
+    /// The first of the consecutive trips with this correction.
     since_trip: String,
-    /// When that trip's first scan was taken.
+    /// The stamp of that trip's first scan.
     #[schema(value_type = String, format = DateTime)]
     since: Timestamp,
 }
 
-/// A part of a route's list of vehicles.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = VehiclePage)]
-pub(super) struct VehiclePage {
-    /// By name.
-    items: Vec<VehicleBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for VehiclePage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of a route's list of vehicles.
+    #[schema(as = VehiclePage)]
+    pub(super) struct VehiclePage {
+        /// By name.
+        items: Vec<VehicleBody>,
     }
 }
 
 /// List the vehicles of a route.
 ///
-/// All that ever sent a batch, by name, in parts.
+/// By name, all that have ever sent a batch.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/vehicles", tag = "vehicles",
     params(RouteParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = VehiclePage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = VehiclePage), RouteProblems)
 )]
 pub(super) async fn list_vehicles(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<VehiclePage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<VehicleId> = key_of_cursor(query.cursor.as_deref())?;
-    let read = state
+    let wanted = query.wanted::<VehicleId>()?;
+    let vehicles = state
         .store
-        .vehicle_page(&route_id, after.as_ref(), limit + 1);
-    let mut vehicles = read.await?;
-    let next_cursor = cut_page(&mut vehicles, limit, |vehicle| vehicle.id.to_string());
-    Ok(Listed(VehiclePage {
-        items: vehicles.into_iter().map(VehicleBody::from).collect(),
-        next_cursor,
-    }))
+        .vehicle_page(&route_id, wanted.after.as_ref(), wanted.to_read());
+    Ok(wanted.page(
+        vehicles.await?,
+        |vehicle| vehicle.id.clone(),
+        VehicleBody::from,
+    ))
 }
 
 /// Read a vehicle of a route.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/vehicles/{vehicle}", tag = "vehicles",
     params(RouteParam, VehicleParam),
-    description = "What it has sent, whether it is suspected, and what its trips say of its calibration.",
+    description = "Its uploads, whether it is trusted, and its calibration as estimated from its trips.",
     responses((status = 200, description = "The vehicle", body = VehicleBody), RoutePartProblems)
 )]
 pub(super) async fn get_vehicle(
@@ -252,7 +240,7 @@ pub(super) async fn known_vehicle(
     Ok(Json(known.into()))
 }
 
-/// Why a vehicle is not believed.
+/// Why a vehicle is not trusted.
 fn reasons_of(vehicle: &VehicleRecord) -> Vec<String> {
     let quarantine = vehicle.quarantine.as_ref().map(|quarantine| {
         let note = quarantine.note.as_deref().unwrap_or("no reason was given");
@@ -379,7 +367,7 @@ impl CalibrationBody {
     }
 }
 
-/// The field that a quantity stands in.
+/// The name of a quantity's field in [`CalibrationBody`].
 pub(super) fn field_of(quantity: Quantity) -> &'static str {
     match quantity {
         Quantity::MountYaw => "yaw",

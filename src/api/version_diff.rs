@@ -10,23 +10,24 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::ApiState;
 use super::extract::{ApiPath, ApiQuery};
-use super::map_files::{Kept, Shown, map_files, meant};
-use super::maps::Binary;
-use super::parameters::{IfMapChanged, RouteParam, VersionParam};
+use super::map_files::raster;
+use super::map_validity::Validity;
+use super::parameters::{IfNoneMatch, RouteParam, VersionParam};
 use super::problem::Problem;
 use super::problem_responses::RoutePartProblems;
-use super::tiles::raster;
+use super::shown_map::ShownMap;
+use super::types::Binary;
 use super::versions::known_version;
 use crate::ids::{AlertId, RouteId};
 use crate::render::{DifferingCells, MapDifference};
-use crate::store::RouteRecord;
+use crate::store::MapVersionRecord;
 
-/// With what to compare a version.
+/// What to compare a version with.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct DiffQuery {
-    /// The version to compare with; the one before if left out.
+    /// The version to compare with; the one before it by default.
     #[param(nullable = false)]
     from: Option<i64>,
 }
@@ -35,23 +36,23 @@ pub(super) struct DiffQuery {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersionDifference)]
 pub(super) struct DiffBody {
-    /// The version that is compared with.
+    /// The version compared with.
     from: i64,
     /// The version in the path.
     to: i64,
-    /// Edge of the cells that are counted, metres: the larger one of the two versions.
+    /// Edge of the cells counted, metres: the larger of the two versions' edges.
     resolution_m: f64,
     /// How many cells differ.
     cells: DifferingCellsBody,
-    /// Lowest x and y, highest x and y of the cells that differ, metres, map frame; null if none does.
+    /// Lowest x and y, highest x and y of the cells that differ, metres, map frame; null if none differs.
     #[schema(required, min_items = 4, max_items = 4)]
     bbox: Option<[f64; 4]>,
-    /// The alerts that were accepted or undone between the two, by id.
+    /// Ids of the alerts that were accepted or undone between the two.
     #[schema(value_type = Vec<String>)]
     alerts: Vec<AlertId>,
 }
 
-/// How many cells differ, each counted once.
+/// How many cells differ. Each is counted once.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = DifferingCells)]
 struct DifferingCellsBody {
@@ -78,10 +79,29 @@ impl From<DifferingCells> for DifferingCellsBody {
 
 /// The two versions that a request compares.
 struct Compared {
-    route: RouteRecord,
-    versions: [i64; 2],
-    began_at: [Timestamp; 2],
-    shown: [Shown; 2],
+    from: Side,
+    to: Side,
+}
+
+/// One of two compared versions.
+struct Side {
+    version: i64,
+    began_at: Timestamp,
+    map: ShownMap,
+}
+
+impl Side {
+    async fn of(
+        state: &ApiState,
+        route_id: &RouteId,
+        record: &MapVersionRecord,
+    ) -> Result<Self, Problem> {
+        Ok(Self {
+            version: record.version,
+            began_at: record.created_at,
+            map: ShownMap::of(state, route_id, Some(record.version), None).await?,
+        })
+    }
 }
 
 async fn compared(
@@ -89,40 +109,32 @@ async fn compared(
     (route_id, to): (RouteId, i64),
     query: &DiffQuery,
 ) -> Result<Compared, Problem> {
-    let route = state.known_route(&route_id).await?;
     let after = known_version(state, &route_id, to).await?;
     let from = query.from.unwrap_or(to - 1);
     let before = state.store.map_version(&route_id, from).await?;
     let before = before.ok_or_else(|| {
         let detail = match query.from {
             Some(from) => format!("the map has no version {from} to compare with"),
-            None => "nothing comes before version 1: name a version to compare with".to_owned(),
+            None => {
+                "there is no version before version 1: name a version to compare with".to_owned()
+            }
         };
         Problem::parameter("from", detail)
     })?;
     Ok(Compared {
-        shown: [
-            meant(state, &route, Some(from), None).await?,
-            meant(state, &route, Some(to), None).await?,
-        ],
-        route,
-        versions: [from, to],
-        began_at: [before.created_at, after.created_at],
+        from: Side::of(state, &route_id, &before).await?,
+        to: Side::of(state, &route_id, &after).await?,
     })
 }
 
 impl Compared {
-    fn kept(&self) -> Kept {
-        let kept = |side: usize| {
-            let version = Some(self.versions[side]);
-            Kept::new(&self.route, version, self.shown[side])
-        };
-        Kept::of_both(&kept(0), &kept(1))
+    fn validity(&self) -> Validity {
+        Validity::of_both(&self.from.map.validity, &self.to.map.validity)
     }
 
     async fn difference(&self, state: &ApiState) -> Result<MapDifference, Problem> {
-        let before = map_files(state, &self.route, self.shown[0]).await?;
-        let after = map_files(state, &self.route, self.shown[1]).await?;
+        let before = self.from.map.files(state).await?;
+        let after = self.to.map.files(state).await?;
         let work = move || {
             let (before, after) = (raster(&before)?, raster(&after)?);
             Ok(MapDifference::between(&before, &after))
@@ -133,8 +145,8 @@ impl Compared {
 
 /// Read what differs between two versions of a map.
 ///
-/// How many cells differ and where, and the alerts that were decided about in between. The draft is compared
-/// as the accepted map is now.
+/// How many cells differ and where, and which alerts were accepted or undone in between. The draft is
+/// compared as the accepted map is now.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/diff", tag = "map",
     params(RouteParam, VersionParam, DiffQuery),
@@ -147,15 +159,14 @@ pub(super) async fn get_version_diff(
 ) -> Result<Json<DiffBody>, Problem> {
     let compared = compared(&state, path, &query).await?;
     let difference = compared.difference(&state).await?;
-    let [a, b] = compared.began_at;
-    let route_id = &compared.route.id;
-    let alerts = state
-        .store
-        .alerts_in_map_between(route_id, a.min(b), a.max(b));
-    let [from, to] = compared.versions;
+    let Compared { from, to } = &compared;
+    let earlier = from.began_at.min(to.began_at);
+    let later = from.began_at.max(to.began_at);
+    let route_id = &to.map.route.id;
+    let alerts = state.store.alerts_in_map_between(route_id, earlier, later);
     Ok(Json(DiffBody {
-        from,
-        to,
+        from: from.version,
+        to: to.version,
         resolution_m: difference.resolution_m(),
         cells: difference.cells().into(),
         bbox: difference.bounds_m(),
@@ -165,15 +176,16 @@ pub(super) async fn get_version_diff(
 
 /// Read what differs between two versions of a map as a PNG picture.
 ///
-/// Of everything that either version shows, y upwards, one pixel a cell. Grey where they agree: free white,
-/// occupied dark, unknown light. Vermilion where a free cell has become occupied, blue where an occupied one
-/// has become free; pale where one of them knows nothing. Both colours can be distinguished by everybody.
+/// Everything that either version covers; y points up, one pixel a cell. Cells on which they agree are white
+/// (free), dark grey (occupied) or light grey (unknown). Vermilion marks cells that have become occupied, blue
+/// those that have become free; a pale colour means that one version does not know the cell. The colours are
+/// safe for colour-blind readers.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions/{version}/diff.png", tag = "map",
-    params(RouteParam, VersionParam, DiffQuery, IfMapChanged),
+    params(RouteParam, VersionParam, DiffQuery, IfNoneMatch),
     responses(
         (status = 200, description = "The picture", body = Binary, content_type = "image/png", headers(("ETag" = String, description = "Changes with the draft"))),
-        (status = 304, description = "Both versions are as they were"),
+        (status = 304, description = "Neither version has changed"),
         RoutePartProblems,
     )
 )]
@@ -184,12 +196,12 @@ pub(super) async fn get_version_diff_png(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let compared = compared(&state, path, &query).await?;
-    let kept = compared.kept();
-    if let Some(unchanged) = kept.unchanged(&headers) {
+    let validity = compared.validity();
+    if let Some(unchanged) = validity.unchanged(&headers) {
         return Ok(unchanged);
     }
     let difference = compared.difference(&state).await?;
     let draw = move || difference.to_png();
     let png = state.rendering.run(draw).await?;
-    Ok(kept.answer("image/png", png.map_err(Problem::internal)?.into()))
+    Ok(validity.answer("image/png", png.map_err(Problem::internal)?.into()))
 }

@@ -7,51 +7,52 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ApiState;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::paging::{Listed, PageQuery, page};
 use super::parameters::{RouteParam, VersionParam};
 use super::problem::Problem;
 use super::problem_responses::{RoutePartProblems, RouteProblems};
+use super::types::hex;
 use crate::ids::{AlertId, RouteId};
 use crate::model::{VersionAction, VersionState};
 use crate::store::{MapVersionRecord, VersionRelease};
 
 /// A version of a route's map.
 ///
-/// It begins as the draft, which grows with every batch. It ends when a change is accepted, when that
-/// is undone, or when it is released; the map goes on as the next version. The picture of a version
+/// A version begins as the draft, which grows with every batch. It ends when a change is accepted, when an
+/// acceptance is undone, or when it is released; the map continues as the next version. The picture of a version
 /// that has ended never changes.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersion)]
 pub(super) struct VersionBody {
-    /// 1 for the first map; raised by every accepted change, every undo and every release.
+    /// 1 for the first map; increases with every accepted change, undo and release.
     version: i64,
-    /// The epoch that it belongs to: raised by every accepted change and every undo.
+    /// The epoch that it belongs to: increases with every accepted change and undo.
     epoch: i64,
-    /// Where it is in its life. A version that ended without a release is `retired`.
+    /// Whether it is the draft, released or retired. A version that ended without a release is `retired`.
     state: VersionState,
-    /// Whether new passes are compared with it: of the draft alone.
+    /// Whether new passes are compared with it: true for the draft only.
     current: bool,
     /// When the version began.
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// When another version followed; null for the draft.
+    /// When the next version followed; null for the draft.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     superseded_at: Option<Timestamp>,
     /// What began it; null for the first version.
     #[schema(required)]
     cause: Option<VersionCauseBody>,
-    /// How far what began it moved nodes at most against the version before, metres: 0 after
-    /// a release. The map's first node never moves. null where it was not measured.
+    /// The largest displacement of a node when it began, against the version before, metres: 0 after a release.
+    /// The map's first node never moves. Null if it was not measured.
     #[schema(required)]
     max_displacement_m: Option<f64>,
-    /// Its release for vehicles; null if it never was released.
+    /// Its release for vehicles; null if it was never released.
     #[schema(required)]
     released: Option<VersionReleaseBody>,
-    /// When it was withdrawn after its release.
+    /// When it was retired after its release; null otherwise.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     retired_at: Option<Timestamp>,
-    /// SHA-256 of its `map.pgm`, hexadecimal, which never changes; null for the draft.
+    /// The SHA-256 of its `map.pgm`, hexadecimal, which never changes; null for the draft.
     #[schema(required, min_length = 64, max_length = 64)]
     sha256: Option<String>,
 }
@@ -60,12 +61,12 @@ pub(super) struct VersionBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersionCause)]
 struct VersionCauseBody {
-    /// The alert that was decided about; null for a release.
+    /// The alert that was accepted or undone; null for a release.
     #[schema(required, value_type = Option<String>, format = "uuid")]
     alert_id: Option<AlertId>,
     /// What was done.
     action: VersionAction,
-    /// Who did it; null where nobody wrote it down.
+    /// Who did it; null if that was not recorded.
     #[schema(required)]
     by: Option<String>,
     /// Why, for people.
@@ -77,7 +78,7 @@ struct VersionCauseBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MapVersionRelease)]
 struct VersionReleaseBody {
-    /// When.
+    /// When it was released.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
     /// Who released it.
@@ -87,47 +88,33 @@ struct VersionReleaseBody {
     note: Option<String>,
 }
 
-/// A part of the list of versions.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = MapVersionPage)]
-pub(super) struct VersionPage {
-    /// The oldest first.
-    items: Vec<VersionBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for VersionPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the list of versions.
+    #[schema(as = MapVersionPage)]
+    pub(super) struct VersionPage {
+        /// The oldest first.
+        items: Vec<VersionBody>,
     }
 }
 
 /// List the versions of a route's map.
 ///
-/// A version begins when a change of the world is accepted, when that is undone, or when the one before
-/// is released. The last one is the draft.
+/// A version begins when a change of the world is accepted, when an acceptance is undone, or when the version
+/// before is released. The last one is the draft.
 #[utoipa::path(
     get, path = "/v1/routes/{route}/versions", tag = "map",
     params(RouteParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = VersionPage), RouteProblems)
+    responses((status = 200, description = "A page of the list", body = VersionPage), RouteProblems)
 )]
 pub(super) async fn list_versions(
     State(state): State<ApiState>,
     ApiPath(route_id): ApiPath<RouteId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<VersionPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
-    let after = after.unwrap_or_default();
-    let mut records = state
-        .store
-        .map_versions(&route_id, after, limit.saturating_add(1))
-        .await?;
-    let next_cursor = cut_page(&mut records, limit, |record| record.version.to_string());
-    let items = records.into_iter().map(VersionBody::from).collect();
-    Ok(Listed(VersionPage { items, next_cursor }))
+    let wanted = query.wanted::<i64>()?;
+    let after = wanted.after.unwrap_or_default();
+    let records = state.store.map_versions(&route_id, after, wanted.to_read());
+    Ok(wanted.page(records.await?, |record| record.version, VersionBody::from))
 }
 
 /// Read a version of a route's map.
@@ -147,7 +134,10 @@ pub(super) async fn get_version(
     Ok(Json(record.into()))
 }
 
-/// A version of a route's map, or the problem that there is none.
+/// A version of a route's map.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
 pub(super) async fn known_version(
     state: &ApiState,
     route_id: &RouteId,
@@ -155,11 +145,6 @@ pub(super) async fn known_version(
 ) -> Result<MapVersionRecord, Problem> {
     let record = state.store.map_version(route_id, version).await?;
     record.ok_or_else(|| Problem::not_found("version of the map"))
-}
-
-/// The hexadecimal text of a hash.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 impl From<MapVersionRecord> for VersionBody {

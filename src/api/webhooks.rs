@@ -1,4 +1,4 @@
-//! Webhooks: who is sent events by a POST.
+//! Webhooks: receivers to which events are POSTed.
 
 mod body;
 mod calls;
@@ -13,15 +13,13 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use serde::Serialize;
-use utoipa::ToSchema;
 
 use super::ApiState;
 use super::access::Identity;
-use super::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use super::if_match::if_match;
-use super::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
-use super::parameters::WebhookParam;
+use super::extract::{ApiPath, ApiQuery, NoQuery};
+use super::if_match::{bound_revision, stale};
+use super::paging::{Listed, PageQuery, page};
+use super::parameters::{IfMatch, WebhookParam};
 use super::problem::{Problem, ProblemKind};
 use super::problem_responses::{AnyProblems, WebhookDeletionProblems, WebhookProblems};
 use crate::ids::WebhookId;
@@ -37,50 +35,38 @@ pub use forms::EventForms;
 pub(super) use registration::*;
 pub(super) use rotation::*;
 
-/// A part of the list of webhooks.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct WebhookPage {
-    /// The oldest first.
-    items: Vec<WebhookBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for WebhookPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the list of webhooks.
+    pub(super) struct WebhookPage {
+        /// The oldest first.
+        items: Vec<WebhookBody>,
     }
 }
 
 /// List webhooks.
 ///
-/// All of them, the oldest first, in parts; of a key that is limited to routes, those of these alone.
+/// The oldest first; for a key that is limited to routes, only webhooks of those routes.
 #[utoipa::path(
     get, path = "/v1/webhooks", tag = "webhooks", params(PageQuery),
-    responses((status = 200, description = "A part of the list", body = WebhookPage), AnyProblems)
+    responses((status = 200, description = "A page of the list", body = WebhookPage), AnyProblems)
 )]
 pub(super) async fn list_webhooks(
     State(state): State<ApiState>,
     identity: Identity,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<WebhookPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<WebhookId> = key_of_cursor(query.cursor.as_deref())?;
-    let mut webhooks = match &identity.routes {
-        None => state.store.webhooks(after, limit + 1).await?,
-        Some(own) => state.store.webhooks_among(own, after, limit + 1).await?,
+    let wanted = query.wanted::<WebhookId>()?;
+    let (store, after, limit) = (&state.store, wanted.after, wanted.to_read());
+    let webhooks = match &identity.routes {
+        None => store.webhooks(after, limit).await?,
+        Some(own) => store.webhooks_among(own, after, limit).await?,
     };
-    let next_cursor = cut_page(&mut webhooks, limit, |webhook| webhook.id.to_string());
-    Ok(Listed(WebhookPage {
-        items: webhooks.into_iter().map(WebhookBody::from).collect(),
-        next_cursor,
-    }))
+    Ok(wanted.page(webhooks, |webhook| webhook.id, WebhookBody::from))
 }
 
 /// Read a webhook.
 ///
-/// Where it leads, which events it is sent, and whether it is active.
+/// Its URL, its events, and whether it is active.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}", tag = "webhooks",
     params(WebhookParam),
@@ -96,14 +82,11 @@ pub(super) async fn get_webhook(
 
 /// Delete a webhook.
 ///
-/// Deletes it with what is known of its deliveries. What is being sent at this moment may still
-/// arrive; nothing else is sent any more.
+/// Deletes it with the record of its deliveries. A call that is under way may still arrive; nothing more is
+/// sent.
 #[utoipa::path(
     delete, path = "/v1/webhooks/{webhook}", tag = "webhooks",
-    params(
-        WebhookParam,
-        ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the deletion unless the webhook has this ETag"),
-    ),
+    params(WebhookParam, IfMatch),
     responses((status = 204, description = "Deleted"), WebhookDeletionProblems)
 )]
 pub(super) async fn delete_webhook(
@@ -119,6 +102,10 @@ pub(super) async fn delete_webhook(
     Ok(StatusCode::NO_CONTENT)
 }
 
+/// A webhook as it is now.
+///
+/// # Errors
+/// The [`Problem`] that there is none.
 pub(super) async fn known_webhook(
     state: &ApiState,
     id: WebhookId,
@@ -131,26 +118,17 @@ pub(super) fn unknown_webhook() -> Problem {
     Problem::new(ProblemKind::NotFound, detail)
 }
 
-/// The revision that an edit is bound to by `If-Match`, if it is.
+/// The revision that `If-Match` binds an edit to; `None` without the header.
 fn wanted_revision(headers: &HeaderMap, webhook: &WebhookRecord) -> Result<Option<i64>, Problem> {
-    match if_match(headers, &etag(webhook)) {
-        None => Ok(None),
-        Some(true) => Ok(Some(webhook.revision)),
-        Some(false) => Err(stale()),
-    }
+    bound_revision(headers, &etag(webhook), webhook.revision, "webhook")
 }
 
 fn check_edited(edited: Edited) -> Result<(), Problem> {
     match edited {
         Edited::Done => Ok(()),
-        Edited::Stale => Err(stale()),
+        Edited::Stale => Err(stale("webhook")),
         Edited::Unknown => Err(unknown_webhook()),
     }
-}
-
-fn stale() -> Problem {
-    let detail = "the webhook is not as If-Match says: read it again";
-    Problem::new(ProblemKind::PreconditionFailed, detail).at("If-Match")
 }
 
 fn url_refused(refusal: UrlRefusal) -> Problem {
@@ -162,7 +140,7 @@ fn with_etag(webhook: WebhookRecord) -> Response {
     (headers, Json(WebhookBody::from(webhook))).into_response()
 }
 
-/// A webhook with its secret, which no other answer has: it must not be stored on the way.
+/// The answer with a webhook and its secret, which caches must not keep.
 fn with_secret(webhook: WebhookRecord, secret: String) -> Response {
     let headers = [
         (header::ETAG, etag(&webhook)),

@@ -1,13 +1,13 @@
-//! What the maintainers' page calls the values of enumerations: a script that it loads. A new value has
-//! no words until somebody gives it some here.
+//! The console's words for the values of enumerations, as a script that it loads. The compiler asks for the words of a
+//! new value here.
 
 use crate::model::{AlertAction, AlertStatus, ChangeKind, DismissReason, TextEnum, Tier};
 
-/// The script: one constant for each enumeration that the page shows, of pairs of a text as the API has
-/// it and the page's words for it, in the order of the model.
+/// The script: one constant for each enumeration that the console shows, with pairs of the API's text and the console's
+/// words, in the order of the model.
 ///
 /// # Errors
-/// If a table has no JSON.
+/// If a table does not serialise.
 pub(super) fn script() -> Result<String, serde_json::Error> {
     Ok([
         constant("KINDS", kind_words)?,
@@ -28,18 +28,18 @@ fn constant<T: TextEnum>(
     Ok(format!("export const {name} = new Map({pairs});\n"))
 }
 
-/// What happened.
+/// The title of a kind of change.
 pub(super) fn kind_words(kind: ChangeKind) -> &'static str {
     match kind {
         ChangeKind::Appeared => "Something appeared",
         ChangeKind::Disappeared => "Something disappeared",
         ChangeKind::Residual => "Closures contradict the map",
         ChangeKind::MapMismatch => "The map does not fit",
-        ChangeKind::VehicleSuspect => "Something is off with a vehicle",
+        ChangeKind::VehicleSuspect => "A vehicle may be faulty",
     }
 }
 
-/// What stands on a button.
+/// The text of a button.
 fn action_words(action: AlertAction) -> &'static str {
     match action {
         AlertAction::Acknowledge => "Acknowledge",
@@ -50,22 +50,22 @@ fn action_words(action: AlertAction) -> &'static str {
     }
 }
 
-/// What is said of alerts that are not certain.
+/// The remark on alerts that are not certain.
 fn doubt_words(tier: Tier) -> &'static str {
     match tier {
-        Tier::Tentative => "tentative, seen in one pass",
+        Tier::Tentative => "tentative, observed in one pass",
         Tier::Confirmed => "",
     }
 }
 
-/// What can be chosen when an alert is dismissed.
+/// The choices when an alert is dismissed.
 fn reason_words(reason: DismissReason) -> &'static str {
     match reason {
-        DismissReason::Temporary => "Temporary: it will be gone again",
+        DismissReason::Temporary => "Temporary: it will not last",
         DismissReason::People => "People were standing there",
-        DismissReason::Sensor => "Sensor: a lidar saw what is not so",
-        DismissReason::WrongPlace => "Wrong place: map or pose is off",
-        DismissReason::Other => "Something else, as the note says",
+        DismissReason::Sensor => "Sensor: a lidar measured wrongly",
+        DismissReason::WrongPlace => "Wrong place: the map or the pose is wrong",
+        DismissReason::Other => "Something else, see the note",
     }
 }
 
@@ -78,7 +78,7 @@ mod tests {
 
     use crate::api::documents::CONSOLE;
 
-    /// All texts of the console whose path ends so.
+    /// The concatenated files of the console whose path has this ending.
     fn console(end: &str) -> String {
         let files = CONSOLE.iter().filter(|(path, ..)| path.ends_with(end));
         files.map(|(.., text)| *text).collect()
@@ -92,7 +92,7 @@ mod tests {
         has::<AlertStatus>(text) || has::<BatchStatus>(text)
     }
 
-    /// What follows each `before` in a text, as long as it is of an enumeration's letters.
+    /// The name that follows each `before` in a text, of the letters that texts of enumerations have.
     fn named<'a>(text: &'a str, before: &str) -> Vec<&'a str> {
         let is_letter = |c: char| c.is_ascii_lowercase() || c == '_';
         let after = text.split(before).skip(1);
@@ -108,12 +108,15 @@ mod tests {
         assert!(script.contains("[\"undo\",\"Undo\"]]);\n"), "{script}");
         for name in ["KINDS", "ACTIONS", "STATUSES", "DOUBTS", "REASONS"] {
             assert!(script.contains(&format!("export const {name} = ")));
-            assert!(console(".js").contains(name), "nobody reads {name}");
+            assert!(
+                console(".js").contains(name),
+                "the console does not use {name}"
+            );
         }
     }
 
     #[test]
-    fn every_text_that_the_page_names_is_one() {
+    fn every_enumeration_text_in_the_console_exists() {
         let mut found = BTreeSet::new();
         let mut check = |text: &str, before, is_one: fn(&str) -> bool| {
             for name in named(text, before) {
@@ -129,6 +132,6 @@ mod tests {
         check(&style, ".status-", has::<BatchStatus>);
         check(&style, ".dot.", has::<ResidualVerdict>);
         check(&style, ".kind-", has::<ChangeKind>);
-        assert!(found.len() >= 8, "the page was not read: {found:?}");
+        assert!(found.len() >= 8, "the console was not read: {found:?}");
     }
 }

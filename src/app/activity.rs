@@ -1,4 +1,4 @@
-//! What a connection is doing: waiting for a request, or answering one.
+//! What a connection is doing: idle, or answering a request.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -10,17 +10,17 @@ use crate::api::Held;
 /// What one connection is doing. Its listener, its socket and its service share it.
 pub(super) struct Activity {
     state: Mutex<State>,
-    /// Cancelled when its place is needed by another connection.
+    /// Cancelled when another connection needs its place.
     pub unwanted: CancellationToken,
 }
 
 enum State {
     /// Between two requests, or before the first.
-    Waiting { since: Instant },
-    /// From a request's head until its answer is in the kernel's hands.
+    Idle { since: Instant },
+    /// From the head of a request until the kernel has all of its answer.
     Answering {
         made: bool,
-        /// What the answer holds until then.
+        /// Held until then.
         held: Option<Held>,
     },
 }
@@ -29,12 +29,12 @@ impl Activity {
     pub(super) fn new() -> Self {
         let since = Instant::now();
         Self {
-            state: Mutex::new(State::Waiting { since }),
+            state: Mutex::new(State::Idle { since }),
             unwanted: CancellationToken::new(),
         }
     }
 
-    /// A request's head has come.
+    /// The head of a request has arrived.
     pub(super) fn begin(&self) {
         *self.state() = State::Answering {
             made: false,
@@ -42,14 +42,14 @@ impl Activity {
         };
     }
 
-    /// The answer begins, and holds this until it is sent.
+    /// The answer begins; it holds `what` until it has been sent.
     pub(super) fn hold(&self, what: Option<Held>) {
         if let State::Answering { held, .. } = &mut *self.state() {
             *held = what;
         }
     }
 
-    /// The answer has been handed over to its end.
+    /// The whole answer has been handed over.
     pub(super) fn made(&self) {
         if let State::Answering { made, .. } = &mut *self.state() {
             *made = true;
@@ -61,14 +61,14 @@ impl Activity {
         let mut state = self.state();
         if matches!(*state, State::Answering { made: true, .. }) {
             let since = Instant::now();
-            *state = State::Waiting { since };
+            *state = State::Idle { since };
         }
     }
 
-    /// Since when the connection waits for a request, if it does.
-    pub(super) fn waits_since(&self) -> Option<Instant> {
+    /// Since when the connection has been idle; `None` if it is answering.
+    pub(super) fn idle_since(&self) -> Option<Instant> {
         match *self.state() {
-            State::Waiting { since } => Some(since),
+            State::Idle { since } => Some(since),
             State::Answering { .. } => None,
         }
     }
@@ -85,13 +85,13 @@ mod tests {
     #[test]
     fn an_answer_lasts_until_all_of_it_is_sent() {
         let activity = Activity::new();
-        assert!(activity.waits_since().is_some());
+        assert!(activity.idle_since().is_some());
         activity.begin();
         activity.sent();
-        assert!(activity.waits_since().is_none(), "nothing was made yet");
+        assert!(activity.idle_since().is_none(), "nothing was made yet");
         activity.made();
-        assert!(activity.waits_since().is_none(), "nothing was sent yet");
+        assert!(activity.idle_since().is_none(), "nothing was sent yet");
         activity.sent();
-        assert!(activity.waits_since().is_some());
+        assert!(activity.idle_since().is_some());
     }
 }

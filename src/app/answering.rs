@@ -1,4 +1,5 @@
-//! The router as one connection's service: says whose request it is, and what the connection is doing.
+//! The router as the service of one connection: adds the client's address to requests, and tracks what the connection is
+//! doing.
 
 use std::convert::Infallible;
 use std::net::IpAddr;
@@ -44,7 +45,7 @@ impl Service<Request<Incoming>> for Answering {
     }
 }
 
-/// A body that says when hyper has all of it.
+/// A body that notes when hyper has taken all of it.
 pub(super) struct AnswerBody {
     body: Body,
     activity: Arc<Activity>,

@@ -1,4 +1,4 @@
-//! The listener: bounded connections with time limits, and their orderly end.
+//! The listener: bounded connections with time limits, and their orderly shutdown.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -19,25 +19,25 @@ use super::socket::{End, Socket};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::{Limits, Quota, raw_answer};
 
-/// Pause after the system refuses a connection, e.g. for want of file descriptors.
+/// Pause after the system refuses a connection, for example because file descriptors have run out.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-/// Connections that wait in the kernel to be accepted.
+/// Connections that may wait in the kernel to be accepted.
 const BACKLOG: u32 = 1_024;
-/// What the kernel keeps of an answer that is not taken, and what hyper keeps of requests and answers
-/// beside the piece that it is writing.
+/// How much the kernel buffers of an answer that the client does not read, and hyper of requests and answers besides the
+/// piece that it is writing.
 const SEND_BUFFER_BYTES: u32 = 256 << 10;
 const BUFFER_BYTES: usize = 64 << 10;
-/// Of a request's line and headers.
+/// The longest request line and headers.
 const HEAD_BYTES_MAX: usize = 32 << 10;
-/// How long, and for how many bytes, a closed connection is read to its end.
+/// For how long, and how many bytes, a closed connection is read until its end.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 16 << 20;
-/// Connections without a place that are being told so; more are closed without a word.
+/// Connections that are refused with an answer at the same time; others are closed without one.
 const REFUSALS_AT_ONCE: usize = 128;
-/// How long those who came while the service was draining have to read its refusal.
+/// Time for clients that connected during the shutdown to read their refusal.
 const LATE_CONNECTIONS_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Listens on an address, with bounded buffers for what clients do not take.
+/// Listens on an address, with bounded buffers for answers that clients do not read.
 pub(super) fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = match address {
         SocketAddr::V4(_) => TcpSocket::new_v4()?,
@@ -68,15 +68,15 @@ impl Connections {
         }
     }
 
-    /// Accepts connections until the service drains, then until the requests of the earlier
-    /// connections are answered: who comes in between is told to come back later.
+    /// Accepts connections until the service drains and the requests of earlier connections are answered. Clients that
+    /// connect in the meantime are refused.
     pub(super) async fn serve(self, listener: TcpListener) {
         let (mut early, mut late) = (JoinSet::new(), JoinSet::new());
         let mut refused = JoinSet::new();
         let never = CancellationToken::new();
         loop {
             let drained = self.draining.is_cancelled();
-            // Also the first time: whoever is told to stop at once need not wait for a connection.
+            // Checked before the first connection too: the service may be stopped at once.
             if drained && early.is_empty() {
                 break;
             }
@@ -109,7 +109,7 @@ impl Connections {
         let _ = tokio::time::timeout(LATE_CONNECTIONS_TIMEOUT, rest).await;
     }
 
-    /// What a connection is told that gets no place.
+    /// The problem of a connection for which there is no place.
     fn no_place(&self, why: NoPlace) -> Problem {
         let (scope, problem) = match why {
             NoPlace::OfAddress => {
@@ -158,10 +158,10 @@ impl Connections {
                         connection.await
                     }
                     () = place.activity.unwanted.cancelled() => {
-                        if place.activity.waits_since().is_some() {
+                        if place.activity.idle_since().is_some() {
                             return;
                         }
-                        // Its next request has come after all: that one is its last.
+                        // Its next request has just arrived: it is answered as the last one.
                         connection.as_mut().graceful_shutdown();
                         connection.await
                     }
@@ -179,7 +179,7 @@ impl Connections {
                         .increment(1);
                     end_with(stream, Problem::from_status(status)).await;
                 }
-                // What the kernel still holds for it is thrown away.
+                // Discards what the kernel still buffers for it.
                 End::Stalled => drop(stream.set_zero_linger()),
             }
         }
@@ -197,18 +197,18 @@ async fn accept(listener: &TcpListener) -> Option<(TcpStream, IpAddr)> {
     }
 }
 
-/// Tells a client of a problem that is not about one of its requests, and closes the connection.
+/// Sends a problem that is not the answer to a request, and closes the connection.
 async fn end_with(mut stream: TcpStream, problem: Problem) {
     let answer = raw_answer(&problem);
-    // A few hundred bytes fit into the kernel's buffer, whatever the client does.
+    // A few hundred bytes fit into the kernel's buffer in any case.
     let written = tokio::time::timeout(LINGER, stream.write_all(&answer)).await;
     if matches!(written, Ok(Ok(()))) {
         linger(stream).await;
     }
 }
 
-/// Reads what a client still sends after its answer. Closing at once would reset the connection,
-/// and the client would lose an early refusal that it had not read yet.
+/// Reads what a client still sends after its answer. Closing at once would reset the connection, and the client would
+/// lose a refusal that it has not read yet.
 async fn linger(mut stream: TcpStream) {
     let _ = stream.shutdown().await;
     let drain = async {

@@ -13,7 +13,7 @@ use crate::store::{DiskUse, Figures, NOT_IN_A_MAP, Store, schema_version};
 /// How old a gauge may be.
 const PAUSE: Duration = Duration::from_secs(15);
 
-/// Reads the figures of a store and sets the gauges.
+/// Sets the gauges from the figures of a store.
 pub(super) struct Gauges {
     store: Store,
     started: Instant,
@@ -33,7 +33,7 @@ impl Gauges {
         }
     }
 
-    /// Sets them again and again until the service stops.
+    /// Sets them repeatedly until the service stops.
     pub(super) async fn keep_current(mut self, stopping: CancellationToken) {
         while tokio::time::timeout(PAUSE, stopping.cancelled())
             .await
@@ -43,7 +43,7 @@ impl Gauges {
         }
     }
 
-    /// Sets them. Those that cannot be read stay as they were.
+    /// Sets them; those that cannot be read keep their value.
     pub(super) async fn set(&mut self) {
         match self.store.figures().await {
             Ok(figures) => {
@@ -73,7 +73,7 @@ impl Gauges {
     }
 }
 
-/// Every value of a label is set, also to 0: a series that comes and goes cannot be alerted on.
+/// Sets every value of a label, even to 0: an alert rule needs series that do not disappear.
 fn set_figures(figures: &Figures, now: Timestamp) {
     let count = |count: Option<&i64>| count.copied().unwrap_or_default() as f64;
     for status in NOT_IN_A_MAP {

@@ -1,13 +1,13 @@
-//! How fast the database grows, by what was seen of it since the start.
+//! How fast the database grows, measured since the start.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Between two samples that are kept.
+/// Time between samples.
 const APART: Duration = Duration::from_secs(60 * 60);
-/// How many are kept: a week, so that nights and Sundays count.
+/// Samples kept: a week, so that nights and Sundays count.
 const SAMPLES_MAX: usize = 7 * 24 + 1;
-/// Before this nothing is said: a shift or a bulk upload is no day.
+/// No growth is reported before this: a shift or a bulk upload is not representative of a day.
 const WATCHED_MIN: Duration = Duration::from_secs(24 * 60 * 60);
 const DAY_S: f64 = 24.0 * 60.0 * 60.0;
 
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_a_day_has_passed() {
+    fn no_growth_is_reported_before_a_day_has_passed() {
         let mut growth = Growth::default();
         assert_eq!(growth.bytes_per_day(), None);
         growth.note(Duration::ZERO, 1_000);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_week_counts_and_no_longer() {
+    fn only_the_last_week_counts() {
         let mut growth = Growth::default();
         // A fast first day, then 100 bytes an hour for ten days.
         for hour in 0..24 {
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn what_shrinks_has_a_growth_below_zero() {
+    fn a_shrinking_database_has_negative_growth() {
         let mut growth = Growth::default();
         growth.note(Duration::ZERO, 5_000);
         growth.note(hours(48), 4_000);

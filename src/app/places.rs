@@ -1,4 +1,4 @@
-//! Who is connected: so many in all, and no more than a share of them from one address.
+//! Places for connections: a total number, of which one address may have only a share.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,7 +20,7 @@ struct Open {
     by_address: HashMap<ClientAddress, usize>,
 }
 
-/// A connection's place; given back when dropped.
+/// A connection's place; released when dropped.
 pub(super) struct Place {
     places: Arc<Places>,
     number: u64,
@@ -30,9 +30,9 @@ pub(super) struct Place {
 /// Why a connection gets no place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NoPlace {
-    /// Its address has its share, with a request on every connection.
+    /// Its address has its share, and none of those connections is idle.
     OfAddress,
-    /// All places are taken, with a request on every connection.
+    /// All places are taken, and no connection is idle.
     AtAll,
 }
 
@@ -45,25 +45,25 @@ impl Places {
         }
     }
 
-    /// How many one address may have.
+    /// How many places one address may have.
     pub(super) fn per_address(&self) -> usize {
         self.per_address
     }
 
-    /// Whether one address may have no more than a part.
+    /// Whether one address may have only some of the places.
     fn is_shared(&self) -> bool {
         self.per_address < self.whole
     }
 
-    /// Takes a place; if need be that of the connection that has waited longest for a request: of
-    /// the same address if that has its share, else of any.
+    /// Takes a place, if necessary that of the connection that has been idle longest: one of the same address if that has
+    /// its share, otherwise of any.
     pub(super) fn take(self: &Arc<Self>, client: ClientAddress) -> Result<Place, NoPlace> {
         let mut open = self.open();
         let held = open.by_address.get(&client).copied().unwrap_or(0);
-        if self.is_shared() && held >= self.per_address && !open.close_waiting(Some(client)) {
+        if self.is_shared() && held >= self.per_address && !open.close_idle(Some(client)) {
             return Err(NoPlace::OfAddress);
         }
-        if open.connections.len() >= self.whole && !open.close_waiting(None) {
+        if open.connections.len() >= self.whole && !open.close_idle(None) {
             return Err(NoPlace::AtAll);
         }
         let activity = Arc::new(Activity::new());
@@ -84,15 +84,14 @@ impl Places {
 }
 
 impl Open {
-    /// Closes the connection that has waited longest for a request, of one address or of any.
-    /// Returns whether there was one.
-    fn close_waiting(&mut self, of: Option<ClientAddress>) -> bool {
-        let waiting = self.connections.iter().filter_map(|(number, entry)| {
+    /// Closes the connection that has been idle longest, of one address or of any. Returns whether there was one.
+    fn close_idle(&mut self, of: Option<ClientAddress>) -> bool {
+        let idle = self.connections.iter().filter_map(|(number, entry)| {
             let (client, activity) = entry;
-            let asked_for = of.is_none_or(|of| of == *client);
-            Some((activity.waits_since().filter(|_| asked_for)?, *number))
+            let is_meant = of.is_none_or(|of| of == *client);
+            Some((activity.idle_since().filter(|_| is_meant)?, *number))
         });
-        let Some((_, number)) = waiting.min() else {
+        let Some((_, number)) = idle.min() else {
             return false;
         };
         if let Some(activity) = self.remove(number) {
@@ -139,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_has_half_and_its_own_waiting_connections_make_room() {
+    fn an_address_has_its_share_and_its_own_idle_connections_make_room() {
         let places = places(4);
         let first = places.take(client(1)).unwrap();
         let second = places.take(client(1)).unwrap();
@@ -155,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_has_waited_longest_makes_room() {
+    fn the_connection_that_has_been_idle_longest_makes_room() {
         let places = places(4);
         let held: Vec<Place> = (1..=4).map(|k| places.take(client(k)).unwrap()).collect();
         held[0].activity.begin();

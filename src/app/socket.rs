@@ -1,5 +1,4 @@
-//! A connection's bytes: cut off if its client does not take them, and without the bare refusals of
-//! the HTTP library.
+//! A connection's socket: cut off if the client does not read its answer, and without the HTTP library's own refusals.
 
 use std::io::{self, IoSlice};
 use std::pin::Pin;
@@ -24,21 +23,21 @@ pub(super) struct Socket {
     end: End,
 }
 
-/// How a connection comes to its end.
+/// How a connection ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
     /// By one of the two sides.
     Ordinary,
-    /// Hyper refuses with this status what came in the place of a request.
+    /// Hyper has refused a malformed request head with this status.
     Refusal(StatusCode),
-    /// The client does not take its answer.
+    /// The client does not read its answer.
     Stalled,
 }
 
-/// A client that is slower than its answer.
+/// A client that reads its answer too slowly.
 struct Stall {
     begun: Instant,
-    /// What it has taken since.
+    /// Bytes read since then.
     bytes: u64,
     timer: Pin<Box<Sleep>>,
 }
@@ -54,12 +53,12 @@ impl Socket {
         }
     }
 
-    /// The stream, and what is left to do with it.
+    /// The stream, and how the connection ends.
     pub(super) fn into_parts(self) -> (TcpStream, End) {
         (self.stream, self.end)
     }
 
-    /// Counts what was taken, and gives up a client that falls behind the pace.
+    /// Counts the bytes that the client reads, and gives up a client that falls behind the pace.
     fn paced(
         &mut self,
         written: Poll<io::Result<usize>>,
@@ -86,14 +85,14 @@ impl Socket {
             Poll::Ready(()) => {
                 self.end = End::Stalled;
                 metrics::counter!("mapshift_stalled_clients_total").increment(1);
-                let problem = "the client does not take its answer";
+                let problem = "the client does not read its answer";
                 Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, problem)))
             }
         }
     }
 
-    /// While no request is being answered, what hyper writes can only be its refusal of a head that
-    /// it does not understand: a status without a body. It is kept back, for a problem to be sent.
+    /// While no request is being answered, hyper can only write its refusal of a malformed head: a status without a body.
+    /// It is held back, and a problem is sent instead.
     fn keep_refusal(&mut self, bytes: &[u8]) {
         let status = bytes
             .strip_prefix(b"HTTP/1.1 ")
@@ -129,7 +128,7 @@ impl AsyncWrite for Socket {
         cx: &mut Context<'_>,
         slices: &[IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        if self.activity.waits_since().is_some() {
+        if self.activity.idle_since().is_some() {
             self.keep_refusal(slices.first().map_or(&[], |first| first));
             let length = slices.iter().map(|slice| slice.len()).sum();
             return Poll::Ready(Ok(length));
@@ -142,14 +141,14 @@ impl AsyncWrite for Socket {
         self.stream.is_write_vectored()
     }
 
-    /// Hyper flushes once it has written all that it has.
+    /// Hyper flushes once it has written everything.
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         self.stall = None;
         self.activity.sent();
         Pin::new(&mut self.stream).poll_flush(cx)
     }
 
-    /// The connection's task closes the stream, after what hyper leaves to it.
+    /// The connection's task closes the stream itself.
     fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
         Poll::Ready(Ok(()))
     }

@@ -1,4 +1,4 @@
-//! The line that the log begins with.
+//! The first line of the log.
 
 use std::net::SocketAddr;
 
@@ -8,8 +8,8 @@ use crate::pipeline::PipelineOptions;
 use crate::store::schema_version;
 use crate::webhooks::ReceiverPolicy;
 
-/// Says what was started: program, schema, data, address, who may, and which settings are not the usual
-/// ones.
+/// Logs what was started: version, schema, data directory, address, who has access, and the settings that differ from
+/// the defaults.
 pub(super) fn report(config: &AppConfig, listen: SocketAddr, has_keys: bool) {
     tracing::info!(
         version = env!("CARGO_PKG_VERSION"),
@@ -17,12 +17,12 @@ pub(super) fn report(config: &AppConfig, listen: SocketAddr, has_keys: bool) {
         data = %config.data_dir.display(),
         %listen,
         access = access(config, has_keys),
-        settings = unusual(config).join(" "),
+        settings = changed_settings(config).join(" "),
         "the service has started"
     );
 }
 
-/// Who may: whoever has a key, whom a proxy has signed in, or everybody.
+/// Who has access: holders of keys, people whom a proxy has signed in, or everybody.
 fn access(config: &AppConfig, has_keys: bool) -> &'static str {
     match (has_keys, config.access.proxies.networks.is_empty()) {
         (true, _) => "keys",
@@ -32,29 +32,29 @@ fn access(config: &AppConfig, has_keys: bool) -> &'static str {
 }
 
 /// The settings that differ from the defaults, by the names of their flags.
-fn unusual(config: &AppConfig) -> Vec<String> {
-    let (limits, usual) = (&config.limits, Limits::default());
-    let (kept, usual_kept) = (&config.pipeline, PipelineOptions::default());
+fn changed_settings(config: &AppConfig) -> Vec<String> {
+    let (limits, default) = (&config.limits, Limits::default());
+    let (pipeline, default_pipeline) = (&config.pipeline, PipelineOptions::default());
     let mut settings = Vec::new();
-    let mut note = |is_unusual: bool, text: String| {
-        if is_unusual {
+    let mut note = |is_changed: bool, text: String| {
+        if is_changed {
             settings.push(text);
         }
     };
     let share = limits.address_share_percent;
     note(
-        share != usual.address_share_percent,
+        share != default.address_share_percent,
         format!("address-share={share}"),
     );
     note(
-        kept.map_memory_bytes != usual_kept.map_memory_bytes,
-        format!("map-memory-mb={}", kept.map_memory_bytes >> 20),
+        pipeline.map_memory_bytes != default_pipeline.map_memory_bytes,
+        format!("map-memory-mb={}", pipeline.map_memory_bytes >> 20),
     );
-    if let Some(time) = kept.keep_bodies {
+    if let Some(time) = pipeline.keep_bodies {
         let days = time.as_secs() / (24 * 60 * 60);
         note(true, format!("keep-bodies-days={days}"));
     }
-    if let Some(time) = kept.keep_trajectories {
+    if let Some(time) = pipeline.keep_trajectories {
         let days = time.as_secs() / (24 * 60 * 60);
         note(true, format!("trajectory-retention-days={days}"));
     }

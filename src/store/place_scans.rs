@@ -1,30 +1,17 @@
-//! The nodes about a place, active or not, and their scans.
+//! The scans of some nodes, active or not.
 
 use sqlx::SqliteConnection;
 
 use super::Store;
 use super::columns::json_text;
 use super::error::StoreError;
-use super::export::Within;
 use super::intermediate_scans::IntermediateBehind;
-use super::node_columns::{node_columns, node_of, node_with_scan_of, select_nodes};
+use super::node_columns::{node_columns, node_with_scan_of, select_nodes};
 use super::query::Query;
-use super::records::{NodeRecord, NodeWithScan};
+use super::records::NodeWithScan;
 use crate::ids::{NodeId, RouteId};
 
 impl Store {
-    /// The nodes within a rectangle, active or not, in the order of their stamps.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn nodes_within(
-        &self,
-        route: &RouteId,
-        within: Within,
-    ) -> Result<Vec<NodeRecord>, StoreError> {
-        self.read(NodesWithin { route, within }).await
-    }
-
     /// Those of some nodes that are there, by id, with their scans and of those behind each the first
     /// `behind_max`. A scan that has lost its checksum is left out.
     ///
@@ -42,34 +29,6 @@ impl Store {
             behind_max,
         };
         self.read(scans).await
-    }
-}
-
-/// The nodes within a rectangle, in the order of their stamps.
-struct NodesWithin<'a> {
-    route: &'a RouteId,
-    within: Within,
-}
-
-impl Query for NodesWithin<'_> {
-    type Answer = Vec<NodeRecord>;
-
-    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
-        let Within { x, y } = self.within;
-        let rows = sqlx::query(select_nodes!(
-            "",
-            "",
-            "AND nodes.x BETWEEN $2 AND $3 AND nodes.y BETWEEN $4 AND $5 \
-             ORDER BY stamp_ns, nodes.node_id"
-        ))
-        .bind(self.route.as_str())
-        .bind(x[0])
-        .bind(x[1])
-        .bind(y[0])
-        .bind(y[1])
-        .fetch_all(reader)
-        .await?;
-        rows.iter().map(node_of).collect()
     }
 }
 

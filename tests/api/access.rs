@@ -254,7 +254,7 @@ fn outcome(answer: &Answer) -> char {
 }
 
 #[tokio::test]
-async fn everybody_may_what_is_written_down_and_nothing_else() {
+async fn every_role_may_use_exactly_the_listed_operations() {
     let directory = changed_hall::directory().await;
     let admin = key("admin", Role::Admin);
     let revoked = key("revoked", Role::Admin);
@@ -311,7 +311,7 @@ async fn everybody_may_what_is_written_down_and_nothing_else() {
 }
 
 #[tokio::test]
-async fn what_is_foreign_is_answered_as_what_is_not_there() {
+async fn routes_outside_a_key_s_limits_are_answered_like_missing_ones() {
     let directory = changed_hall::directory().await;
     let (admin, yard) = (
         key("admin", Role::Admin),
@@ -366,7 +366,7 @@ async fn what_is_foreign_is_answered_as_what_is_not_there() {
 }
 
 #[tokio::test]
-async fn the_page_and_the_documents_are_open() {
+async fn the_console_and_the_documents_need_no_key() {
     let directory = changed_hall::directory().await;
     make(&directory, &[&key("admin", Role::Admin)]).await;
     let service = Service::start_changed(directory, |_| ()).await;

@@ -26,7 +26,7 @@ async fn acknowledge(service: &Service) {
 }
 
 #[tokio::test]
-async fn a_client_that_was_away_misses_nothing() {
+async fn a_client_that_reconnects_misses_nothing() {
     let service = changed_hall::start().await;
     let mut stream = follow(&service, "?route_id=hall", Some("0")).await;
     let raised = stream.wait_for(DISAPPEARED).await;
@@ -49,7 +49,7 @@ async fn a_client_that_was_away_misses_nothing() {
 }
 
 #[tokio::test]
-async fn a_stream_begins_now_keeps_to_its_route_and_ends_with_the_service() {
+async fn a_stream_begins_with_the_next_event_of_its_route_and_ends_with_the_service() {
     let service = changed_hall::start().await;
     let mut of_hall = follow(&service, "", None).await;
     let mut of_yard = follow(&service, "?route_id=yard", None).await;

@@ -41,7 +41,7 @@ async fn decide(service: &Service, action: &str, tag: &str, body: Value) -> Answ
 }
 
 #[tokio::test]
-async fn alerts_have_their_documented_form() {
+async fn alerts_have_the_documented_form() {
     let service = changed_hall::start().await;
     for (name, path) in [
         ("alert", path(APPEARED)),
@@ -86,7 +86,7 @@ fn summed(mut observations: Value) -> Value {
 }
 
 #[tokio::test]
-async fn the_observations_show_both_sides_of_a_place() {
+async fn observations_show_a_place_before_the_change_and_since() {
     let service = changed_hall::start().await;
     let path = format!("{}/observations", path(APPEARED));
     let observations = service.get(&path).await;
@@ -114,7 +114,7 @@ async fn the_observations_show_both_sides_of_a_place() {
 }
 
 #[tokio::test]
-async fn an_alert_from_before_passes_were_kept_has_none() {
+async fn an_alert_raised_before_passes_were_recorded_has_none() {
     let service = changed_hall::start().await;
     let alert = service.get(&path(DISAPPEARED)).await.json();
     assert_eq!(
@@ -127,7 +127,7 @@ async fn an_alert_from_before_passes_were_kept_has_none() {
 }
 
 #[tokio::test]
-async fn a_list_that_is_as_it_was_is_not_sent_again() {
+async fn an_unchanged_list_is_answered_304() {
     let service = changed_hall::start().await;
     let list = "/v1/alerts?limit=1";
     let first = service.get(list).await;
@@ -152,7 +152,7 @@ async fn a_list_that_is_as_it_was_is_not_sent_again() {
 }
 
 #[tokio::test]
-async fn the_evidence_shows_what_contradicts_where_it_is() {
+async fn the_evidence_contradicts_at_the_place_of_the_change() {
     let service = changed_hall::start().await;
     let evidence = service
         .get(&format!("{}/evidence", path(APPEARED)))
@@ -193,7 +193,7 @@ async fn the_evidence_shows_what_contradicts_where_it_is() {
 }
 
 #[tokio::test]
-async fn the_picture_of_the_evidence_stands_alone() {
+async fn the_evidence_picture_loads_and_runs_nothing() {
     let service = changed_hall::start().await;
     let path = format!("{}/evidence.svg", path(APPEARED));
     let picture = service.get(&path).await;
@@ -216,7 +216,7 @@ async fn the_picture_of_the_evidence_stands_alone() {
 }
 
 #[tokio::test]
-async fn every_condition_of_a_list_holds() {
+async fn every_condition_of_a_list_filters() {
     let service = changed_hall::start().await;
     for (query, expected) in [
         ("", vec![DISAPPEARED, APPEARED]),
@@ -258,7 +258,7 @@ async fn every_condition_of_a_list_holds() {
 }
 
 #[tokio::test]
-async fn decisions_are_guarded_and_remembered() {
+async fn decisions_need_the_current_etag_and_are_recorded() {
     let service = changed_hall::start().await;
     let read = service.get(&path(APPEARED)).await;
     let tag = read.header("etag").unwrap().to_owned();
@@ -309,7 +309,7 @@ async fn decisions_are_guarded_and_remembered() {
 }
 
 #[tokio::test]
-async fn several_are_decided_about_in_one_request() {
+async fn several_alerts_are_decided_in_one_request() {
     let service = changed_hall::start().await;
     let decide = |decisions: Value| {
         let body = json!({"decisions": decisions, "by": "kim"});
@@ -367,7 +367,7 @@ fn late_of(id: &str) -> Value {
 }
 
 #[tokio::test]
-async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
+async fn an_acceptance_and_its_undo_each_begin_a_version() {
     let service = changed_hall::start().await;
     let evidence_before = service
         .get(&format!("{}/evidence", path(APPEARED)))
@@ -406,7 +406,7 @@ async fn an_acceptance_makes_a_version_of_the_map_and_an_undo_the_next() {
 }
 
 #[tokio::test]
-async fn several_acceptances_are_one_operation_and_one_version() {
+async fn several_acceptances_make_one_operation_and_one_version() {
     let service = changed_hall::start().await;
     let reopen = Request::new("POST", format!("{}/reopen", path(DISAPPEARED)));
     let reopened = service.send(reopen.header("if-match", "\"1\"")).await;
@@ -508,7 +508,7 @@ async fn ended_operation(service: &Service, path: &str) -> Value {
 }
 
 #[tokio::test]
-async fn a_preview_changes_nothing_and_says_why_there_is_none() {
+async fn a_preview_changes_nothing_and_explains_its_refusals() {
     let service = changed_hall::start().await;
     let before = service.get("/v1/routes/hall").await.json();
     let preview = service.get(&format!("{}/preview", path(APPEARED))).await;
@@ -536,7 +536,7 @@ async fn a_preview_changes_nothing_and_says_why_there_is_none() {
 
 /// What the map shows waits for people: it changes when a change is accepted, and not before.
 #[tokio::test]
-async fn the_map_changes_by_acceptance_alone() {
+async fn only_an_acceptance_changes_the_map() {
     let service = changed_hall::start().await;
     let map = async || service.get("/v1/routes/hall/map.pgm").await.body;
     let pending = map().await;

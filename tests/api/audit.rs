@@ -44,7 +44,7 @@ fn steady(mut page: Value) -> Value {
 }
 
 #[tokio::test]
-async fn the_audit_has_its_documented_form() {
+async fn the_audit_has_the_documented_form() {
     let service = changed_hall::start().await;
     put(&service, "yard", json!({"settings": {"hold_s": 5}})).await;
     put(&service, "yard", json!({"settings": {"hold_s": 5}})).await;
@@ -69,7 +69,7 @@ async fn the_audit_has_its_documented_form() {
 }
 
 #[tokio::test]
-async fn the_audit_is_read_in_parts_and_by_what_it_is_about() {
+async fn the_audit_is_read_in_pages_and_filtered() {
     let service = Service::start().await;
     for hold_s in 1..=4 {
         put(&service, "hall", json!({"settings": {"hold_s": hold_s}})).await;
@@ -117,7 +117,7 @@ async fn the_audit_is_read_in_parts_and_by_what_it_is_about() {
 }
 
 #[tokio::test]
-async fn every_change_has_the_address_that_it_came_from() {
+async fn every_change_is_recorded_with_the_client_s_address() {
     let service = Service::start().await;
     service.put_route("here").await;
     let mut elsewhere = Connection::open_from_elsewhere(service.address).await;

@@ -37,7 +37,7 @@ fn filled(path: &str, route: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_route_that_is_not_there_is_said_before_anything_else() {
+async fn an_unknown_route_is_reported_before_any_other_problem() {
     let service = Service::start().await;
     let mut asked = 0;
     for (method, path, _) in operations() {
@@ -88,7 +88,7 @@ async fn followed(service: &Service, path: &str, items: &str) -> usize {
 }
 
 #[tokio::test]
-async fn links_lead_through_a_list_with_the_rest_of_the_query() {
+async fn links_lead_through_a_list_and_keep_the_query() {
     let service = Service::start_with_map().await;
     service.put_route("yard").await;
     for (path, count) in [
@@ -118,7 +118,7 @@ fn every_list_declares_its_link() {
 }
 
 #[tokio::test]
-async fn the_type_of_every_problem_leads_to_its_page() {
+async fn the_type_of_every_problem_is_the_path_of_its_page() {
     let service = Service::start().await;
     let list = service.get("/problems").await;
     for kind in ProblemKind::ALL {
@@ -141,7 +141,7 @@ async fn the_type_of_every_problem_leads_to_its_page() {
 }
 
 #[tokio::test]
-async fn head_and_options_are_answered_everywhere() {
+async fn every_path_answers_head_and_options() {
     let service = Service::start_with_map().await;
     for (path, allowed) in [
         ("/v1/routes", "GET,HEAD"),

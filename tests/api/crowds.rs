@@ -59,7 +59,7 @@ fn assert_over_share(answer: &Answer, policy: &str) {
 }
 
 #[tokio::test]
-async fn one_address_does_not_take_all_uploads() {
+async fn one_address_cannot_take_all_uploads() {
     let limits = Limits {
         uploads: 2,
         ..Limits::default()
@@ -75,7 +75,7 @@ async fn one_address_does_not_take_all_uploads() {
 }
 
 #[tokio::test]
-async fn one_address_does_not_announce_all_bytes() {
+async fn one_address_cannot_reserve_all_bytes() {
     let limits = Limits {
         wire_bytes: 10_000,
         wire_bytes_total: 20_000,
@@ -98,7 +98,7 @@ async fn one_address_does_not_announce_all_bytes() {
 }
 
 #[tokio::test]
-async fn one_address_does_not_take_all_connections() {
+async fn one_address_cannot_take_all_connections() {
     let limits = Limits {
         connections: 4,
         ..Limits::default()
@@ -118,7 +118,7 @@ async fn one_address_does_not_take_all_connections() {
 }
 
 #[tokio::test]
-async fn with_a_request_on_every_connection_a_new_one_is_told_so() {
+async fn a_connection_is_refused_with_an_answer_if_none_is_idle() {
     let limits = Limits {
         connections: 1,
         ..Limits::default()
@@ -138,7 +138,7 @@ async fn with_a_request_on_every_connection_a_new_one_is_told_so() {
 }
 
 #[tokio::test]
-async fn connections_that_wait_make_room_for_new_ones_the_oldest_first() {
+async fn the_connection_idle_longest_makes_room_for_a_new_one() {
     let limits = Limits {
         connections: 3,
         address_share_percent: 100,
@@ -177,7 +177,7 @@ fn few_exports() -> Limits {
 }
 
 #[tokio::test]
-async fn long_reads_are_shared_and_nothing_else_waits_for_them() {
+async fn exports_are_shared_and_hold_up_nothing_else() {
     let service = Service::start_with_long_route(few_exports()).await;
     service.put_route("line-4").await;
     let graph = Request::new("GET", GRAPH);
@@ -212,7 +212,7 @@ async fn long_reads_are_shared_and_nothing_else_waits_for_them() {
 }
 
 #[tokio::test]
-async fn a_read_waits_for_its_place_and_not_for_ever() {
+async fn a_read_waits_for_its_turn_for_a_bounded_time() {
     let limits = Limits {
         address_share_percent: 100,
         exports: Reads {
@@ -245,7 +245,7 @@ fn impatient() -> Limits {
 }
 
 #[tokio::test]
-async fn who_does_not_take_an_export_is_cut_off() {
+async fn a_client_that_does_not_read_an_export_is_cut_off() {
     let service = Service::start_with_long_route(impatient()).await;
     let mut connection = hold_a_read(&service).await;
     connection.wait_until_cut_off().await;
@@ -253,7 +253,7 @@ async fn who_does_not_take_an_export_is_cut_off() {
 }
 
 #[tokio::test]
-async fn who_does_not_take_plain_answers_is_cut_off() {
+async fn a_client_that_does_not_read_short_answers_is_cut_off() {
     let service = Service::start_with(impatient()).await;
     let mut connection = Connection::open(service.address).await;
     let many = b"GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(100);
@@ -263,7 +263,7 @@ async fn who_does_not_take_plain_answers_is_cut_off() {
 }
 
 #[tokio::test]
-async fn a_quiet_stream_that_is_read_stays() {
+async fn a_quiet_stream_is_not_cut_off() {
     let service = start_in_changed_hall(impatient()).await;
     let request = Request::new("GET", "/v1/alerts/stream");
     let mut stream = Connection::open(service.address).await;
@@ -279,7 +279,7 @@ async fn a_quiet_stream_that_is_read_stays() {
 }
 
 #[tokio::test]
-async fn streams_are_shared_and_end_with_the_place_to_go_on_from() {
+async fn streams_are_shared_and_end_with_the_id_to_resume_from() {
     let limits = Limits {
         streams: 2,
         stream_time: Duration::from_millis(700),
@@ -306,7 +306,7 @@ async fn streams_are_shared_and_end_with_the_place_to_go_on_from() {
 }
 
 #[tokio::test]
-async fn bombs_are_refused_and_honest_uploads_pass() {
+async fn bombs_are_refused_while_other_uploads_pass() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let bomb = zstd::bulk::compress(&vec![b' '; 60 << 20], 1).unwrap();

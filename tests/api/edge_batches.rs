@@ -179,7 +179,7 @@ fn cases() -> Vec<Case> {
 }
 
 #[tokio::test]
-async fn bad_edges_get_answers_that_teach() {
+async fn bad_edges_get_the_answers_of_the_contract() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     check(&service, cases()).await;

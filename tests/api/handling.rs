@@ -12,7 +12,7 @@ async fn send(service: &Service, method: &'static str, what: &str, body: Value) 
 }
 
 #[tokio::test]
-async fn an_alert_is_assigned_and_commented_on_without_refusing_a_decision() {
+async fn assignments_and_comments_do_not_invalidate_a_decision() {
     let service = changed_hall::start().await;
     let assigned = send(&service, "PUT", "assignee", json!({"assignee": "kim"})).await;
     assert_eq!(assigned.status, 200, "{}", assigned.text());
@@ -87,7 +87,7 @@ async fn an_alert_is_assigned_and_commented_on_without_refusing_a_decision() {
 }
 
 #[tokio::test]
-async fn a_report_says_what_was_raised_decided_and_is_open() {
+async fn a_report_lists_raised_decided_and_open_alerts() {
     let service = changed_hall::start().await;
     let read = async |query: &str| {
         let report = service.get(&format!("/v1/report{query}")).await;

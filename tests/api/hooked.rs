@@ -35,7 +35,7 @@ pub async fn start_in(directory: TempDir, options: DeliveryOptions) -> Service {
     Service::start_delivering(directory, Limits::default(), options).await
 }
 
-pub async fn told(service: &Service, receiver: &Receiver) -> Value {
+pub async fn registered(service: &Service, receiver: &Receiver) -> Value {
     register(service, json!({"url": receiver.url})).await
 }
 

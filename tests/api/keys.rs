@@ -87,7 +87,7 @@ fn ids(page: &Value) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn the_first_key_closes_the_service_and_others_follow() {
+async fn the_first_key_closes_the_service_and_creates_others() {
     let service = Service::start().await;
     service.put_route("hall").await;
     let make = |body: Value| Request::new("POST", "/v1/keys").json(&body);
@@ -163,7 +163,7 @@ async fn the_first_key_closes_the_service_and_others_follow() {
 }
 
 #[tokio::test]
-async fn keys_that_make_no_sense_are_refused() {
+async fn contradictory_keys_are_refused() {
     let service = Service::start().await;
     for (body, pointer) in [
         (json!({"name": "", "role": "admin"}), "/name"),
@@ -200,7 +200,7 @@ async fn keys_that_make_no_sense_are_refused() {
 }
 
 #[tokio::test]
-async fn decisions_bear_the_name_of_who_has_signed_in() {
+async fn decisions_have_the_name_of_the_signed_in_person() {
     let directory = changed_hall::directory().await;
     let (kim, viewer) = (key("Kim", Role::Maintainer), key("Viewer", Role::Viewer));
     make(&directory, &[&kim, &viewer]).await;
@@ -232,7 +232,7 @@ async fn decisions_bear_the_name_of_who_has_signed_in() {
 }
 
 #[tokio::test]
-async fn lists_show_what_is_of_the_key_s_routes() {
+async fn lists_are_limited_to_the_routes_of_the_key() {
     let directory = changed_hall::directory().await;
     let all = key("all", Role::Maintainer);
     let hall = limited_key("hall", Role::Maintainer, "hall");

@@ -11,7 +11,7 @@ use crate::client::{Connection, Request};
 use crate::service::Service;
 
 #[tokio::test]
-async fn shutdown_ends_what_is_under_way_and_refuses_what_is_new() {
+async fn shutdown_completes_requests_under_way_and_refuses_new_ones() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let address = service.address;
@@ -86,7 +86,7 @@ fn the_command_starts_on_a_system_without_certificates() {
 }
 
 #[test]
-fn the_command_says_where_it_listens_and_stops_on_sigterm() {
+fn the_command_prints_its_address_and_stops_on_sigterm() {
     let directory = TempDir::new().unwrap();
     let mut service = serve(&directory)
         .stdout(Stdio::piped())
@@ -109,7 +109,7 @@ fn the_command_says_where_it_listens_and_stops_on_sigterm() {
 }
 
 #[test]
-fn the_command_refuses_the_open_network_unless_told_so() {
+fn the_command_refuses_the_open_network_without_the_setting() {
     let data = tempfile::tempdir().unwrap();
     let refused = Command::new(env!("CARGO_BIN_EXE_mapshift"))
         .args(["serve", "--listen", "0.0.0.0:0", "--data"])

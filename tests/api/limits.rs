@@ -57,7 +57,7 @@ fn paced_bodies() -> Limits {
 }
 
 #[tokio::test]
-async fn a_body_that_trickles_gives_its_place_back() {
+async fn a_trickling_body_releases_its_place() {
     let service = Service::start_with(paced_bodies()).await;
     service.put_route("line-4").await;
     let request = upload();
@@ -78,7 +78,7 @@ async fn a_body_that_trickles_gives_its_place_back() {
 }
 
 #[tokio::test]
-async fn a_slow_gateway_gets_its_batch_in() {
+async fn a_slow_gateway_completes_its_upload() {
     let service = Service::start_with(paced_bodies()).await;
     service.put_route("line-4").await;
     let request = upload();
@@ -94,7 +94,7 @@ async fn a_slow_gateway_gets_its_batch_in() {
 }
 
 #[tokio::test]
-async fn a_body_has_an_end_even_at_a_good_pace() {
+async fn a_body_must_end_in_time_even_at_a_good_pace() {
     let mut limits = paced_bodies();
     limits.body_pace.total = Duration::from_millis(400);
     let service = Service::start_with(limits).await;
@@ -111,7 +111,7 @@ async fn a_body_has_an_end_even_at_a_good_pace() {
 }
 
 #[tokio::test]
-async fn a_body_that_breaks_off_does_no_harm() {
+async fn a_body_that_is_cut_off_stores_nothing() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let request = upload();
@@ -143,7 +143,7 @@ async fn a_refusal_reaches_a_client_that_is_still_sending() {
 }
 
 #[tokio::test]
-async fn with_no_place_free_an_upload_is_refused_before_its_body() {
+async fn an_upload_without_a_free_place_is_refused_before_its_body() {
     let limits = Limits {
         uploads: 1,
         ..Limits::default()
@@ -168,7 +168,7 @@ async fn with_no_place_free_an_upload_is_refused_before_its_body() {
 }
 
 #[tokio::test]
-async fn many_uploads_at_once_are_each_answered() {
+async fn every_one_of_many_simultaneous_uploads_is_answered() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let address = service.address;

@@ -14,7 +14,7 @@ async fn layer(service: &Service, path: &str) -> Value {
 }
 
 #[tokio::test]
-async fn layers_say_where_nodes_and_edges_are() {
+async fn layers_have_the_positions_of_nodes_and_edges() {
     let service = changed_hall::start().await;
     let graph = service.get("/v1/routes/hall/graph").await.json();
     let position = |id: &Value| {

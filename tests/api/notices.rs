@@ -42,7 +42,7 @@ async fn event(service: &Service, receiver: &mut Receiver, webhook: &Value, sche
 }
 
 #[tokio::test]
-async fn a_batch_a_vehicle_and_an_operation_are_sent_as_readers_see_them() {
+async fn events_of_batches_vehicles_and_operations_have_the_form_of_reads() {
     let service = start().await;
     let mut receiver = Receiver::start().await;
     let events = ["batch.quarantined", "vehicle.suspect", "operation.finished"];
@@ -99,7 +99,7 @@ async fn a_batch_a_vehicle_and_an_operation_are_sent_as_readers_see_them() {
 }
 
 #[tokio::test]
-async fn an_alert_is_sent_with_its_place_on_the_page_and_not_for_what_people_write() {
+async fn an_alert_is_sent_with_its_console_address_and_not_for_comments() {
     let service = start().await;
     let mut receiver = Receiver::start().await;
     let webhook = register(&service, json!({"url": receiver.url})).await;
@@ -134,7 +134,7 @@ fn signatures(call: &Call) -> usize {
 }
 
 #[tokio::test]
-async fn calls_are_signed_with_both_secrets_until_the_old_one_is_over() {
+async fn calls_are_signed_with_both_secrets_during_the_overlap() {
     let service = start().await;
     let mut receiver = Receiver::start().await;
     let webhook = register(&service, json!({"url": receiver.url})).await;

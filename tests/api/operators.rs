@@ -64,7 +64,7 @@ fn assert_has(line: &Value, fields: &Value) {
 }
 
 #[tokio::test]
-async fn the_log_says_what_was_started_and_with_which_settings() {
+async fn the_log_begins_with_the_version_and_the_settings() {
     let (log, _guard) = Log::begin();
     let directory = tempfile::TempDir::new().unwrap();
     let service = Service::start_changed(directory, |config| {
@@ -84,7 +84,7 @@ async fn the_log_says_what_was_started_and_with_which_settings() {
 }
 
 #[tokio::test]
-async fn alerts_and_decisions_about_them_are_lines_of_the_log() {
+async fn alerts_and_decisions_are_logged() {
     let (log, _guard) = Log::begin();
     let service = changed_hall::start().await;
     let raised = log.only("an alert was raised");
@@ -111,7 +111,7 @@ async fn alerts_and_decisions_about_them_are_lines_of_the_log() {
 }
 
 #[tokio::test]
-async fn quarantines_and_operations_are_lines_of_the_log() {
+async fn quarantines_and_operations_are_logged() {
     let (log, _guard) = Log::begin();
     let service = Service::start_with_map().await;
     let ended = || count(&service, "mapshift_batches_ended_total", "quarantined");
@@ -192,7 +192,7 @@ fn described() -> BTreeSet<String> {
 }
 
 #[tokio::test]
-async fn every_metric_that_is_watched_is_served() {
+async fn every_metric_of_the_alert_rules_is_served() {
     let service = Service::start().await;
     service.get("/livez").await;
     let served = names_in(&service.get("/metrics").await.text());

@@ -23,7 +23,7 @@ fn stated(request: Request, groups: &str) -> Request {
 }
 
 #[tokio::test]
-async fn a_trusted_proxy_says_who_somebody_is() {
+async fn a_trusted_proxy_identifies_people() {
     let service = behind("127.0.0.0/8").await;
     let session = stated(Request::new("GET", "/v1/session"), "all,keepers");
     let session = service.send(session).await.json();
@@ -56,7 +56,7 @@ async fn a_trusted_proxy_says_who_somebody_is() {
 }
 
 #[tokio::test]
-async fn others_who_say_so_are_not_believed() {
+async fn headers_of_untrusted_proxies_are_ignored() {
     let service = behind("192.0.2.0/24").await;
     for request in [
         Request::new("GET", "/v1/routes"),

@@ -55,7 +55,7 @@ async fn node_poses(service: &Service, route: &str) -> Vec<[f64; 3]> {
 }
 
 #[tokio::test]
-async fn a_bag_makes_the_map_that_its_json_makes() {
+async fn a_bag_and_its_json_make_the_same_map() {
     let service = Service::start().await;
     for name in ["amr", "turtlebot4"] {
         service.put_route("line-4").await;
@@ -102,7 +102,7 @@ async fn a_bag_makes_the_map_that_its_json_makes() {
 }
 
 #[tokio::test]
-async fn a_recording_is_known_by_its_bytes_and_its_parameters() {
+async fn a_recording_is_identified_by_its_bytes_and_parameters() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let bag = file("turtlebot3.mcap");
@@ -155,7 +155,7 @@ fn log(scans: usize) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_long_recording_is_several_batches_or_none() {
+async fn a_long_recording_is_stored_as_several_batches_or_not_at_all() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let query = "trip_id=long&format=carmen";
@@ -200,7 +200,7 @@ async fn a_long_recording_is_several_batches_or_none() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_used_is_refused_and_leaves_nothing() {
+async fn an_unusable_recording_is_refused_and_leaves_nothing() {
     let limits = Limits {
         recording_bytes: 100_000,
         ..Limits::default()

@@ -26,7 +26,7 @@ async fn file(service: &Service, path: &str) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn what_is_released_never_changes() {
+async fn a_released_version_never_changes() {
     let service = changed_hall::start().await;
     let draft = file(&service, "map.pgm").await;
     let answer = post(&service, "1/release", json!({"note": "for the shift"})).await;
@@ -52,7 +52,7 @@ async fn what_is_released_never_changes() {
     }
     let list = service.get(&format!("{HALL}/versions")).await.json();
     let items = list["items"].as_array().unwrap();
-    let told: Vec<Value> = items
+    let answered: Vec<Value> = items
         .iter()
         .map(|v| {
             json!([
@@ -67,7 +67,7 @@ async fn what_is_released_never_changes() {
     let moved_m = &items[2]["max_displacement_m"];
     assert!(moved_m.is_f64(), "{list}");
     assert_eq!(
-        told,
+        answered,
         [
             json!([1, 1, "released", null, null]),
             json!([2, 1, "retired", "release", 0.0]),
@@ -91,7 +91,7 @@ async fn what_is_released_never_changes() {
 }
 
 #[tokio::test]
-async fn a_release_is_safe_to_repeat_and_refused_where_there_is_nothing_to_release() {
+async fn a_release_can_be_repeated_and_needs_a_map() {
     let service = changed_hall::start().await;
     let first = post(&service, "1/release", json!({"note": "one"}))
         .await
@@ -150,7 +150,7 @@ async fn a_release_is_safe_to_repeat_and_refused_where_there_is_nothing_to_relea
 }
 
 #[tokio::test]
-async fn copies_of_what_has_ended_are_kept_and_of_what_grows_are_asked_for() {
+async fn ended_versions_are_cached_for_ever_and_drafts_are_revalidated() {
     let service = changed_hall::start().await;
     let caching = async |path: &str| {
         let answer = service.get(&format!("{HALL}/{path}")).await;
@@ -178,12 +178,12 @@ async fn copies_of_what_has_ended_are_kept_and_of_what_grows_are_asked_for() {
 }
 
 #[tokio::test]
-async fn vehicles_are_told_of_released_versions_only() {
+async fn vehicles_get_only_released_versions() {
     let service = changed_hall::start().await;
     let path = format!("{HALL}/versions/1/vda5050");
     let draft = service.get(&path).await;
-    let told = (draft.status, draft.problem());
-    assert_eq!(told, (409, "version-state".to_owned()));
+    let answered = (draft.status, draft.problem());
+    assert_eq!(answered, (409, "version-state".to_owned()));
     let released = post(&service, "1/release", json!({})).await.json();
     let map = |action: &str, more: Vec<Value>| {
         let id = json!({"key": "mapId", "value": "hall"});
@@ -219,7 +219,7 @@ async fn vehicles_are_told_of_released_versions_only() {
 }
 
 #[tokio::test]
-async fn vehicles_download_from_where_the_service_is_reached() {
+async fn download_links_have_the_public_url_or_the_host() {
     let directory = changed_hall::directory().await;
     let url = "https://maps.example.com".parse().unwrap();
     let service = Service::start_changed(directory, |config| {

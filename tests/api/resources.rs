@@ -31,7 +31,7 @@ pub fn steady(mut value: Value) -> Value {
 }
 
 #[tokio::test]
-async fn a_route_and_its_map_have_their_documented_form() {
+async fn a_route_and_its_map_have_the_documented_form() {
     let service = Service::start_with_map().await;
     for (name, path) in [
         ("route", "/v1/routes/hall"),
@@ -85,7 +85,7 @@ async fn a_route_and_its_map_have_their_documented_form() {
 }
 
 #[tokio::test]
-async fn pictures_are_drawn_once_and_named_by_their_etag() {
+async fn pictures_are_drawn_once_per_etag() {
     let service = Service::start_with_map().await;
     let png = service.get("/v1/routes/hall/map.png").await;
     assert_eq!(png.status, 200);
@@ -151,7 +151,7 @@ async fn a_route_is_created_changed_guarded_and_deleted() {
 }
 
 #[tokio::test]
-async fn lists_come_in_parts_without_gaps() {
+async fn pages_of_a_list_have_no_gaps() {
     let service = Service::start().await;
     for route in ["a", "b", "c", "d", "e"] {
         service.put_route(route).await;

@@ -56,7 +56,7 @@ fn files(directory: &Path) -> Vec<u8> {
 
 // On one thread, so that everything the service logs comes here.
 #[tokio::test]
-async fn secrets_are_neither_logged_nor_kept() {
+async fn secrets_are_neither_logged_nor_stored() {
     let log = Log::default();
     let subscriber = tracing_subscriber::fmt()
         .with_max_level(tracing::Level::TRACE)

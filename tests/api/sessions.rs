@@ -82,7 +82,7 @@ async fn a_session_ends_with_its_key() {
 }
 
 #[tokio::test]
-async fn a_session_that_is_not_used_ends() {
+async fn an_unused_session_ends() {
     let kim = key("Kim", Role::Viewer);
     let directory = changed_hall::directory().await;
     make(&directory, &[&kim]).await;
@@ -102,7 +102,7 @@ async fn a_session_that_is_not_used_ends() {
 }
 
 #[tokio::test]
-async fn a_foreign_page_changes_nothing() {
+async fn pages_of_other_sites_cannot_change_anything() {
     let kim = key("Kim", Role::Maintainer);
     let service = hall(&[&kim]).await;
     let cookie = cookie(&sign_in(&service, &text(&kim)).await);
@@ -138,7 +138,7 @@ async fn a_foreign_page_changes_nothing() {
 }
 
 #[tokio::test]
-async fn a_service_without_keys_is_open_to_its_own_pages_alone() {
+async fn a_service_without_keys_is_open_only_to_its_own_pages() {
     let service = Service::start().await;
     let open =
         json!({"open": true, "name": null, "role": "admin", "routes": null, "expires_at": null});
@@ -201,7 +201,7 @@ async fn a_foreign_host_is_refused() {
 }
 
 #[tokio::test]
-async fn an_address_that_guesses_keys_has_to_wait() {
+async fn an_address_that_guesses_keys_must_wait() {
     let kim = key("Kim", Role::Viewer);
     let service = hall(&[&kim]).await;
     assert_eq!(sign_in(&service, &text(&kim)).await.status, 200);

@@ -67,7 +67,7 @@ fn pixels(png: &[u8]) -> Vec<[u8; 4]> {
 }
 
 #[tokio::test]
-async fn a_tile_is_a_part_of_the_map() {
+async fn a_tile_shows_its_part_of_the_map() {
     let service = changed_hall::start().await;
     for (query, path) in [("", "map"), ("?version=1", "versions/1/map")] {
         let map = map(&service, path).await;
@@ -93,20 +93,20 @@ async fn a_tile_is_a_part_of_the_map() {
 }
 
 #[tokio::test]
-async fn tiles_say_what_they_cover_and_are_kept_as_long_as_they_hold() {
+async fn tiles_state_their_extent_and_are_cached_while_valid() {
     let service = changed_hall::start().await;
     let about = service.get(&format!("{TILES}.json")).await;
     let tag = about.header("etag").unwrap().to_owned();
-    let told = about.json();
+    let answered = about.json();
     assert_eq!(
-        told,
+        answered,
         json!({
             "version": 1, "layer": "accepted", "tile_size": 256, "min_zoom": 0, "max_zoom": 8,
             "tiles": "/v1/routes/hall/map/tiles/{z}/{x}/{y}.png?version=1", "resolution_m": 0.05,
-            "bounds": told["bounds"], "tag": tag,
+            "bounds": answered["bounds"], "tag": tag,
         })
     );
-    let bounds: Vec<f64> = serde_json::from_value(told["bounds"].clone()).unwrap();
+    let bounds: Vec<f64> = serde_json::from_value(answered["bounds"].clone()).unwrap();
     assert!(bounds[0] < -4.0 && bounds[1] < -3.0 && bounds[2] > 4.0 && bounds[3] > 3.0);
 
     let tile = format!("{TILES}/8/0/0.png");
@@ -145,7 +145,7 @@ async fn tiles_say_what_they_cover_and_are_kept_as_long_as_they_hold() {
 }
 
 #[tokio::test]
-async fn tiles_that_cannot_be_are_refused() {
+async fn impossible_tiles_are_refused() {
     let service = changed_hall::start().await;
     let release = Request::new("POST", "/v1/routes/hall/versions/1/release");
     assert_eq!(service.send(release).await.status, 200);
@@ -166,8 +166,8 @@ async fn tiles_that_cannot_be_are_refused() {
         ("8/0/0.png?layer=all", 400, "invalid-parameter"),
     ] {
         let answer = service.get(&format!("{TILES}/{path}")).await;
-        let told = (answer.status, answer.problem());
-        assert_eq!(told, (status, problem.to_owned()), "{path}");
+        let answered = (answer.status, answer.problem());
+        assert_eq!(answered, (status, problem.to_owned()), "{path}");
     }
     let empty = service.get("/v1/routes/yard/map/tiles/8/0/0.png").await;
     assert_eq!(

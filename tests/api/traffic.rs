@@ -13,7 +13,7 @@ async fn get(service: &Service, path: &str, header: (&str, &str)) -> Answer {
 }
 
 #[tokio::test]
-async fn a_list_is_not_sent_again_to_a_client_that_has_it() {
+async fn a_client_with_a_valid_copy_of_a_list_gets_304() {
     let service = changed_hall::start().await;
     for path in [
         "/v1/routes",
@@ -51,7 +51,7 @@ async fn a_list_is_not_sent_again_to_a_client_that_has_it() {
 }
 
 #[tokio::test]
-async fn text_is_compressed_for_those_who_take_it() {
+async fn text_is_compressed_for_clients_that_accept_gzip() {
     let service = changed_hall::start().await;
     for path in ["/v1/alerts", "/v1/routes/hall/graph"] {
         let plain = service.get(path).await;
@@ -73,7 +73,7 @@ async fn text_is_compressed_for_those_who_take_it() {
 }
 
 #[tokio::test]
-async fn the_document_says_which_answers_need_not_be_sent_again() {
+async fn the_document_states_which_answers_have_an_etag() {
     let service = changed_hall::start().await;
     let release = Request::new("POST", "/v1/routes/hall/versions/1/release");
     assert_eq!(service.send(release).await.status, 200);

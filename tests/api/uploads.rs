@@ -53,7 +53,7 @@ async fn the_same_bytes_are_stored_once_and_other_bytes_never() {
 }
 
 #[tokio::test]
-async fn compressed_first_and_chunked_uploads_are_taken() {
+async fn compressed_and_chunked_uploads_are_accepted() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let packed = zstd(batch(0, 3).to_string().as_bytes());
@@ -79,7 +79,7 @@ async fn compressed_first_and_chunked_uploads_are_taken() {
 }
 
 #[tokio::test]
-async fn a_stated_digest_is_held_to() {
+async fn a_stated_digest_is_checked() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let packed = gzip(batch(0, 3).to_string().as_bytes());
@@ -99,7 +99,7 @@ async fn a_stated_digest_is_held_to() {
 }
 
 #[tokio::test]
-async fn an_expected_body_is_asked_for_only_if_it_will_be_taken() {
+async fn a_body_is_continued_only_if_it_will_be_accepted() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let plain = batch(0, 1).to_string();
@@ -121,7 +121,7 @@ async fn an_expected_body_is_asked_for_only_if_it_will_be_taken() {
 }
 
 #[tokio::test]
-async fn request_ids_are_echoed_or_made() {
+async fn request_ids_are_echoed_or_generated() {
     let service = Service::start().await;
     let given = Request::new("GET", "/livez").header("x-request-id", "gateway-7/42");
     assert_eq!(
@@ -138,7 +138,7 @@ async fn request_ids_are_echoed_or_made() {
 }
 
 #[tokio::test]
-async fn what_became_of_many_batches_is_one_question() {
+async fn the_status_of_many_batches_is_one_request() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     for k in 0..5 {
@@ -180,7 +180,7 @@ async fn what_became_of_many_batches_is_one_question() {
 }
 
 #[tokio::test]
-async fn what_drivers_send_is_taken_flagged_and_counted() {
+async fn readings_of_real_drivers_are_accepted_flagged_and_counted() {
     let service = Service::start().await;
     service.put_route("line-4").await;
     let mut body = batch(0, 2);
@@ -199,11 +199,11 @@ async fn what_drivers_send_is_taken_flagged_and_counted() {
         "clockwise_scans",
         "simulated_time",
     ];
-    for told in [stored.json(), service.get(PATH).await.json()] {
-        assert_eq!(told["flags"], json!(flags));
+    for answered in [stored.json(), service.get(PATH).await.json()] {
+        assert_eq!(answered["flags"], json!(flags));
         let counted = json!({"above_range_max": 2, "below_range_min": 2});
-        assert_eq!(told["out_of_range"], counted);
-        assert_eq!(told["extensions"], json!(null));
+        assert_eq!(answered["out_of_range"], counted);
+        assert_eq!(answered["extensions"], json!(null));
     }
     service.stop().await;
 }

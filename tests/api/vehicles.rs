@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::service::Service;
 
 #[tokio::test]
-async fn a_vehicle_is_told_with_what_it_sent() {
+async fn a_vehicle_is_shown_with_its_uploads() {
     let service = Service::start_with_map().await;
     let page = service.get("/v1/routes/hall/vehicles").await.json();
     let items = page["items"].as_array().unwrap();
@@ -34,7 +34,7 @@ async fn a_vehicle_is_told_with_what_it_sent() {
 }
 
 #[tokio::test]
-async fn vehicles_come_in_parts_and_by_name_alone() {
+async fn vehicles_are_listed_in_pages_by_name() {
     let service = Service::start_with_map().await;
     let page = service.get("/v1/routes/hall/vehicles?limit=1").await.json();
     assert_eq!(page["items"].as_array().unwrap().len(), 1);

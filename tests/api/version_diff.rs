@@ -82,7 +82,7 @@ async fn an_acceptance_and_its_undo_differ_in_the_same_cells() {
 }
 
 #[tokio::test]
-async fn pictures_of_versions_that_have_ended_are_kept_for_ever() {
+async fn pictures_of_ended_versions_are_cached_for_ever() {
     let service = changed_hall::start().await;
     decide(&service, "accept").await;
     let png = format!("{VERSIONS}/2/diff.png");
@@ -104,7 +104,7 @@ async fn pictures_of_versions_that_have_ended_are_kept_for_ever() {
 }
 
 #[tokio::test]
-async fn versions_that_are_not_there_are_not_compared() {
+async fn missing_versions_are_not_compared() {
     let service = changed_hall::start().await;
     for (path, status, problem, says) in [
         ("9/diff", 404, "not-found", ""),

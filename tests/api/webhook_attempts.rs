@@ -7,16 +7,18 @@ use mapshift::webhooks::DeliveryOptions;
 use serde_json::{Value, json};
 
 use crate::client::Request;
-use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
+use crate::hooked::{
+    HOUR, ended, happen, make_due, options, registered, secret, start, start_in, tried,
+};
 use crate::receiver::{CANARY, Receiver};
 use crate::webhooks::{change, deliveries, path};
 
 #[tokio::test]
-async fn what_fails_is_sent_again_until_it_is_taken() {
+async fn a_failed_call_is_repeated_until_it_is_accepted() {
     let service = start(Duration::from_millis(20)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(404);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let calls = [
         receiver.call().await,
@@ -36,11 +38,11 @@ async fn what_fails_is_sent_again_until_it_is_taken() {
 }
 
 #[tokio::test]
-async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
+async fn after_the_last_attempt_the_next_event_is_sent() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(302).then(503);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let delivery = ended(&service, &webhook).await;
     assert_eq!(
@@ -59,11 +61,11 @@ async fn after_the_last_attempt_it_has_failed_and_the_next_event_is_sent() {
 }
 
 #[tokio::test]
-async fn a_restart_between_a_failure_and_its_repetition_loses_nothing() {
+async fn a_restart_between_two_attempts_loses_nothing() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let first = receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -88,11 +90,11 @@ async fn a_restart_between_a_failure_and_its_repetition_loses_nothing() {
 }
 
 #[tokio::test]
-async fn what_was_under_way_at_the_stop_is_sent_again() {
+async fn a_call_under_way_at_the_stop_is_repeated() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     let first = receiver.call().await;
     let directory = service.stop_keeping().await;
@@ -105,12 +107,12 @@ async fn what_was_under_way_at_the_stop_is_sent_again() {
 }
 
 #[tokio::test]
-async fn a_deleted_webhook_is_called_no_more() {
+async fn a_deleted_webhook_is_no_longer_called() {
     let service = start(Duration::from_millis(300)).await;
     let (mut deleted, mut witness) = (Receiver::start().await, Receiver::start().await);
     deleted.then(500).then(500);
-    let webhook = told(&service, &deleted).await;
-    told(&service, &witness).await;
+    let webhook = registered(&service, &deleted).await;
+    registered(&service, &witness).await;
     happen(&service).await;
     witness.call().await;
     deleted.call().await;
@@ -134,11 +136,11 @@ async fn a_deleted_webhook_is_called_no_more() {
 }
 
 #[tokio::test]
-async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
+async fn redirects_are_not_followed_and_answers_are_not_shown() {
     let service = start(HOUR).await;
     let (mut receiver, elsewhere) = (Receiver::start().await, Receiver::start().await);
     receiver.then_with(307, vec![("location", elsewhere.url.clone())]);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -153,8 +155,8 @@ async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
         "/v1/webhooks".to_owned(),
         "/metrics".to_owned(),
     ] {
-        let told = service.get(&path).await;
-        let everything = format!("{:?} {}", told.headers, told.text());
+        let answered = service.get(&path).await;
+        let everything = format!("{:?} {}", answered.headers, answered.text());
         assert!(!everything.contains(CANARY), "{everything}");
         assert!(!everything.contains(&elsewhere.url), "{everything}");
     }
@@ -169,11 +171,11 @@ async fn a_redirect_is_not_followed_and_nothing_of_an_answer_is_told() {
 }
 
 #[tokio::test]
-async fn who_says_gone_is_left_alone_until_somebody_enables_it() {
+async fn a_receiver_that_answers_gone_is_disabled() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then(410);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = ended(&service, &webhook).await;
@@ -212,11 +214,11 @@ async fn who_says_gone_is_left_alone_until_somebody_enables_it() {
 }
 
 #[tokio::test]
-async fn a_receiver_that_asks_for_time_gets_it() {
+async fn retry_after_of_a_receiver_is_respected() {
     let service = start(Duration::from_millis(1)).await;
     let mut receiver = Receiver::start().await;
     receiver.then_with(503, vec![("retry-after", "3600".to_owned())]);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let delivery = tried(&service, &webhook).await;
@@ -233,10 +235,10 @@ async fn a_receiver_that_asks_for_time_gets_it() {
 }
 
 #[tokio::test]
-async fn what_settings_allowed_once_is_not_sent_under_stricter_ones() {
+async fn stricter_settings_apply_to_registered_webhooks() {
     let service = start(HOUR).await;
     let receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let directory = service.stop_keeping().await;
     let service = start_in(directory, DeliveryOptions::default()).await;
     happen(&service).await;

@@ -7,15 +7,17 @@ use serde_json::{Value, json};
 
 use crate::changed_hall::APPEARED;
 use crate::client::Request;
-use crate::hooked::{HOUR, ended, happen, make_due, options, secret, start, start_in, told, tried};
+use crate::hooked::{
+    HOUR, ended, happen, make_due, options, registered, secret, start, start_in, tried,
+};
 use crate::receiver::Receiver;
 use crate::webhooks::{deliveries, path, register};
 
 #[tokio::test]
-async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
+async fn a_receiver_is_sent_the_signed_alert_in_the_form_of_reads() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let alert = happen(&service).await;
     let call = receiver.call().await;
     assert_eq!(call.path, "/hook");
@@ -61,7 +63,7 @@ async fn a_receiver_is_sent_the_alert_as_readers_see_it_signed() {
 async fn events_arrive_in_order() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let mut ids = Vec::new();
     for _ in 0..5 {
         happen(&service).await;
@@ -71,8 +73,8 @@ async fn events_arrive_in_order() {
     }
     ended(&service, &webhook).await;
     let listed = deliveries(&service, &webhook).await;
-    let told: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
-    assert_eq!(told, ids);
+    let answered: Vec<Value> = listed.iter().rev().map(|one| one["id"].clone()).collect();
+    assert_eq!(answered, ids);
     let sequences: Vec<i64> = listed
         .iter()
         .map(|one| one["event_id"].as_i64().unwrap())
@@ -93,11 +95,11 @@ async fn events_arrive_in_order() {
 }
 
 #[tokio::test]
-async fn updates_that_a_call_has_told_already_are_not_sent() {
+async fn updates_that_an_earlier_call_contained_are_not_sent() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then_nothing();
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     let mut alert = Value::Null;
@@ -121,11 +123,11 @@ async fn updates_that_a_call_has_told_already_are_not_sent() {
 
 /// Each event is tried as it comes; what is tried again is the newest, and tells all of them.
 #[tokio::test]
-async fn a_receiver_that_was_down_is_told_each_alert_once() {
+async fn a_receiver_that_was_down_gets_each_alert_once() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500).then(500).then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     let mut ids = Vec::new();
     let mut alert = Value::Null;
     for _ in 0..3 {
@@ -150,11 +152,11 @@ async fn a_receiver_that_was_down_is_told_each_alert_once() {
 }
 
 #[tokio::test]
-async fn a_late_attempt_tells_the_present_state() {
+async fn a_late_attempt_sends_the_present_state() {
     let service = start(HOUR).await;
     let mut receiver = Receiver::start().await;
     receiver.then(500);
-    let webhook = told(&service, &receiver).await;
+    let webhook = registered(&service, &receiver).await;
     happen(&service).await;
     receiver.call().await;
     tried(&service, &webhook).await;
@@ -172,7 +174,7 @@ async fn a_late_attempt_tells_the_present_state() {
 }
 
 #[tokio::test]
-async fn a_webhook_is_told_of_its_route_and_its_events_alone() {
+async fn a_webhook_gets_only_events_of_its_route_and_its_topics() {
     let service = start(HOUR).await;
     let mut receivers = [
         Receiver::start().await,
@@ -238,12 +240,12 @@ async fn a_test_is_signed_and_tried_once() {
 }
 
 #[tokio::test]
-async fn a_receiver_that_does_not_answer_holds_up_nobody_else() {
+async fn a_receiver_that_does_not_answer_delays_no_other() {
     let service = start(HOUR).await;
     let (mut hanging, mut quick) = (Receiver::start().await, Receiver::start().await);
     hanging.then_nothing();
-    let webhook = told(&service, &hanging).await;
-    told(&service, &quick).await;
+    let webhook = registered(&service, &hanging).await;
+    registered(&service, &quick).await;
     happen(&service).await;
     hanging.call().await;
     quick.call().await;

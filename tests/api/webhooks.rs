@@ -57,9 +57,9 @@ async fn a_webhook_is_registered_changed_and_deleted() {
         secret.starts_with("whsec_") && secret.len() == 50,
         "{secret}"
     );
-    let mut told = without_secret(&webhook);
+    let mut answered = without_secret(&webhook);
     for varying in ["id", "created_at", "updated_at"] {
-        assert!(told[varying].take().is_string());
+        assert!(answered[varying].take().is_string());
     }
     let expected = json!({
         "id": null, "url": "https://hooks.example.com/alerts?team=7",
@@ -67,7 +67,7 @@ async fn a_webhook_is_registered_changed_and_deleted() {
         "description": "tickets", "include_tentative": false, "active": true, "gone_at": null,
         "secret": null, "previous_secret_until": null, "created_at": null, "updated_at": null
     });
-    assert_eq!(told, expected);
+    assert_eq!(answered, expected);
 
     let read = service.get(&path(&webhook)).await;
     assert_eq!(read.header("etag"), Some("\"1\""));
@@ -107,7 +107,7 @@ async fn a_webhook_is_registered_changed_and_deleted() {
 }
 
 #[tokio::test]
-async fn a_secret_is_told_once() {
+async fn a_secret_is_shown_once() {
     let service = Service::start().await;
     let body = json!({"url": "https://example.com/"});
     let (one, other) = (
@@ -122,8 +122,8 @@ async fn a_secret_is_told_once() {
         WEBHOOKS.to_owned(),
         format!("{}/deliveries", path(&one)),
     ] {
-        let told = service.get(&path).await.text();
-        assert!(!told.contains("whsec_"), "{told}");
+        let answered = service.get(&path).await.text();
+        assert!(!answered.contains("whsec_"), "{answered}");
     }
     let changed = change(&service, &one, "*", json!({"active": true})).await;
     assert_eq!(changed.json()["secret"], Value::Null);
@@ -131,7 +131,7 @@ async fn a_secret_is_told_once() {
 }
 
 #[tokio::test]
-async fn webhooks_are_listed_in_parts_and_there_are_not_too_many() {
+async fn webhooks_are_listed_in_pages_and_limited() {
     let service = Service::start().await;
     let mut ids = Vec::new();
     for k in 0..100 {
@@ -167,7 +167,7 @@ async fn webhooks_are_listed_in_parts_and_there_are_not_too_many() {
 }
 
 #[tokio::test]
-async fn a_route_takes_its_webhooks_along() {
+async fn a_deleted_route_deletes_its_webhooks() {
     let service = Service::start().await;
     service.put_route("hall").await;
     let of_hall = register(

@@ -42,7 +42,7 @@ async fn listed(service: &Service, muted: bool) -> usize {
 }
 
 #[tokio::test]
-async fn a_zone_mutes_what_lies_in_it_until_it_is_deleted() {
+async fn a_zone_mutes_the_alerts_in_it_until_it_is_deleted() {
     let service = changed_hall::start().await;
     assert_eq!(standing(&service).await, (false, 1, 1));
     let made = post(&service, &zone()).await;
@@ -102,7 +102,7 @@ async fn a_zone_mutes_what_lies_in_it_until_it_is_deleted() {
 }
 
 #[tokio::test]
-async fn a_zone_ends_in_time() {
+async fn a_zone_ends_at_its_time() {
     let service = changed_hall::start().await;
     let mut short = zone();
     short["until"] = json!(Timestamp::now() + SignedDuration::from_millis(700));
@@ -122,7 +122,7 @@ async fn a_zone_ends_in_time() {
 }
 
 #[tokio::test]
-async fn what_is_no_zone_is_refused() {
+async fn malformed_zones_are_refused() {
     let service = changed_hall::start().await;
     let with = |field: &str, value: Value| {
         let mut zone = zone();

@@ -8,8 +8,8 @@ use crate::store::{SESSION_MAX, Secret};
 
 const NAME: &str = "mapshift_session";
 
-/// The session's id in a request's cookies. Other services of a host share its cookies: what is not an id
-/// is passed over.
+/// The id of the session in a request's cookies. Other services on the same host share its cookies, so values that are
+/// not an id are ignored.
 pub(in crate::api) fn session_id(headers: &HeaderMap) -> Option<Secret> {
     let lines = headers.get_all(COOKIE).iter();
     let cookies = lines.filter_map(|line| line.to_str().ok());
@@ -23,7 +23,7 @@ pub(in crate::api) fn session_id(headers: &HeaderMap) -> Option<Secret> {
 /// The header that gives a browser a session.
 ///
 /// # Errors
-/// If it is no header, which cannot be.
+/// If the value is not valid in a header, which cannot happen.
 pub(in crate::api) fn session_cookie(
     id: &Secret,
     headers: &HeaderMap,
@@ -34,10 +34,10 @@ pub(in crate::api) fn session_cookie(
     Ok(header)
 }
 
-/// The header that takes it away.
+/// The header that removes the session from a browser.
 ///
 /// # Errors
-/// If it is no header, which cannot be.
+/// If the value is not valid in a header, which cannot happen.
 pub(in crate::api) fn ended_cookie(
     headers: &HeaderMap,
 ) -> Result<HeaderValue, axum::http::header::InvalidHeaderValue> {
@@ -49,7 +49,7 @@ fn cookie(value: &str, age_s: i64, headers: &HeaderMap) -> String {
     format!("{NAME}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{secure}")
 }
 
-/// Not on the machine itself by plain http, where browsers would drop a secure cookie.
+/// False for plain http on the same machine, where browsers would drop a secure cookie.
 fn is_secure(headers: &HeaderMap) -> bool {
     let text = |name| headers.get(name).and_then(|v| v.to_str().ok());
     let is_https = text(ORIGIN).is_some_and(|origin| origin.starts_with("https://"));
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn only_on_the_machine_itself_it_is_not_secure() {
+    fn cookies_are_secure_except_for_plain_http_on_the_same_machine() {
         for (host, origin, secure) in [
             ("localhost:8080", None, false),
             ("127.0.0.1:8080", Some("http://127.0.0.1:8080"), false),

@@ -1,5 +1,4 @@
-//! The layers that requests pass: whether they are meant for this service, and whether whoever sends
-//! them may.
+//! The layers that admit requests: those meant for this service, from senders with the necessary role.
 
 use std::collections::HashMap;
 use std::str::FromStr;
@@ -21,11 +20,11 @@ use crate::api::problem::{Problem, ProblemKind};
 use crate::api::{ApiState, alerts, operation, webhooks};
 use crate::ids::RouteId;
 
-/// What every operation needs, by path and method.
+/// The role that each operation needs, by path and method.
 pub(in crate::api) struct Rules(HashMap<String, HashMap<String, (Needs, About)>>);
 
 impl Rules {
-    /// Of the operations of an OpenAPI document.
+    /// The rules of the operations of an OpenAPI document.
     pub(in crate::api) fn of(document: &Value) -> Self {
         let paths = document["paths"].as_object().into_iter().flatten();
         let needs = |(method, operation): (&String, &Value)| {
@@ -45,7 +44,7 @@ impl Rules {
 
     fn needs(&self, parts: &Parts) -> Option<(Needs, About)> {
         let path = parts.extensions.get::<MatchedPath>()?;
-        // A HEAD is answered as the GET is.
+        // HEAD is answered like GET.
         let method = match parts.method {
             Method::HEAD => &Method::GET,
             ref method => method,
@@ -54,8 +53,8 @@ impl Rules {
     }
 }
 
-/// Refuses requests that are meant for another host, and changes that another page asks for. Probes ask
-/// by whatever name they know, and change nothing.
+/// Refuses requests for another host, and changes requested by pages of other sites. Probes may use any name, because
+/// they change nothing.
 pub(in crate::api) async fn check_origin(
     State(state): State<ApiState>,
     request: Request,
@@ -75,7 +74,7 @@ pub(in crate::api) async fn check_origin(
     }
 }
 
-/// Lets a request to an operation pass if whoever sends it may, and states who that is.
+/// Admits a request to an operation if its sender may use it, and adds the sender's identity.
 pub(in crate::api) async fn admit(
     State((state, rules)): State<(ApiState, Arc<Rules>)>,
     request: Request,
@@ -98,16 +97,16 @@ async fn admitted(state: &ApiState, rules: &Rules, parts: &mut Parts) -> Result<
     if let Some((Needs::Nothing, _)) = found {
         return Ok(Identity::nobody());
     }
-    let shown = authenticate(state, parts).await?;
-    if shown.by_cookie && !is_safe(&parts.method) {
+    let sender = authenticate(state, parts).await?;
+    if sender.by_cookie && !is_safe(&parts.method) {
         check_page(state, &parts.headers, true)?;
     }
-    let identity = shown.identity;
+    let identity = sender.identity;
     if state.is_open() {
         return Ok(identity);
     }
     let Some((needs, about)) = found else {
-        let detail = "nobody may use this operation: it has no rule";
+        let detail = "this operation has no rule, so nobody may use it";
         return Err(Problem::new(ProblemKind::Forbidden, detail));
     };
     check_role(&identity, needs)?;
@@ -126,7 +125,7 @@ fn check_role(identity: &Identity, needs: Needs) -> Result<(), Problem> {
     let roles = needs.roles().unwrap_or("any role");
     let Some(name) = identity.name() else {
         let detail = format!(
-            "send Authorization: Bearer with a key whose role is {roles}, or sign in on the page"
+            "send Authorization: Bearer with a key whose role is {roles}, or sign in to the console"
         );
         return Err(unauthenticated(&detail));
     };
@@ -135,7 +134,7 @@ fn check_role(identity: &Identity, needs: Needs) -> Result<(), Problem> {
     Err(Problem::new(ProblemKind::Forbidden, detail))
 }
 
-/// Refuses what belongs to other routes than theirs, in the words of what is not there.
+/// Refuses what belongs to other routes, as if it did not exist.
 async fn check_sees(
     state: &ApiState,
     identity: &Identity,
@@ -149,11 +148,11 @@ async fn check_sees(
         About::Service => {
             let names: Vec<&str> = routes.iter().map(RouteId::as_str).collect();
             let names = names.join(", ");
-            let detail = format!("this is about all routes, and the key is limited to {names}");
+            let detail = format!("this concerns all routes, and the key is limited to {names}");
             return Err(Problem::new(ProblemKind::Forbidden, detail));
         }
         About::Route => param(&params, "route"),
-        // An id that is none is the handler's to refuse; it finds nothing.
+        // A malformed id is left for the handler to refuse.
         About::Alert => match param(&params, "alert") {
             Some(id) => Some(alerts::known_alert(state, id).await?.route_id),
             None => return Ok(()),
@@ -194,7 +193,7 @@ fn is_safe(method: &Method) -> bool {
     [Method::GET, Method::HEAD].contains(method)
 }
 
-/// The host that a request is meant for: it stands in its target, or in its header.
+/// The host that a request is for: in its target, or in the header `Host`.
 fn host(request: &Request) -> Option<&str> {
     let in_target = request
         .uri()
@@ -205,20 +204,20 @@ fn host(request: &Request) -> Option<&str> {
 
 fn check_host(state: &ApiState, request: &Request) -> Result<(), Problem> {
     let hosts = request.headers().get_all(header::HOST).iter().count();
-    // Browsers send one always; what sends none is no page.
+    // Browsers always send one; a request without it does not come from a page.
     if hosts == 0 && request.uri().authority().is_none() {
         return Ok(());
     }
     if hosts <= 1 && host(request).is_some_and(|host| state.hosts.is_own(host)) {
         return Ok(());
     }
-    let detail = "the service is not known by this Host: ask for it by the address that it listens on, \
-                  or start it with --public-url and the name that people use";
+    let detail = "the service does not have the name in Host: use the address that it listens on, or \
+                  start it with --public-url and the name that people use";
     Err(Problem::new(ProblemKind::ForeignHost, detail))
 }
 
-/// Whether a change is asked for by a page of the service, or by what is no page. Where a browser adds
-/// what shows the identity, it has to say which page it was.
+/// Checks that a change is requested by a page of the service, or not by a page at all. If the sender is identified by
+/// a cookie (`must_say`), the browser must name the page.
 fn check_page(state: &ApiState, headers: &HeaderMap, must_say: bool) -> Result<(), Problem> {
     let host = text(headers, header::HOST).unwrap_or_default();
     let fetch_site = text(headers, header::HeaderName::from_static("sec-fetch-site"));
@@ -244,7 +243,7 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// The connection is closed where a body was not read.
+/// The answer with a problem; closes the connection if a body was not read.
 fn refuse(problem: Problem, request: &Request) -> Response {
     match request.body().is_end_stream() {
         true => problem.into_response(),

@@ -1,20 +1,20 @@
-//! Under which names the service is reached. A page of another name must not send requests to it, even
-//! if its name leads here (DNS rebinding).
+//! The names under which the service is reached. A page with another name must not send requests to it, even if that
+//! name resolves to this service (DNS rebinding).
 
 use std::net::IpAddr;
 use std::str::FromStr;
 
 use axum::http::uri::{Authority, Uri};
 
-/// Where people reach the service, as in `https://maps.example.com`.
+/// The URL under which people reach the service, such as `https://maps.example.com`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PublicUrl {
-    /// Scheme and authority, as browsers send it.
+    /// Scheme and authority as browsers send them.
     origin: String,
     host: String,
 }
 
-/// A text that is no such URL.
+/// The text is not such a URL.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("give a URL without a path, like https://maps.example.com")]
 pub struct InvalidUrl;
@@ -63,8 +63,8 @@ impl Hosts {
         Self { listen, public_url }
     }
 
-    /// Whether a request for this host (a name or an address, perhaps with a port) is meant for the
-    /// service. An address cannot be made to lead elsewhere, so that whoever listens on all takes any.
+    /// Whether a request for this host (a name or an address, possibly with a port) is for the service. Addresses cannot
+    /// be rebound, so a service that listens on all of them accepts any.
     pub(super) fn is_own(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else {
             return false;
@@ -83,13 +83,13 @@ impl Hosts {
         url.is_some_and(|url| url.host.trim_matches(['[', ']']).eq_ignore_ascii_case(name))
     }
 
-    /// Where people and vehicles reach the service, if it was said: a scheme and an authority.
+    /// Scheme and authority under which people and vehicles reach the service, if set.
     pub(in crate::api) fn public_origin(&self) -> Option<&str> {
         let url = self.public_url.as_ref();
         url.map(PublicUrl::origin)
     }
 
-    /// Whether a page of this origin is the service's own, if the request was for this host.
+    /// Whether this origin is the service's own, for a request to this host.
     pub(super) fn is_own_origin(&self, origin: &str, host: &str) -> bool {
         let url = self.public_url.as_ref();
         if url.is_some_and(|url| url.origin.eq_ignore_ascii_case(origin)) {
@@ -102,7 +102,7 @@ impl Hosts {
     }
 }
 
-/// Whether a host is this machine, for whoever asks for it.
+/// Whether a host is the machine of the client itself.
 pub(super) fn is_loopback(host: &str) -> bool {
     let Ok(authority) = host.parse::<Authority>() else {
         return false;
@@ -164,7 +164,7 @@ mod tests {
         for (origin, host) in [
             ("http://localhost:8080", "localhost:8080"),
             ("https://maps.example.com", "maps.example.com"),
-            // A proxy may ask for the service by the name that it has for it.
+            // A proxy may use its own name for the service.
             ("https://maps.example.com", "127.0.0.1:8080"),
         ] {
             assert!(hosts.is_own_origin(origin, host), "{origin} {host}");

@@ -1,4 +1,4 @@
-//! Whose request it is, and what they may see.
+//! The sender of a request, and what they may read.
 
 use std::convert::Infallible;
 
@@ -12,15 +12,15 @@ use crate::ids::{KeyId, RouteId, VehicleId};
 use crate::model::{Actor, Role};
 use crate::store::{KeyRecord, SessionRecord};
 
-/// Whose request it is. The layer `admit` states it; without that it is nobody's.
+/// The sender of a request. The layer `admit` adds it; without that layer the sender is nobody.
 #[derive(Debug, Clone)]
 pub(in crate::api) struct Identity {
     who: Who,
-    /// What they may do; `None` for nobody, and for somebody without a role.
+    /// Their role; `None` for nobody, and for somebody without a role.
     pub role: Option<Role>,
     /// The routes that they are limited to; `None` for all.
     pub routes: Option<Vec<RouteId>>,
-    /// From then on they are nobody.
+    /// When the identity expires.
     pub expires_at: Option<Timestamp>,
     /// The vehicle that they upload for; `None` for any.
     vehicle_id: Option<VehicleId>,
@@ -35,17 +35,17 @@ enum Who {
 }
 
 impl Identity {
-    /// Somebody who has shown nothing.
+    /// A sender who is not identified.
     pub(super) fn nobody() -> Self {
         Self::new(Who::Nobody, None)
     }
 
-    /// Anybody, of a service that is open.
+    /// Any sender to a service that is open.
     pub(super) fn local() -> Self {
         Self::new(Who::Local, Some(Role::Admin))
     }
 
-    /// Somebody whom a trusted proxy has signed in.
+    /// A person whom a trusted proxy has signed in.
     pub(super) fn of_proxy(name: String, role: Option<Role>) -> Self {
         Self::new(Who::Proxy { name }, role)
     }
@@ -61,7 +61,7 @@ impl Identity {
         }
     }
 
-    /// The holder of a key who has signed in with it.
+    /// A person who has signed in with a key.
     pub(in crate::api) fn of_session(session: SessionRecord) -> Self {
         Self {
             expires_at: Some(session.expires_at()),
@@ -87,13 +87,13 @@ impl Identity {
         }
     }
 
-    /// Whether they may see what belongs to a route.
+    /// Whether they may read what belongs to a route.
     pub(in crate::api) fn sees(&self, route: &RouteId) -> bool {
         let routes = self.routes.as_ref();
         routes.is_none_or(|routes| routes.contains(route))
     }
 
-    /// Refuses a route that they may not see just as one that is not there.
+    /// Refuses a route that they may not read, as if it did not exist.
     ///
     /// # Errors
     /// The [`Problem`] of an unknown route.
@@ -104,7 +104,7 @@ impl Identity {
         }
     }
 
-    /// The one vehicle whose uploads they may see; `None` for all.
+    /// The one vehicle whose uploads they may read; `None` for all.
     pub(in crate::api) fn own_vehicle(&self) -> Option<&VehicleId> {
         self.vehicle_id.as_ref()
     }
@@ -114,21 +114,21 @@ impl Identity {
         self.own_vehicle().is_some_and(|own| own != vehicle)
     }
 
-    /// Refuses uploads of other vehicles than their own.
+    /// Refuses uploads for vehicles other than their own.
     ///
     /// # Errors
     /// A [`Problem`] that names the vehicle.
     pub(in crate::api) fn check_upload(&self, vehicle: &VehicleId) -> Result<(), Problem> {
         match &self.vehicle_id {
             Some(own) if own != vehicle => {
-                let detail = format!("this key uploads for vehicle {own} alone, not for {vehicle}");
+                let detail = format!("this key uploads only for vehicle {own}, not for {vehicle}");
                 Err(Problem::new(ProblemKind::Forbidden, detail).at("/vehicle_id"))
             }
             _ => Ok(()),
         }
     }
 
-    /// As the audit has them.
+    /// The actor for the audit.
     fn actor(&self, address: ClientAddress) -> Actor {
         let address = address.to_string();
         match self.who.clone() {

@@ -1,7 +1,7 @@
-//! Who may send which request: identities, roles, and the layer that holds every operation to them.
+//! Who may send which request: identities, roles, and the layer that enforces them for every operation.
 //!
-//! The table of operations is in `operations`; the layers are in `guard`. A handler whose answer
-//! depends on who asks takes an [`Identity`]; one that changes something takes an `Actor`.
+//! The table of operations is in `operations`, the layers are in `guard`. A handler whose answer depends on the sender
+//! takes an [`Identity`]; one that changes something takes an `Actor`.
 
 mod authenticate;
 mod cookie;
@@ -23,11 +23,11 @@ pub use proxies::{GroupRole, InvalidGroupRole, InvalidNetwork, Network, TrustedP
 pub(super) use security::add_security;
 pub(super) use sign_ins::SignIns;
 
-/// The names of the service, and who besides holders of keys is believed.
+/// The names of the service, and the proxies that are trusted to identify people.
 #[derive(Debug, Clone, Default)]
 pub struct AccessOptions {
-    /// Where people reach the service, if that is not the address it listens on.
+    /// The URL under which people reach the service, if that is not the address that it listens on.
     pub public_url: Option<PublicUrl>,
-    /// Whose statements of who somebody is are believed.
+    /// The proxies that are trusted to identify people.
     pub proxies: TrustedProxies,
 }

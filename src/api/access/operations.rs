@@ -1,24 +1,23 @@
-//! What every operation needs: the only table of it. An operation that is not in it is refused.
+//! The table of what each operation needs. An operation that is not in it is refused.
 
 use crate::model::Role;
 
 /// Who may use an operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Needs {
-    /// Anybody, whoever they are: nobody is asked, and the host does not matter. For probes.
+    /// Anybody may use it, without authentication and under any host name. For probes.
     Nothing,
-    /// Anybody; who it is shapes the answer.
+    /// Anybody may use it; the answer depends on who they are.
     Identity,
     /// Vehicles, for their own uploads, and maintainers: viewers only read.
     Upload,
-    /// Vehicles, for their own uploads and where these lie in the map, and viewers.
+    /// Vehicles, for their own uploads and their poses in the map, and viewers.
     OwnUpload,
-    /// Holders of this role, or of one with more.
+    /// Holders of this role or a higher one.
     Role(Role),
 }
 
-/// What an operation is about, for holders of keys that are limited to routes: what is not theirs is not
-/// there.
+/// What an operation concerns, for keys that are limited to routes: everything else does not exist for them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum About {
     /// The route in the path.
@@ -29,9 +28,9 @@ pub(super) enum About {
     Webhook,
     /// The route of the operation in the path.
     Operation,
-    /// Several routes: the handler leaves out those that are not theirs.
+    /// Several routes: the handler leaves out those that the key does not cover.
     Several,
-    /// The service: nothing for them, unless anybody may.
+    /// The service as a whole: refused to such keys, unless anybody may use it.
     Service,
 }
 
@@ -145,7 +144,7 @@ pub(super) fn needs_of(operation_id: &str) -> Option<(Needs, About)> {
 }
 
 impl Needs {
-    /// Whether somebody with this role may.
+    /// Whether a sender with this role may use the operation.
     pub(super) fn allows(self, role: Option<Role>) -> bool {
         match (self, role) {
             (Self::Nothing | Self::Identity, _) => true,
@@ -156,7 +155,7 @@ impl Needs {
         }
     }
 
-    /// The roles that would do, as a sentence names them; `None` where nobody is asked.
+    /// The sufficient roles in words; `None` if no role is needed.
     pub(super) fn roles(self) -> Option<&'static str> {
         match self {
             Self::Nothing | Self::Identity => None,
@@ -169,7 +168,7 @@ impl Needs {
         }
     }
 
-    /// The least role that would do; `None` where nobody is asked.
+    /// The lowest sufficient role; `None` if no role is needed.
     pub(super) fn least_role(self) -> Option<Role> {
         match self {
             Self::Nothing | Self::Identity => None,
@@ -186,7 +185,7 @@ mod tests {
     use super::*;
     use crate::api::openapi_document;
 
-    /// The parameter of a path that says what an operation is about.
+    /// The parameter of the path that names what an operation concerns.
     fn parameter(about: About) -> Option<&'static str> {
         match about {
             Route => Some("{route}"),
@@ -198,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn every_operation_is_in_the_table_once_and_about_what_its_path_names() {
+    fn every_operation_is_in_the_table_once_and_concerns_what_its_path_names() {
         let document = openapi_document().unwrap();
         let mut documented = BTreeSet::new();
         for (path, item) in document["paths"].as_object().unwrap() {
@@ -218,12 +217,12 @@ mod tests {
         assert_eq!(
             OPERATIONS.len(),
             documented.len(),
-            "an operation stands twice"
+            "an operation is in the table twice"
         );
     }
 
     #[test]
-    fn viewers_upload_nothing() {
+    fn viewers_may_not_upload() {
         assert!(Upload.allows(Some(Role::Vehicle)) && Upload.allows(Some(Role::Maintainer)));
         assert!(!Upload.allows(Some(Role::Viewer)) && !Upload.allows(None));
         assert!(!MAINTAINER.allows(Some(Role::Viewer)) && MAINTAINER.allows(Some(Role::Admin)));

@@ -11,22 +11,22 @@ use super::identity::Identity;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::model::{Role, TextEnum as _, UnknownText, checked_holder};
 
-/// The headers of a name and of groups, as the two kinds of proxies call them.
+/// The headers with a person's name and groups, as the two common kinds of proxies call them.
 const FAMILIES: [[&str; 2]; 2] = [
     ["x-auth-request-user", "x-auth-request-groups"],
     ["x-forwarded-user", "x-forwarded-groups"],
 ];
 
-/// Whose headers are believed, and what they mean.
+/// The proxies whose headers are trusted, and the roles of groups.
 #[derive(Debug, Clone, Default)]
 pub struct TrustedProxies {
-    /// Where the proxies are.
+    /// The networks of the proxies.
     pub networks: Vec<Network>,
-    /// What members of groups may do; of several the most.
+    /// The roles of members of groups; a member of several has the highest.
     pub roles: Vec<GroupRole>,
 }
 
-/// Addresses, as in `10.1.0.0/16` or `127.0.0.1`.
+/// A network of addresses, such as `10.1.0.0/16`, or a single address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Network(IpNet);
 
@@ -36,12 +36,12 @@ impl fmt::Display for Network {
     }
 }
 
-/// A text that is no network.
+/// The text is not a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("give addresses like 10.1.0.0/16, 127.0.0.1 or fd00::/8")]
 pub struct InvalidNetwork;
 
-/// What the members of a group may do.
+/// The role of the members of a group.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupRole {
     group: String,
@@ -54,7 +54,7 @@ impl fmt::Display for GroupRole {
     }
 }
 
-/// A text that gives no role to a group.
+/// The text does not assign a role to a group.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum InvalidGroupRole {
     /// It has no `=`.
@@ -66,7 +66,7 @@ pub enum InvalidGroupRole {
 }
 
 impl Network {
-    /// Whether it has every address.
+    /// Whether it contains every address.
     pub fn is_everybody(&self) -> bool {
         self.0.prefix_len() == 0
     }
@@ -98,10 +98,10 @@ impl FromStr for GroupRole {
 }
 
 impl TrustedProxies {
-    /// Who sends a request, if the one at the other end of the connection is believed and says it.
+    /// The sender of a request, if the peer of the connection is a trusted proxy that names one.
     ///
     /// # Errors
-    /// A [`Problem`] if it says it in two ways, one of which may come from the client.
+    /// A [`Problem`] if there are several statements, one of which may come from the client.
     pub(super) fn identity(
         &self,
         peer: Option<IpAddr>,
@@ -123,14 +123,14 @@ impl TrustedProxies {
             return Ok(None);
         };
         let name = checked_holder(name).map_err(|refusal| {
-            let detail = format!("the name in {user} is not usable: {refusal}");
+            let detail = format!("the name in {user} cannot be used: {refusal}");
             Problem::new(ProblemKind::Forbidden, detail)
         })?;
         let groups = only(headers, groups)?.unwrap_or_default();
         Ok(Some(Identity::of_proxy(name.to_owned(), self.role(groups))))
     }
 
-    /// The most that a member of these groups may do.
+    /// The highest role of these groups.
     fn role(&self, groups: &str) -> Option<Role> {
         let is_member = |of: &&GroupRole| groups.split(',').any(|group| group.trim() == of.group);
         let roles = self.roles.iter().filter(is_member);
@@ -138,7 +138,7 @@ impl TrustedProxies {
     }
 }
 
-/// A header's one value.
+/// The single value of a header.
 fn only<'a>(headers: &'a HeaderMap, name: &str) -> Result<Option<&'a str>, Problem> {
     let mut values = headers.get_all(name).iter();
     match (values.next(), values.next()) {
@@ -155,9 +155,9 @@ fn text_of(value: &HeaderValue) -> Result<&str, Problem> {
 }
 
 fn ambiguous() -> Problem {
-    let detail = "the proxy passes on more than one statement of who you are; have it remove \
+    let detail = "the proxy forwards more than one statement of who you are; configure it to remove \
                   X-Forwarded-User, X-Forwarded-Groups, X-Auth-Request-User and \
-                  X-Auth-Request-Groups of clients, and set those of one kind itself";
+                  X-Auth-Request-Groups sent by clients, and to set only one kind itself";
     Problem::new(ProblemKind::Forbidden, detail)
 }
 
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn others_are_not_believed() {
+    fn only_trusted_proxies_are_believed() {
         let headers = [("x-forwarded-user", "kim"), ("x-forwarded-groups", "a=b")];
         for peer in ["10.2.0.1", "127.0.0.1", "::2"] {
             assert!(asked(peer, &headers).unwrap().is_none(), "{peer}");
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_client_may_have_added_is_refused() {
+    fn ambiguous_headers_are_refused() {
         for headers in [
             [
                 ("x-auth-request-user", "kim"),

@@ -1,26 +1,25 @@
-//! What the OpenAPI document says of keys, sessions and roles.
+//! Keys, sessions and roles in the OpenAPI document.
 
 use serde_json::{Value, json};
 
 use super::operations::{Needs, needs_of};
 
-/// Adds the ways to show who one is, and to each operation which of them it takes and the role that
-/// it needs.
+/// Adds the security schemes, and to each operation the schemes that it accepts and the role that it needs.
 pub(in crate::api) fn add_security(document: &mut Value) {
     document["components"]["securitySchemes"] = json!({
         "key": {
             "type": "http",
             "scheme": "bearer",
-            "description": "A key, as `POST /v1/keys` or `mapshift keys create` has shown it. While there is none, the service asks nobody who they are.",
+            "description": "A key, as `POST /v1/keys` or `mapshift keys create` showed it. While no key exists, there is no authentication.",
         },
         "session": {
             "type": "apiKey",
             "in": "cookie",
             "name": "mapshift_session",
-            "description": "A session of a browser, as `POST /v1/session` begins it. Changes also need an `Origin` of the service.",
+            "description": "A browser's session, begun with `POST /v1/session`. Changes also need an `Origin` of the service.",
         },
     });
-    // Calls of the service to others are signed, and bring nothing that shows who calls.
+    // The service's calls to webhooks are signed instead of authenticated.
     let calls = document["webhooks"].as_object_mut().into_iter().flatten();
     for (_, item) in calls {
         for (_, call) in item.as_object_mut().into_iter().flatten() {

@@ -1,4 +1,4 @@
-//! How often one address may show something that is no key.
+//! How often one address may try an invalid key.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -11,7 +11,7 @@ use crate::api::problem::{Problem, ProblemKind};
 
 const FAILURES_MAX: u32 = 10;
 const WINDOW: Duration = Duration::from_secs(60);
-/// Addresses that are remembered; beyond it those whose time is over are forgotten first, then all.
+/// Addresses that are remembered; beyond this number those whose window is over are forgotten first, then all.
 const ADDRESSES_MAX: usize = 10_000;
 
 /// Failed sign-ins by address.
@@ -24,7 +24,7 @@ struct Failures {
 }
 
 impl SignIns {
-    /// Refuses an address that has failed too often of late.
+    /// Refuses an address that has failed too often recently.
     ///
     /// # Errors
     /// A [`Problem`] that says when to try again.
@@ -37,7 +37,7 @@ impl SignIns {
         if failed.count < FAILURES_MAX || left.is_zero() {
             return Ok(());
         }
-        let detail = "this address has shown too many keys that are none; try again later";
+        let detail = "this address has sent too many invalid keys; try again later";
         let problem = Problem::new(ProblemKind::TooManySignIns, detail);
         Err(problem.retry_after(left.as_secs() as u32 + 1))
     }

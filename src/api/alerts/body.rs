@@ -1,5 +1,8 @@
 //! An alert as clients see it.
 
+use axum::Json;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -34,87 +37,88 @@ use crate::store::{AlertRecord, AlertResidual, HistoryEntry};
     "assignee": null, "comments": 0, "muted": false, "muted_until": null,
     "history": [{"status": "open", "at": "2026-11-20T06:00:09Z", "by": "system", "note": null, "reason": null}]
 }))]
-pub(super) struct AlertBody {
+pub(in crate::api) struct AlertBody {
     /// UUID of version 7: sorts by when the alert was raised.
     #[schema(format = "uuid")]
     pub id: String,
     /// The route.
     pub route_id: String,
-    /// Raised by every change of the alert, and of `assignee`, `comments` and `muted`.
+    /// Increases with every change of the alert, `assignee`, `comments` and `muted` included.
     revision: i64,
-    /// Raised when that changes which a decision is about: status, tier, or the region by more than
-    /// 0.25 m; not by further evidence. In quotes it is the ETag that `If-Match` is compared with.
+    /// Increases when what a decision is about changes: the status, the tier, or the region by more than
+    /// 0.25 m; not with further evidence. In quotes it is the ETag that `If-Match` is compared with.
     decision_revision: i64,
     /// What changed.
     kind: ChangeKind,
-    /// What became of it.
+    /// Whether it awaits a decision, and what was decided.
     status: AlertStatus,
-    /// How far it is to be believed.
+    /// How well it is supported.
     tier: Tier,
-    /// What can be done with it now.
+    /// The actions that are possible now.
     actions: Vec<AlertAction>,
     /// What happened, in a few words for people.
     title: String,
-    /// What happened, where, since when and who saw it, in one sentence for people. Times are UTC.
+    /// What happened, where, since when, and which vehicles observed it, in one sentence for people. Times
+    /// are UTC.
     summary: String,
-    /// How large its region is; null without a region.
+    /// The size of its region; null without a region.
     #[schema(required)]
     size: Option<Size>,
-    /// How near it is to the way that vehicles took before it; null for alerts that are about no change
-    /// of a place, and for those that have not changed since the service computes it.
+    /// How near the change is to the path that vehicles took before it; null for alerts that are not about
+    /// the change of a place, and for old ones, not updated since the service began to compute it.
     #[schema(required)]
     blocking: Option<Clearance>,
-    /// How many passes by the place saw what, before and since; null as `blocking`.
+    /// How many passes observed what at the place, before the change and since; null under the same conditions
+    /// as `blocking`.
     #[schema(required)]
     passes: Option<PassCountsBody>,
-    /// Probability that it is true.
+    /// The probability that the alert is true.
     #[schema(minimum = 0, maximum = 1)]
     confidence: f64,
     /// Where it is.
     location: LocationBody,
-    /// A simple polygon round what changed, map frame, metres, counter-clockwise, not closed.
+    /// A simple polygon around what changed, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
-    /// The other side of the same event, as of a door or of something that was moved; null if none
-    /// is known.
+    /// The other side of the same event, if a door or a moved object shows two; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartBody>,
-    /// Of a `map_mismatch` that one shift explains: the vector by which what the pass observed there
-    /// would have to be moved to lie on the map, map frame, metres. Null for all other alerts.
+    /// For a `map_mismatch` that a single shift explains: the vector that would move what the pass observed
+    /// onto the map, map frame, metres. Null for all other alerts.
     #[schema(required)]
     shift: Option<ShiftBody>,
-    /// Of a `vehicle_suspect`: what is off, and the changes that it explains. Null for all other
-    /// alerts, and for those that were raised before there was such a word.
+    /// For a `vehicle_suspect`: the vehicle's faults, and the changes that they explain. Null for all other
+    /// alerts, and for those raised before the service recorded it.
     #[schema(required)]
     suspect: Option<SuspectBody>,
-    /// The height bands that show it; none if it is seen by lidars that look along one plane.
+    /// The height bands that show it; empty if it was observed by lidars that scan a single plane.
     bands: Vec<AlertBandBody>,
-    /// The loop closures whose scans disagree there.
+    /// The loop closures whose scans disagree at the place.
     edge_ids: Vec<i64>,
-    /// The nodes whose scans show the old or the new state; of a `map_mismatch` those of the segment
-    /// that does not fit, which `region` covers.
+    /// The nodes whose scans show the old or the new state; for a `map_mismatch`, those of the segment that
+    /// does not fit, which `region` covers.
     node_ids: Vec<i64>,
-    /// The vehicles that saw the new state.
+    /// The vehicles that observed the new state.
     vehicle_ids: Vec<String>,
-    /// The drives that saw the new state.
+    /// The trips that observed the new state.
     trip_ids: Vec<String>,
-    /// Scans that show the new state.
+    /// How many scans show the new state.
     views: u64,
-    /// Passes since the change: those by the place that saw the new state.
+    /// How many passes since the change observed the new state.
     laps: u64,
-    /// What the residual of its strongest closure says; null without a closure.
+    /// The residual of its strongest loop closure; null without one.
     #[schema(required)]
     residual: Option<AlertResidualBody>,
-    /// The first look that ever showed it.
+    /// The first observation that ever showed it.
     #[schema(value_type = String, format = DateTime)]
     first_seen: Timestamp,
-    /// The first look of its present episode: later than `first_seen` if it came back.
+    /// The first observation of its present episode: later than `first_seen` if it came back.
     #[schema(value_type = String, format = DateTime)]
     since: Timestamp,
-    /// The last look that shows it.
+    /// The last observation that shows it.
     #[schema(value_type = String, format = DateTime)]
     last_seen: Timestamp,
-    /// The first look that shows the old state again; null while the new state stands.
+    /// The first observation that shows the old state again; null while the new state lasts.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     until: Option<Timestamp>,
     /// When the service raised it.
@@ -125,19 +129,19 @@ pub(super) struct AlertBody {
     updated_at: Timestamp,
     /// The version of the map that it contradicts.
     map_version: i64,
-    /// Alerts that tell of the same place.
+    /// Ids of other alerts about the same place.
     related: Vec<String>,
-    /// Who sees to it; null if nobody does.
+    /// Who is responsible for it; null if nobody is.
     #[schema(required)]
     assignee: Option<String>,
-    /// How many comments there are.
+    /// The number of comments.
     comments: i64,
-    /// Whether a zone mutes it: webhooks are not sent it, and it does not count among the open alerts.
+    /// Whether a zone mutes it: it is not sent to webhooks and does not count among the open alerts.
     muted: bool,
-    /// When that ends by itself; null if it does not, or if it is not muted.
+    /// When muting ends by itself; null if it does not, or if the alert is not muted.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     muted_until: Option<Timestamp>,
-    /// Every status that it had, the first one first.
+    /// Every status that it has had, the oldest first.
     history: Vec<HistoryBody>,
 }
 
@@ -163,13 +167,13 @@ pub(super) struct LocationBody {
     sigma: f64,
 }
 
-/// The other side of one event: what left one place and stands at another.
+/// The other side of one event: an object that left one place and appeared at another.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertCounterpart)]
 struct CounterpartBody {
-    /// What the other side shows.
+    /// The change on the other side.
     kind: ChangeKind,
-    /// A simple polygon round it, map frame, metres, counter-clockwise, not closed.
+    /// A simple polygon around it, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
 }
@@ -184,41 +188,41 @@ pub(super) struct ShiftBody {
     y: f64,
 }
 
-/// A closure's place in the residual series of its sub-graph.
+/// A loop closure in the residual series of its sub-graph.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertResidual)]
 struct AlertResidualBody {
-    /// The closure.
+    /// The loop closure.
     edge_id: i64,
-    /// What it added to the optimum F.
+    /// The increase of the optimum F that it caused.
     delta_f: f64,
-    /// The paper's threshold; null while the series warms up.
+    /// The paper's threshold; null until the series has converged.
     #[schema(required)]
     threshold: Option<f64>,
-    /// `delta_f` over the threshold; null while the series warms up.
+    /// `delta_f` divided by the threshold; null until the series has converged.
     #[schema(required)]
     ratio: Option<f64>,
-    /// Probability of a `delta_f` this large without a change.
+    /// The probability of a `delta_f` this large without a change.
     p_value: f64,
-    /// Whether the paper's rule calls it a contradiction.
+    /// Whether it is a contradiction by the paper's rule.
     seed_rule: bool,
 }
 
-/// A status that an alert took.
+/// A status that an alert has had.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertHistoryEntry)]
 struct HistoryBody {
-    /// From then on.
+    /// The status.
     status: AlertStatus,
-    /// When.
+    /// When it began.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// Who: a name, or `system`.
+    /// Who caused it: a name, or `system`.
     by: String,
     /// Why, for people.
     #[schema(required)]
     note: Option<String>,
-    /// Why it was dismissed; null where nobody says, and of every other status.
+    /// Why it was dismissed; null if no reason was given, and for every other status.
     #[schema(required)]
     reason: Option<DismissReason>,
 }
@@ -228,13 +232,30 @@ pub(super) fn etag(alert: &AlertRecord) -> String {
     format!("\"{}\"", alert.decision_revision)
 }
 
-/// What can be done with an alert now.
+/// The answer with an alert. It is never 304: the rest of an alert changes under the same ETag.
+pub(super) fn with_etag(alert: AlertRecord) -> Response {
+    let headers = [
+        (header::ETAG, etag(&alert)),
+        (header::CACHE_CONTROL, "no-store".to_owned()),
+    ];
+    (headers, Json(AlertBody::from(alert))).into_response()
+}
+
+/// An alert as this interface shows it: a JSON object.
+///
+/// # Errors
+/// If it does not serialise.
+pub fn alert_text(alert: AlertRecord) -> Result<String, serde_json::Error> {
+    serde_json::to_string(&AlertBody::from(alert))
+}
+
+/// The actions that are possible now.
 fn allowed_actions(alert: &AlertRecord) -> Vec<AlertAction> {
     let all = AlertAction::ALL.into_iter();
     all.filter(|action| is_allowed(alert, *action)).collect()
 }
 
-/// Corners as arrays.
+/// Corners as arrays of x and y.
 pub(super) fn corners(polygon: &[Vector2<f64>]) -> Vec<[f64; 2]> {
     polygon.iter().map(|corner| [corner.x, corner.y]).collect()
 }

@@ -3,31 +3,29 @@
 use std::collections::BTreeSet;
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::AlertBody;
-use super::decisions::{Why, decider};
+use super::body::AlertBody;
+use super::outcome::DecisionOutcomeBody;
+use super::reason::{Why, decider};
 use crate::api::ApiState;
 use crate::api::access::Identity;
 use crate::api::extract::NoQuery;
-use crate::api::operation::{OperationBody, taken_on};
+use crate::api::operation::{OperationBody, accepted};
 use crate::api::problem::{Problem, ProblemBody, ProblemKind};
 use crate::api::problem_responses::DecisionsProblems;
-use crate::api::upload::small_json;
-use crate::change::AlertAction;
+use crate::api::upload::SmallJson;
 use crate::ids::{AlertId, RouteId};
-use crate::model::{Actor, DecisionResult, DismissReason};
+use crate::model::{Actor, AlertAction, DecisionResult, DismissReason};
 use crate::store::{
     AlertRecord, DecisionOutcome, DecisionRequest, DecisionsRequest, OperationRequest,
 };
 
 const DECISIONS_MAX: usize = 200;
-/// Each begins a version of a map and takes up to seconds.
+/// Each begins a version of a map, which can take seconds.
 const UNDOS_MAX: usize = 10;
 
 /// Decisions about several alerts.
@@ -35,12 +33,12 @@ const UNDOS_MAX: usize = 10;
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"decisions": [{"id": "019aa000-0000-7000-8000-000000000001", "action": "dismiss", "if_match": "\"3\"", "reason": "people"}], "by": "J. Kovács"}))]
 pub(in crate::api) struct DecisionsPost {
-    /// First those that accept nothing are carried out, in this order, each on its own; then what is
-    /// accepted, which makes one version of the map of each route. No alert twice, and at most 10 of them
-    /// `undo`.
+    /// Decisions other than `accept` are carried out first, one by one in this order; then everything that is
+    /// accepted, which makes one version of each route's map. No alert may occur twice, and at most 10
+    /// decisions may be `undo`.
     #[schema(min_items = 1, max_items = 200)]
     decisions: Vec<DecisionPost>,
-    /// Who decided, if no key says it; `anonymous` if left out. Ignored of those who have signed in.
+    /// Who decided, if no key identifies them; `anonymous` by default. Ignored for people who have signed in.
     #[schema(
         min_length = 1,
         max_length = 100,
@@ -59,17 +57,17 @@ struct DecisionPost {
     id: AlertId,
     /// What to do.
     action: AlertAction,
-    /// The alert's ETag as it was read: its `decision_revision` in quotes. A number is taken for it.
+    /// The alert's ETag as it was read: its `decision_revision` in quotes, or as a number.
     #[schema(value_type = String)]
     if_match: IfMatch,
     /// Why, for people.
     #[schema(max_length = 2000, pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$")]
     note: Option<String>,
-    /// Why it is dismissed; with `dismiss` alone.
+    /// Why it is dismissed; only with `dismiss`.
     reason: Option<DismissReason>,
 }
 
-/// What an alert's ETag is compared with.
+/// The ETags or the revision that an alert's ETag is compared with.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum IfMatch {
@@ -78,7 +76,7 @@ enum IfMatch {
 }
 
 impl IfMatch {
-    /// The decision revisions that it names; `None` for `*`, which matches all.
+    /// The decision revisions that are named; `None` for `*`, which matches all.
     fn decision_revisions(&self) -> Option<Vec<i64>> {
         let tags = match self {
             Self::Revision(revision) => return Some(vec![*revision]),
@@ -92,30 +90,30 @@ impl IfMatch {
     }
 }
 
-/// What became of several decisions.
+/// The outcomes of several decisions.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct DecisionsAnswer {
     /// In the order of the request.
     items: Vec<DecisionAnswer>,
 }
 
-/// What became of a decision, and the alert.
+/// The outcome of a decision, and the alert.
 #[derive(Debug, Serialize, ToSchema)]
 struct DecisionAnswer {
     /// The alert.
     #[schema(format = "uuid")]
     id: String,
-    /// What was to be done.
+    /// The requested action.
     action: AlertAction,
-    /// Whether it was.
+    /// Whether it was carried out.
     result: DecisionResult,
-    /// The version of the map that began with an `accept`; null if none did.
+    /// The version of the map that an `accept` began; null if none did.
     #[schema(required)]
     map_version: Option<i64>,
     /// The alert as it is now; null if there is none.
     #[schema(required)]
     alert: Option<AlertBody>,
-    /// Why it was not carried out; null if it was, or had been before.
+    /// Why it was not carried out; null if it was, now or before.
     #[schema(required)]
     problem: Option<ProblemBody>,
 }
@@ -140,47 +138,8 @@ impl DecisionAnswer {
     }
 }
 
-/// What became of a decision.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = DecisionOutcome)]
-pub(in crate::api) struct DecisionOutcomeBody {
-    /// The alert.
-    #[schema(format = "uuid")]
-    id: String,
-    /// What was to be done.
-    action: AlertAction,
-    /// Whether it was.
-    result: DecisionResult,
-    /// The version of the map that began with an `accept`; null if none did.
-    #[schema(required)]
-    map_version: Option<i64>,
-    /// Why it was not carried out; null if it was, or had been before.
-    #[schema(required)]
-    problem: Option<ProblemBody>,
-}
-
-impl From<DecisionOutcome> for DecisionOutcomeBody {
-    fn from(outcome: DecisionOutcome) -> Self {
-        let kind = match outcome.result {
-            DecisionResult::Done | DecisionResult::AlreadyDone => None,
-            DecisionResult::Changed => Some(ProblemKind::PreconditionFailed),
-            DecisionResult::NotAllowed => Some(ProblemKind::TransitionNotAllowed),
-            DecisionResult::Unknown => Some(ProblemKind::NotFound),
-            DecisionResult::Failed => Some(ProblemKind::Overloaded),
-        };
-        let detail = outcome.detail.unwrap_or_default();
-        Self {
-            id: outcome.alert_id.to_string(),
-            action: outcome.action,
-            result: outcome.result,
-            map_version: outcome.map_version,
-            problem: kind.map(|kind| Problem::new(kind, detail).body("")),
-        }
-    }
-}
-
 impl DecisionsPost {
-    /// All of it, before anything is carried out.
+    /// Checks all decisions before any is carried out.
     fn check(self, identity: &Identity, actor: Actor) -> Result<DecisionsRequest, Problem> {
         let refuse =
             |detail: &str| Err(Problem::new(ProblemKind::OutOfRange, detail).at("/decisions"));
@@ -189,7 +148,7 @@ impl DecisionsPost {
         }
         let ids: BTreeSet<AlertId> = self.decisions.iter().map(|one| one.id).collect();
         if ids.len() < self.decisions.len() {
-            return refuse("an alert is decided about once in a request");
+            return refuse("decide about an alert only once in a request");
         }
         if count(&self.decisions, AlertAction::Undo) > UNDOS_MAX {
             return refuse("each undo makes a new map: send at most 10 of them at a time");
@@ -222,15 +181,15 @@ fn count(decisions: &[DecisionPost], action: AlertAction) -> usize {
 
 /// Decide about several alerts.
 ///
-/// Each decision is carried out or not on its own; what is accepted on one route makes one version of its
-/// map. A decision that has been made before is answered `already_done`, so that the same request can be
-/// sent again. With more than one `accept` the answer is 202 and names an operation, whose result says what
-/// became of each; it goes on if the service is restarted meanwhile.
+/// Each decision succeeds or fails on its own; everything accepted on one route makes one version of its map.
+/// A decision that was made before has the result `already_done`, so the same request can be repeated. With
+/// more than one `accept` the answer is 202 and names an operation, whose result has the outcome of each
+/// decision; it continues after a restart of the service.
 #[utoipa::path(
     post, path = "/v1/alerts/decisions", tag = "alerts",
     request_body(content = DecisionsPost, description = "The decisions"),
     responses(
-        (status = 200, description = "What became of each", body = DecisionsAnswer),
+        (status = 200, description = "The outcome of each", body = DecisionsAnswer),
         (status = 202, description = "They will be carried out", body = OperationBody, headers(("Location" = String, description = "The operation"))),
         DecisionsProblems,
     )
@@ -240,17 +199,15 @@ pub(in crate::api) async fn decide_alerts(
     _: NoQuery,
     identity: Identity,
     actor: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<DecisionsPost>,
 ) -> Result<Response, Problem> {
-    let post: DecisionsPost = small_json(&state, &headers, body).await?;
     let is_long = count(&post.decisions, AlertAction::Accept) > 1;
     let request = post.check(&identity, actor.clone())?;
     if is_long {
         let route = the_route(&state, &request).await?;
         let request = OperationRequest::Decisions(request);
         let id = state.operations.ask_for(route.as_ref(), request, &actor);
-        return taken_on(&state, id.await?).await;
+        return accepted(&state, id.await?).await;
     }
     let mut items = Vec::new();
     for outcome in state.decisions.decide_all(request).await? {
@@ -261,7 +218,7 @@ pub(in crate::api) async fn decide_alerts(
     Ok(Json(DecisionsAnswer { items }).into_response())
 }
 
-/// The route of the alerts that are decided about, if it is one.
+/// The route of the alerts, if all are of one.
 async fn the_route(
     state: &ApiState,
     request: &DecisionsRequest,

@@ -1,5 +1,5 @@
-//! The evidence behind an alert: the two scans that disagree most at its place, and the residuals
-//! around the closure that tells it.
+//! The evidence behind an alert: the two scans that disagree most at its place, and the residuals around
+//! the loop closure that shows it best.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,42 +7,41 @@ use crate::api::ApiState;
 use crate::api::problem::Problem;
 use crate::change::{BeamVerdict, JudgedBeam, judge_beams, layer_of};
 use crate::geometry::{Pose2, Vector2, distance_to_polygon};
-use crate::graph::EdgeKind;
 use crate::ids::{EdgeId, NodeId};
+use crate::model::EdgeKind;
 use crate::observation::Observation;
 use crate::pipeline::{ResidualReading, Residuals};
 use crate::scan::{LaserScan, decode_scan};
 use crate::store::{AlertRecord, EdgeRecord, NodeRecord, RouteRecord};
 
-/// Pairs of scans that are compared before one is chosen.
+/// Pairs of scans compared before one is chosen.
 const PAIRS_MAX: usize = 16;
-/// Contradictions this far from the region still belong to it, metres.
+/// Contradictions up to this far from the region belong to it, metres.
 const REGION_MARGIN_M: f64 = 0.1;
-/// Closures of the series to each side of the alert's.
+/// Closures of the series on each side of the alert's.
 pub(super) const SERIES_REACH: usize = 40;
 
-/// What an alert rests on.
+/// The evidence behind an alert.
 #[derive(Debug)]
 pub(super) struct Evidence {
     pub alert: AlertRecord,
-    /// The closure between the two looks, or where there are none that of `tied`; `None` if the
-    /// looks are not matched with each other.
+    /// The closure between the two scans, or without scans that of `ends`; `None` if the scans are not
+    /// matched with each other.
     pub edge_id: Option<EdgeId>,
-    /// The closure that tells it most clearly; `None` if nothing but nodes does.
-    pub told_by: Option<EdgeId>,
-    /// The old and the new look; `None` where no two scans are known.
-    pub looks: Option<[LookBack; 2]>,
-    /// Without scans: where the ends of the closure are that tells it (`map_from_base`), the old
-    /// one first.
-    pub tied: Option<[Pose2; 2]>,
-    /// The residuals around the closure that tells it; `None` also if that left the active graph
-    /// long ago, and is not among the entries of its series any more.
+    /// The closure that shows it best; `None` if only nodes show it.
+    pub shown_by: Option<EdgeId>,
+    /// The old and the new scan; `None` if no two scans are known.
+    pub scans: Option<[JudgedScan; 2]>,
+    /// Without scans: the poses of the closure's nodes (`map_from_base`), the old one first.
+    pub ends: Option<[Pose2; 2]>,
+    /// The residuals around `shown_by`; `None` also if that closure was archived long ago and is no longer
+    /// among the entries of its series.
     pub series: Option<ResidualReading>,
 }
 
-/// A scan with what the other one says of it.
+/// A scan, each beam judged by the other scan.
 #[derive(Debug)]
-pub(super) struct LookBack {
+pub(super) struct JudgedScan {
     pub node: NodeRecord,
     pub map_from_lidar: Pose2,
     pub beams: Vec<JudgedBeam>,
@@ -60,10 +59,10 @@ struct Pair {
 
 type Scans = BTreeMap<NodeId, (NodeRecord, LaserScan)>;
 
-/// Gathers the evidence of an alert as the map stands now.
+/// Gathers the evidence of an alert in the map as it is now.
 ///
 /// # Errors
-/// [`Problem`] if the store does not answer.
+/// A [`Problem`] if the store does not answer.
 pub(super) async fn gather(
     state: &ApiState,
     alert: AlertRecord,
@@ -72,33 +71,33 @@ pub(super) async fn gather(
     let edges = closures(state, &alert).await?;
     let nodes = named_nodes(state, &alert, &edges).await?;
     let pairs = pairs(&alert, &edges, &nodes);
-    let tied = tied(&pairs, &nodes);
+    let ends = ends(&pairs, &nodes);
     let scans = scans_of(state, &alert, &pairs, nodes).await?;
     let mut accepted = state.store.accepted_changes(&alert.route_id).await?;
-    // The series as it stood against the map that the alert contradicts: an acceptance, the
-    // alert's own too, takes closures out of it.
+    // The series of the map that the alert contradicts: later acceptances, the alert's own among them, have
+    // taken closures out of it.
     accepted.retain(|change| change.map_version <= alert.map_version);
     let detector = route.settings.detector;
     let residuals = Residuals::load(&state.store, &alert.route_id, detector, accepted).await?;
     let work = move || {
         let chosen = choose(&pairs, &scans, &alert.evidence.region);
-        let (pair, looks) = chosen.unzip();
-        let (tied_by, tied) = tied.filter(|_| looks.is_none()).unzip();
-        let edge_id = pair.and_then(|pair| pair.edge).or(tied_by);
-        let told_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
+        let (pair, scans) = chosen.unzip();
+        let (between, ends) = ends.filter(|_| scans.is_none()).unzip();
+        let edge_id = pair.and_then(|pair| pair.edge).or(between);
+        let shown_by = alert.residual.map(|residual| residual.edge_id).or(edge_id);
         Evidence {
-            series: told_by.and_then(|edge| residuals.around(edge, SERIES_REACH)),
+            series: shown_by.and_then(|edge| residuals.around(edge, SERIES_REACH)),
             edge_id,
-            told_by,
-            looks,
-            tied,
+            shown_by,
+            scans,
+            ends,
             alert,
         }
     };
     state.rendering.run(work).await
 }
 
-/// The nodes that the alert names, itself or as ends of its closures.
+/// The nodes that the alert names, and those of its closures.
 async fn named_nodes(
     state: &ApiState,
     alert: &AlertRecord,
@@ -111,7 +110,7 @@ async fn named_nodes(
     Ok(nodes.into_iter().map(|node| (node.id, node)).collect())
 }
 
-/// The closures that the alert names, the one of its residual first.
+/// The loop closures that the alert names, that of its residual first.
 async fn closures(state: &ApiState, alert: &AlertRecord) -> Result<Vec<EdgeRecord>, Problem> {
     let strongest = alert.residual.map(|residual| residual.edge_id);
     let mut ids = alert.evidence.edges.clone();
@@ -129,13 +128,14 @@ async fn closures(state: &ApiState, alert: &AlertRecord) -> Result<Vec<EdgeRecor
     Ok(closures)
 }
 
-/// Pairs worth comparing: the alert's closures, or else each new look with the nearest old one.
+/// Pairs worth comparing: the nodes of the alert's closures, or without any each new node with the nearest
+/// old one.
 fn pairs(
     alert: &AlertRecord,
     edges: &[EdgeRecord],
     nodes: &BTreeMap<NodeId, NodeRecord>,
 ) -> Vec<Pair> {
-    let tied = edges.iter().filter_map(|edge| {
+    let matched = edges.iter().filter_map(|edge| {
         let (from, to) = (nodes.get(&edge.from)?, nodes.get(&edge.to)?);
         let (old, new) = if from.stamp <= to.stamp {
             (from, to)
@@ -148,9 +148,9 @@ fn pairs(
             new: new.id,
         })
     });
-    let tied: Vec<Pair> = tied.take(PAIRS_MAX).collect();
-    if !tied.is_empty() {
-        return tied;
+    let matched: Vec<Pair> = matched.take(PAIRS_MAX).collect();
+    if !matched.is_empty() {
+        return matched;
     }
     let since = alert.evidence.since;
     let (new, old): (Vec<&NodeRecord>, Vec<&NodeRecord>) =
@@ -170,8 +170,8 @@ fn pairs(
     new.iter().filter_map(nearest).take(PAIRS_MAX).collect()
 }
 
-/// The closure of the first pair, and where its ends are.
-fn tied(pairs: &[Pair], nodes: &BTreeMap<NodeId, NodeRecord>) -> Option<(EdgeId, [Pose2; 2])> {
+/// The closure of the first pair, and the poses of its nodes.
+fn ends(pairs: &[Pair], nodes: &BTreeMap<NodeId, NodeRecord>) -> Option<(EdgeId, [Pose2; 2])> {
     let pair = pairs.first()?;
     let (old, new) = (nodes.get(&pair.old)?, nodes.get(&pair.new)?);
     Some((pair.edge?, [old.pose, new.pose]))
@@ -196,43 +196,47 @@ async fn scans_of(
     Ok(scans)
 }
 
-/// Chooses the pair whose scans contradict each other most within the region; the earlier one of
-/// equals, so that the residual's own closure wins where nothing contradicts.
-fn choose(pairs: &[Pair], scans: &Scans, region: &[Vector2<f64>]) -> Option<(Pair, [LookBack; 2])> {
-    let mut best: Option<(usize, Pair, [LookBack; 2])> = None;
+/// Chooses the pair whose scans contradict each other most within the region; of equals the first, so that
+/// the closure of the residual is chosen if nothing contradicts.
+fn choose(
+    pairs: &[Pair],
+    scans: &Scans,
+    region: &[Vector2<f64>],
+) -> Option<(Pair, [JudgedScan; 2])> {
+    let mut best: Option<(usize, Pair, [JudgedScan; 2])> = None;
     for pair in pairs {
-        let Some(looks) = judged(pair, scans) else {
+        let Some(judged) = judged(pair, scans) else {
             continue;
         };
-        let count = contradictions(&looks, region);
+        let count = contradictions(&judged, region);
         if best.as_ref().is_none_or(|(most, ..)| count > *most) {
-            best = Some((count, *pair, looks));
+            best = Some((count, *pair, judged));
         }
     }
-    best.map(|(_, pair, looks)| (pair, looks))
+    best.map(|(_, pair, judged)| (pair, judged))
 }
 
-fn judged(pair: &Pair, scans: &Scans) -> Option<[LookBack; 2]> {
+fn judged(pair: &Pair, scans: &Scans) -> Option<[JudgedScan; 2]> {
     let (old, new) = (scans.get(&pair.old)?, scans.get(&pair.new)?);
-    // What two height bands show is no contradiction.
+    // Scans of different height bands do not contradict each other.
     if layer_of(&old.1) != layer_of(&new.1) {
         return None;
     }
-    let look = |judged: &(NodeRecord, LaserScan), by: &(NodeRecord, LaserScan)| LookBack {
+    let judge = |judged: &(NodeRecord, LaserScan), by: &(NodeRecord, LaserScan)| JudgedScan {
         node: judged.0.clone(),
         map_from_lidar: judged.0.pose.compose(&judged.1.lidar().mount),
         beams: judge_beams(&observation(judged), &observation(by)),
         range_sigma_m: judged.1.lidar().range_sigma_m,
     };
-    Some([look(old, new), look(new, old)])
+    Some([judge(old, new), judge(new, old)])
 }
 
 fn observation((node, scan): &(NodeRecord, LaserScan)) -> Observation {
     Observation::new(scan, &node.pose)
 }
 
-fn contradictions(looks: &[LookBack; 2], region: &[Vector2<f64>]) -> usize {
-    let beams = looks.iter().flat_map(|look| &look.beams);
+fn contradictions(scans: &[JudgedScan; 2], region: &[Vector2<f64>]) -> usize {
+    let beams = scans.iter().flat_map(|scan| &scan.beams);
     let contradicting = beams.filter(|beam| beam.verdict == BeamVerdict::Contradicts);
     let ends = contradicting.filter_map(|beam| beam.end);
     ends.filter(|end| distance_to_polygon(end, region) <= REGION_MARGIN_M)

@@ -8,8 +8,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::body::{LocationBody, corners};
-use super::evidence::{Evidence, LookBack, gather};
-use super::known_alert;
+use super::evidence::{Evidence, JudgedScan, gather};
+use super::known::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::parameters::AlertParam;
@@ -21,7 +21,7 @@ use crate::ids::AlertId;
 use crate::model::{BeamVerdict, ChangeKind};
 use crate::observation::miss_tolerance;
 
-/// What an alert rests on, in the map as it stands now.
+/// The evidence behind an alert, in the map as it is now.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertEvidence)]
 pub(in crate::api) struct EvidenceBody {
@@ -37,22 +37,22 @@ pub(in crate::api) struct EvidenceBody {
     /// The region, map frame, metres, counter-clockwise, not closed.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
-    /// The loop closure between the two scans; null if they are not matched with each other.
-    /// Where the uploads had no scans, the closure whose residual tells the alert.
+    /// The loop closure between the two scans; null if they are not matched with each other. If the uploads
+    /// had no scans, the closure whose residual shows the change.
     #[schema(required)]
     edge_id: Option<i64>,
-    /// How far the depths of one surface may differ.
+    /// By how much two measured depths of the same surface may differ.
     tolerance: ToleranceBody,
-    /// The two scans that contradict each other most within the region, the old one first; none
-    /// where the uploads had no scans.
+    /// The two scans that contradict each other most within the region, the old one first; empty if the
+    /// uploads had no scans.
     #[schema(max_items = 2)]
     scans: Vec<EvidenceScanBody>,
-    /// The residual series, 40 closures to each side of the alert's; null without a closure.
+    /// The residual series, 40 closures on each side of the alert's; null without a closure.
     #[schema(required)]
     residuals: Option<ResidualSeriesBody>,
 }
 
-/// A depth contradicts beyond `depth` + 3 · `sigma_theta` · distance.
+/// Two depths contradict each other if they differ by more than `depth` + 3 · `sigma_theta` · distance.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = DepthTolerance)]
 struct ToleranceBody {
@@ -62,19 +62,19 @@ struct ToleranceBody {
     sigma_theta: f64,
 }
 
-/// A scan in the map frame, each beam with what the other scan says of it.
+/// A scan in the map frame, each beam judged by the other scan.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = EvidenceScan)]
 struct EvidenceScanBody {
     /// Which state it shows.
     role: ScanRole,
-    /// The node it belongs to.
+    /// The node that it belongs to.
     node_id: i64,
-    /// Who took it.
+    /// The vehicle that took it.
     vehicle_id: String,
-    /// On which drive.
+    /// The trip on which it was taken.
     trip_id: String,
-    /// When.
+    /// When it was taken.
     #[schema(value_type = String, format = DateTime)]
     stamp: Timestamp,
     /// `map_from_base`.
@@ -99,31 +99,31 @@ enum ScanRole {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = EvidenceBeam)]
 struct BeamBody {
-    /// Where it ended, map frame, metres; null without a return.
+    /// The x of its end, map frame, metres; null without a return.
     #[schema(required)]
     x: Option<f64>,
-    /// As `x`.
+    /// The y of its end; null without a return.
     #[schema(required)]
     y: Option<f64>,
-    /// What the other scan says.
+    /// The other scan's verdict.
     verdict: BeamVerdict,
 }
 
 impl EvidenceScanBody {
-    fn new(role: ScanRole, look: &LookBack) -> Self {
-        let beams = look.beams.iter().map(|beam| BeamBody {
+    fn new(role: ScanRole, scan: &JudgedScan) -> Self {
+        let beams = scan.beams.iter().map(|beam| BeamBody {
             x: beam.end.map(|end| end.x),
             y: beam.end.map(|end| end.y),
             verdict: beam.verdict,
         });
         Self {
             role,
-            node_id: look.node.id.0,
-            vehicle_id: look.node.vehicle_id.to_string(),
-            trip_id: look.node.trip_id.to_string(),
-            stamp: timestamp(look.node.stamp),
-            pose: look.node.pose.into(),
-            lidar_pose: look.map_from_lidar.into(),
+            node_id: scan.node.id.0,
+            vehicle_id: scan.node.vehicle_id.to_string(),
+            trip_id: scan.node.trip_id.to_string(),
+            stamp: timestamp(scan.node.stamp),
+            pose: scan.node.pose.into(),
+            lidar_pose: scan.map_from_lidar.into(),
             beams: beams.collect(),
         }
     }
@@ -133,13 +133,9 @@ impl From<&Evidence> for EvidenceBody {
     fn from(evidence: &Evidence) -> Self {
         let alert = &evidence.alert;
         let roles = [ScanRole::Old, ScanRole::New];
-        let sigmas_m = evidence
-            .looks
-            .iter()
-            .flatten()
-            .map(|look| look.range_sigma_m);
+        let scans = || evidence.scans.iter().flatten();
+        let sigmas_m = scans().map(|scan| scan.range_sigma_m);
         let (depth, depth_per_range) = miss_tolerance(sigmas_m.fold(0.0, f64::max));
-        let looks = roles.into_iter().zip(evidence.looks.iter().flatten());
         Self {
             alert_id: alert.id.to_string(),
             route_id: alert.route_id.to_string(),
@@ -151,8 +147,8 @@ impl From<&Evidence> for EvidenceBody {
                 depth,
                 sigma_theta: depth_per_range / 3.0,
             },
-            scans: looks
-                .map(|(role, look)| EvidenceScanBody::new(role, look))
+            scans: (roles.into_iter().zip(scans()))
+                .map(|(role, scan)| EvidenceScanBody::new(role, scan))
                 .collect(),
             residuals: evidence.series.as_ref().map(ResidualSeriesBody::from),
         }
@@ -161,9 +157,9 @@ impl From<&Evidence> for EvidenceBody {
 
 /// Read the evidence behind an alert.
 ///
-/// The two scans that contradict each other most at the place, in the map frame and beam by beam,
-/// and the residual series around the closure that tells it. An alert by closures that came as
-/// edges has no scans: `scans` is empty, and the series is all there is.
+/// The two scans that contradict each other most at the place, beam by beam in the map frame, and the residual
+/// series around the loop closure that shows the change best. For an alert about uploaded edges `scans` is
+/// empty, and the series is the only evidence.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence", tag = "alerts",
     params(AlertParam),

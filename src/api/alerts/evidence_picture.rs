@@ -4,34 +4,31 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::evidence::{Evidence, LookBack, gather};
-use super::known_alert;
+use super::evidence::{Evidence, JudgedScan, gather};
+use super::known::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::if_match::is_known;
-use crate::api::parameters::AlertParam;
+use crate::api::parameters::{AlertParam, IfNoneMatch};
 use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertProblems;
 use crate::api::types::timestamp;
 use crate::ids::AlertId;
 use crate::render::evidence_svg::{Curve, EvidencePicture, EvidenceScan, to_svg};
 
-/// A picture is opened on its own, too: nothing in it may run or load.
+/// A picture may also be opened by itself: nothing in it may run or load.
 pub(super) const PICTURE_POLICY: &str = "default-src 'none'; frame-ancestors 'none'; sandbox";
 
 /// Read the evidence behind an alert as an SVG picture.
 ///
-/// Both scans in the map frame, what contradicts, the region, and the residuals around the
-/// closure against the paper's threshold. The ETag changes with the alert and with the map.
+/// Both scans in the map frame, where they contradict each other, the region, and the residuals around the
+/// loop closure against the paper's threshold. The ETag changes with the alert and with the map.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/evidence.svg", tag = "alerts",
-    params(
-        AlertParam,
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the evidence still has this ETag"),
-    ),
+    params(AlertParam, IfNoneMatch),
     responses(
         (status = 200, description = "The picture", body = String, content_type = "image/svg+xml", headers(("ETag" = String, description = "Changes with the evidence"))),
-        (status = 304, description = "The evidence is as it was"),
+        (status = 304, description = "The evidence has not changed"),
         AlertProblems,
     )
 )]
@@ -61,19 +58,17 @@ pub(in crate::api) async fn get_evidence_svg(
 fn draw(evidence: &Evidence) -> String {
     let alert = &evidence.alert;
     let finding = &alert.evidence;
-    let captions = evidence
-        .looks
-        .as_ref()
-        .map(|looks| looks.each_ref().map(caption));
-    let looks = evidence.looks.as_ref().zip(captions.as_ref());
-    let looks = looks.map(|([old, new], [of_old, of_new])| {
-        [(old, of_old), (new, of_new)].map(|(look, caption)| EvidenceScan {
+    let scans = evidence.scans.as_ref();
+    let captions = scans.map(|scans| scans.each_ref().map(caption));
+    let posed = scans.zip(captions.as_ref());
+    let posed = posed.map(|([old, new], [of_old, of_new])| {
+        [(old, of_old), (new, of_new)].map(|(scan, caption)| EvidenceScan {
             caption,
-            map_from_base: look.node.pose,
-            beams: &look.beams,
+            map_from_base: scan.node.pose,
+            beams: &scan.beams,
         })
     });
-    let curve = evidence.series.as_ref().zip(evidence.told_by);
+    let curve = evidence.series.as_ref().zip(evidence.shown_by);
     to_svg(&EvidencePicture {
         kind: finding.kind,
         route: alert.route_id.as_str(),
@@ -84,8 +79,8 @@ fn draw(evidence: &Evidence) -> String {
         laps: finding.laps,
         views: finding.views,
         confidence: finding.confidence,
-        scans: looks,
-        tied: evidence.tied,
+        scans: posed,
+        tied: evidence.ends,
         curve: curve.map(|(around, edge)| Curve {
             entries: &around.series.entries,
             threshold: around.series.threshold,
@@ -94,9 +89,9 @@ fn draw(evidence: &Evidence) -> String {
     })
 }
 
-/// Who took a scan, on which drive, and when, to the second.
-fn caption(look: &LookBack) -> String {
-    let node = &look.node;
+/// The vehicle and the trip of a scan, and when it was taken, to the second.
+fn caption(scan: &JudgedScan) -> String {
+    let node = &scan.node;
     let time = timestamp(node.stamp).strftime("%F %T UTC");
     format!("{}, {}, {time}", node.vehicle_id, node.trip_id)
 }

@@ -1,4 +1,4 @@
-//! Alerts on the Earth, for geographic programs.
+//! Alerts in geographic coordinates.
 
 use std::collections::BTreeMap;
 
@@ -11,15 +11,15 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::body::{AlertBandBody, ShiftBody};
-use super::page;
+use super::list::listed;
 use super::query::AlertQuery;
 use super::sentence::{summary, title};
 use super::size::Size;
 use super::tangent_plane::TangentPlane;
 use crate::api::ApiState;
 use crate::api::access::Identity;
-use crate::api::extract::{ApiQuery, PageQuery};
-use crate::api::paging::NextCursor;
+use crate::api::extract::ApiQuery;
+use crate::api::paging::{NextCursor, PageQuery};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::AlertMapProblems;
 use crate::api::types::timestamp;
@@ -37,12 +37,12 @@ struct FeatureCollection {
     kind: &'static str,
     /// The newest first.
     features: Vec<Feature>,
-    /// Where the next part begins; null at the end.
+    /// The cursor of the next page; null at the end of the list.
     #[schema(required)]
     next_cursor: Option<String>,
 }
 
-/// An alert on the Earth.
+/// An alert in geographic coordinates.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertFeature)]
 struct Feature {
@@ -54,7 +54,7 @@ struct Feature {
     id: String,
     /// Its region.
     geometry: Polygon,
-    /// What it says.
+    /// The main fields of the alert.
     properties: Properties,
 }
 
@@ -70,7 +70,7 @@ struct Polygon {
     coordinates: [Vec<[f64; 2]>; 1],
 }
 
-/// What an alert says; `GET /v1/alerts/{alert}` says all.
+/// The main fields of an alert; `GET /v1/alerts/{alert}` has all.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertProperties)]
 struct Properties {
@@ -78,47 +78,46 @@ struct Properties {
     route_id: String,
     /// What changed.
     kind: ChangeKind,
-    /// What became of it.
+    /// Whether it awaits a decision, and what was decided.
     status: AlertStatus,
-    /// How far it is to be believed.
+    /// How well it is supported.
     tier: Tier,
     /// What happened, in a few words for people.
     title: String,
     /// The same in one sentence. Times are UTC.
     summary: String,
-    /// How large its region is; null without a region.
+    /// The size of its region; null without a region.
     #[schema(required)]
     size: Option<Size>,
-    /// How near it is to the way that vehicles took before it; null if that is not known.
+    /// How near the change is to the path that vehicles took before it; null if that is not known.
     #[schema(required)]
     blocking: Option<Clearance>,
     /// The other side of the same event; null if none is known.
     #[schema(required)]
     counterpart: Option<CounterpartProperty>,
-    /// Of a `map_mismatch` that one shift explains: the vector by which what the pass observed there
-    /// would have to be moved to lie on the map. In the map frame, metres, not on the Earth. Null
-    /// for all other alerts.
+    /// For a `map_mismatch` that a single shift explains: the vector that would move what the pass observed
+    /// onto the map; metres, in the map frame. Null for all other alerts.
     #[schema(required)]
     shift: Option<ShiftBody>,
-    /// The height bands that show it; none if it is seen by lidars that look along one plane.
+    /// The height bands that show it; empty if it was observed by lidars that scan a single plane.
     bands: Vec<AlertBandBody>,
-    /// Probability that it is true.
+    /// The probability that the alert is true.
     confidence: f64,
-    /// Standard deviation of the place, metres.
+    /// Standard deviation of its location, metres.
     sigma: f64,
-    /// The first look that ever showed it.
+    /// The first observation that ever showed it.
     #[schema(value_type = String, format = DateTime)]
     first_seen: Timestamp,
-    /// The last look that shows it.
+    /// The last observation that shows it.
     #[schema(value_type = String, format = DateTime)]
     last_seen: Timestamp,
 }
 
-/// The other side of one event: what left one place and stands at another.
+/// The other side of one event: an object that left one place and appeared at another.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertPropertiesCounterpart)]
 struct CounterpartProperty {
-    /// What the other side shows.
+    /// The change on the other side.
     kind: ChangeKind,
     /// Its region.
     region: Polygon,
@@ -126,12 +125,12 @@ struct CounterpartProperty {
 
 /// List alerts as GeoJSON.
 ///
-/// The regions in WGS 84, by the plane that touches the Earth at the route's `geo_anchor`. Routes
-/// without a usable anchor are left out; asked for by `route_id` they are refused. `bbox` is in
-/// the map frame, metres.
+/// The regions in WGS 84, projected by the plane that touches the Earth at the route's `geo_anchor`. Routes
+/// without a usable anchor are left out, and refused if `route_id` names one. `bbox` is in the map frame,
+/// metres.
 #[utoipa::path(
     get, path = "/v1/alerts.geojson", tag = "alerts", params(AlertQuery, PageQuery),
-    responses((status = 200, description = "A part of the list", body = inline(FeatureCollection), content_type = "application/geo+json"), AlertMapProblems)
+    responses((status = 200, description = "A page of the list", body = inline(FeatureCollection), content_type = "application/geo+json"), AlertMapProblems)
 )]
 pub(in crate::api) async fn list_alerts_geojson(
     State(state): State<ApiState>,
@@ -142,7 +141,7 @@ pub(in crate::api) async fn list_alerts_geojson(
         identity.check_route(&route)?;
         required_plane(&state.known_route(&route).await?)?;
     }
-    let (alerts, next_cursor) = page(&state, &identity, &query).await?;
+    let (alerts, next_cursor) = listed(&state, &identity, &query).await?;
     let mut planes: BTreeMap<RouteId, Option<TangentPlane>> = BTreeMap::new();
     let mut features = Vec::with_capacity(alerts.len());
     for alert in &alerts {
@@ -175,18 +174,18 @@ fn plane_of(route: &RouteRecord) -> Option<TangentPlane> {
 fn required_plane(route: &RouteRecord) -> Result<TangentPlane, Problem> {
     let detail = if route.geo_anchor.is_none() {
         "the map's place on the Earth is not known: PUT the route with \
-         {\"geo_anchor\": {\"latitude\", \"longitude\", \"heading\"}}, in degrees, heading that of \
-         the map's x axis clockwise from north"
+         {\"geo_anchor\": {\"latitude\", \"longitude\", \"heading\"}} in degrees; heading is that of \
+         the map's x axis, clockwise from north"
     } else {
         "the route's geo_anchor lies within one degree of a pole, where no plane fits the Earth: \
-         PUT the route with another"
+         PUT the route with another one"
     };
     let refuse = || Problem::new(ProblemKind::NoGeoAnchor, detail).at("route_id");
     plane_of(route).ok_or_else(refuse)
 }
 
 impl Polygon {
-    /// A region of the map frame on the Earth.
+    /// A region of the map frame in geographic coordinates.
     fn of(region: &[Vector2<f64>], plane: &TangentPlane) -> Self {
         let corners = region.iter().chain(region.first());
         let ring = corners.map(|corner| plane.longitude_latitude(corner).map(rounded));

@@ -1,34 +1,34 @@
-//! Who sees to an alert, and what people write about it.
+//! Who is responsible for an alert, and what people write about it.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::StatusCode;
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::decisions::checked_name;
-use super::{AlertBody, known_alert, unknown_alert, with_etag};
+use super::body::{AlertBody, with_etag};
+use super::known::{known_alert, unknown_alert};
+use super::reason::checked_name;
 use crate::api::ApiState;
-use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
+use crate::api::extract::{ApiPath, ApiQuery, NoQuery};
 use crate::api::note::checked_note;
-use crate::api::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use crate::api::paging::{Listed, PageQuery, page};
 use crate::api::parameters::AlertParam;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::{AlertProblems, HandlingProblems};
-use crate::api::upload::small_json;
+use crate::api::upload::SmallJson;
 use crate::ids::AlertId;
 use crate::model::Actor;
 use crate::store::CommentRecord;
 
-/// Who sees to an alert.
+/// Who is responsible for an alert.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"assignee": "kim"}))]
 pub(in crate::api) struct AlertAssignee {
-    /// A name of 1 to 100 characters; null if nobody does.
+    /// A name of 1 to 100 characters; null for nobody.
     #[serde(deserialize_with = "Option::deserialize")]
     #[schema(
         required,
@@ -39,19 +39,19 @@ pub(in crate::api) struct AlertAssignee {
     assignee: Option<String>,
 }
 
-/// A comment to be added.
+/// A comment to add.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"text": "the forklift driver knows about it", "by": "kim"}))]
 pub(in crate::api) struct CommentPost {
-    /// What, 1 to 2,000 characters.
+    /// The comment, 1 to 2,000 characters.
     #[schema(
         min_length = 1,
         max_length = 2000,
         pattern = r"^[^\x00-\x08\x0b-\x1f\x7f-\x9f]*$"
     )]
     text: String,
-    /// Who writes it; `anonymous` if left out.
+    /// Who writes it; `anonymous` by default.
     #[schema(
         min_length = 1,
         max_length = 100,
@@ -64,31 +64,23 @@ pub(in crate::api) struct CommentPost {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertComment)]
 pub(in crate::api) struct CommentBody {
-    /// 1, 2, … over all alerts, in the order in which comments were written.
+    /// 1, 2, … over the comments on all alerts, in the order in which they were written.
     id: i64,
-    /// When.
+    /// When it was written.
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// Who.
+    /// Who wrote it.
     by: String,
-    /// What.
+    /// The comment.
     text: String,
 }
 
-/// A part of the comments on an alert.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = AlertCommentPage)]
-pub(in crate::api) struct CommentPage {
-    /// The oldest first.
-    items: Vec<CommentBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for CommentPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the comments on an alert.
+    #[schema(as = AlertCommentPage)]
+    pub(in crate::api) struct CommentPage {
+        /// The oldest first.
+        items: Vec<CommentBody>,
     }
 }
 
@@ -105,11 +97,11 @@ impl From<CommentRecord> for CommentBody {
 
 /// Assign an alert.
 ///
-/// Says who sees to it. Raises the alert's `revision`, so that streams carry it, and refuses nobody's
-/// decision.
+/// Sets who is responsible for it. Increases the alert's `revision`, so that streams send it, but not its
+/// `decision_revision`: decisions under way remain valid.
 #[utoipa::path(
     put, path = "/v1/alerts/{alert}/assignee", tag = "alerts", params(AlertParam),
-    request_body(content = AlertAssignee, description = "Who"),
+    request_body(content = AlertAssignee, description = "Who is responsible"),
     responses((status = 200, description = "The alert as it is now", body = AlertBody, headers(("ETag" = String, description = "The alert's decision revision, in quotes"))), HandlingProblems)
 )]
 pub(in crate::api) async fn assign_alert(
@@ -117,10 +109,8 @@ pub(in crate::api) async fn assign_alert(
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
     actor: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(AlertAssignee { assignee }): SmallJson<AlertAssignee>,
 ) -> Result<Response, Problem> {
-    let AlertAssignee { assignee } = small_json(&state, &headers, body).await?;
     let assignee = assignee.map(|name| checked_name("/assignee", Some(name)));
     let assignee = assignee.transpose()?;
     let assigned = state
@@ -134,10 +124,11 @@ pub(in crate::api) async fn assign_alert(
 
 /// Comment on an alert.
 ///
-/// Raises the alert's `revision`, so that streams carry it, and refuses nobody's decision.
+/// Increases the alert's `revision`, so that streams send it, but not its `decision_revision`: decisions under
+/// way remain valid.
 #[utoipa::path(
     post, path = "/v1/alerts/{alert}/comments", tag = "alerts", params(AlertParam),
-    request_body(content = CommentPost, description = "What"),
+    request_body(content = CommentPost, description = "The comment"),
     responses((status = 201, description = "The comment", body = CommentBody), HandlingProblems)
 )]
 pub(in crate::api) async fn comment_on_alert(
@@ -145,10 +136,8 @@ pub(in crate::api) async fn comment_on_alert(
     ApiPath(id): ApiPath<AlertId>,
     _: NoQuery,
     actor: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(post): SmallJson<CommentPost>,
 ) -> Result<(StatusCode, Json<CommentBody>), Problem> {
-    let post: CommentPost = small_json(&state, &headers, body).await?;
     let by = checked_name("/by", post.by)?;
     let refuse = |detail: String| Problem::new(ProblemKind::OutOfRange, detail).at("/text");
     let text =
@@ -162,24 +151,19 @@ pub(in crate::api) async fn comment_on_alert(
 
 /// List the comments on an alert.
 ///
-/// The oldest first, in parts.
+/// The oldest first.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/comments", tag = "alerts", params(AlertParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = CommentPage), AlertProblems)
+    responses((status = 200, description = "A page of the list", body = CommentPage), AlertProblems)
 )]
 pub(in crate::api) async fn list_alert_comments(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<AlertId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<CommentPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let after: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    let wanted = query.wanted::<i64>()?;
     known_alert(&state, id).await?;
-    let after = after.unwrap_or(0);
-    let mut comments = state.store.alert_comments(id, after, limit + 1).await?;
-    let next_cursor = cut_page(&mut comments, limit, |comment| comment.key.to_string());
-    Ok(Listed(CommentPage {
-        items: comments.into_iter().map(CommentBody::from).collect(),
-        next_cursor,
-    }))
+    let after = wanted.after.unwrap_or(0);
+    let comments = state.store.alert_comments(id, after, wanted.to_read());
+    Ok(wanted.page(comments.await?, |comment| comment.key, CommentBody::from))
 }

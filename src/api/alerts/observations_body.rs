@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::evidence_picture::PICTURE_POLICY;
-use super::known_alert;
+use super::known::known_alert;
 use super::observations::place_grid;
 use super::sentence::{summary, title};
 use super::size::Size;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, ApiQuery, NoQuery};
 use crate::api::if_match::is_known;
-use crate::api::parameters::AlertParam;
+use crate::api::parameters::{AlertParam, IfNoneMatch};
 use crate::api::problem::Problem;
 use crate::api::problem_responses::AlertProblems;
 use crate::geometry::Vector2;
@@ -30,7 +30,7 @@ use crate::store::AlertRecord;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::api) struct ShownQuery {
-    /// Whose observations; `both` if left out.
+    /// Which observations: those before the change, those since, or `both` (the default).
     #[param(nullable = false, inline)]
     show: Option<ShownSide>,
 }
@@ -49,9 +49,9 @@ pub(in crate::api) struct AlertObservations {
     width: usize,
     /// Cells along y.
     height: usize,
-    /// What was observed before the change, since the last change that was accepted there.
+    /// What was observed before the change, and after the last change accepted there.
     before: SideBody,
-    /// What was observed since, as long as the change stood.
+    /// What was observed since, for as long as the change lasted.
     since: SideBody,
 }
 
@@ -65,38 +65,33 @@ struct OriginBody {
     y: f64,
 }
 
-/// What one side observed: three lists of equal length, and a list of places.
+/// What was observed on one side of the change: three lists of equal length, and a list of positions.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ObservedCells)]
 struct SideBody {
-    /// How many observations say something about the place.
+    /// How many observations cover the place.
     observations: usize,
-    /// The cells that were hit or missed: row · `width` + column, row 0 at the lowest y. All others are
-    /// unknown.
+    /// The cells with a hit or a miss: row · `width` + column, row 0 at the lowest y. All others are unknown.
     cells: Vec<usize>,
-    /// Observations that hit each of these cells: a beam ended there.
+    /// For each of these cells, the observations with a hit: a beam ended there.
     hits: Vec<u32>,
-    /// Observations that missed each of them: beams went through, and none ended there.
+    /// For each of these cells, the observations with a miss: beams passed through, and none ended there.
     misses: Vec<u32>,
-    /// Where the lidar was at each observation: [x, y] in the map frame, metres.
+    /// The position of the lidar at each observation: [x, y] in the map frame, metres.
     #[schema(value_type = Vec<Vec<f64>>)]
     positions: Vec<[f64; 2]>,
 }
 
 /// Read what was observed of an alert's place.
 ///
-/// Cell by cell, before the change and since, in the map as it stands now: from all scans that were taken
-/// within reach of the place, of each side at most those behind 600 keyframes. 404 for alerts that are about
-/// a vehicle.
+/// Cell by cell, before the change and since, in the map as it is now: from all scans taken within reach of the
+/// place, at most those of 600 keyframes for each side. 404 for alerts about a vehicle.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/observations", tag = "alerts",
-    params(
-        AlertParam,
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the observations still have this ETag"),
-    ),
+    params(AlertParam, IfNoneMatch),
     responses(
         (status = 200, description = "The observations", body = AlertObservations, headers(("ETag" = String, description = "Changes with the alert and with the map"))),
-        (status = 304, description = "The observations are as they were"),
+        (status = 304, description = "The observations have not changed"),
         AlertProblems,
     )
 )]
@@ -117,17 +112,14 @@ pub(in crate::api) async fn get_observations(
 
 /// Read what was observed of an alert's place as an SVG picture.
 ///
-/// What was hit before the change in blue, what was hit since in orange, what was hit on both sides in
-/// grey; free space is shaded, and dots are where the lidar was. As `observations` has it.
+/// The same as `observations`: cells hit before the change in blue, since in orange, on both sides in grey; free
+/// space is shaded, and dots mark the positions of the lidar.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/observations.svg", tag = "alerts",
-    params(
-        AlertParam, ShownQuery,
-        ("If-None-Match" = Option<String>, Header, nullable = false, description = "Send nothing if the picture still has this ETag"),
-    ),
+    params(AlertParam, ShownQuery, IfNoneMatch),
     responses(
         (status = 200, description = "The picture", body = String, content_type = "image/svg+xml", headers(("ETag" = String, description = "Changes with the alert and with the map"))),
-        (status = 304, description = "The picture is as it was"),
+        (status = 304, description = "The picture has not changed"),
         AlertProblems,
     )
 )]
@@ -153,7 +145,7 @@ pub(in crate::api) async fn get_observations_svg(
     Ok((headers, of_picture, picture).into_response())
 }
 
-/// The ETag and how long an answer holds.
+/// The ETag, and how the answer may be cached.
 async fn headers(
     state: &ApiState,
     alert: &AlertRecord,

@@ -1,4 +1,4 @@
-//! How often a stream sends an alert that merely gains evidence.
+//! How often a stream sends an alert that only gains evidence.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
@@ -8,21 +8,21 @@ use tokio::time::Instant;
 use crate::ids::AlertId;
 use crate::store::AlertEvent;
 
-/// The least time between two events of an alert, unless what a decision is about changes.
+/// The least time between two events of an alert, unless what a decision is about has changed.
 const PACE: Duration = Duration::from_secs(5);
 
-/// Which events of a stream are sent now, and which wait for a while. Knows no clock.
+/// Which events of a stream are sent now, and which are held back. Has no clock of its own.
 #[derive(Default)]
 pub(super) struct Pacing {
-    /// What was sent within the pace: when, and the revision that it carried.
+    /// Alerts sent within the last [`PACE`]: when, and with which revision.
     sent: HashMap<AlertId, (Instant, i64)>,
-    /// The newest event of each alert that waits.
+    /// The newest event of each alert that is held back.
     held: BTreeMap<AlertId, AlertEvent>,
 }
 
 impl Pacing {
-    /// An event that was read: handed back to be sent now, or held until its time has come. One that an
-    /// event of the last 5 s has carried already is neither.
+    /// Takes an event that was read: returns it to be sent now, or holds it back. An event whose revision was
+    /// sent within the last 5 s is dropped.
     pub(super) fn take(&mut self, event: AlertEvent, now: Instant) -> Option<AlertEvent> {
         self.sent.retain(|_, (at, _)| now < *at + PACE);
         let Some((_, carried)) = self.sent.get(&event.alert_id) else {
@@ -40,7 +40,7 @@ impl Pacing {
         None
     }
 
-    /// An event that was held long enough.
+    /// An event that was held back long enough.
     pub(super) fn due(&mut self, now: Instant) -> Option<AlertEvent> {
         let is_due = |alert: &AlertId| match self.sent.get(alert) {
             Some((at, _)) => now >= *at + PACE,
@@ -50,7 +50,7 @@ impl Pacing {
         self.held.remove(&alert)
     }
 
-    /// An event that is held, due or not: before the stream ends.
+    /// An event that is held back, due or not, for the end of the stream.
     pub(super) fn rest(&mut self) -> Option<AlertEvent> {
         self.held.pop_first().map(|(_, event)| event)
     }
@@ -60,8 +60,8 @@ impl Pacing {
         self.sent.insert(alert, (now, revision));
     }
 
-    /// The event after which a client that goes away now has to go on, so that it misses nothing, where
-    /// events up to `read` were read. Never decreases.
+    /// The event after which a client that disconnects now must resume to miss nothing, if events up to `read`
+    /// were read. Never decreases.
     pub(super) fn resume_after(&self, read: i64) -> i64 {
         let first_held = self.held.values().map(|event| event.sequence).min();
         first_held.map_or(read, |first| first - 1)

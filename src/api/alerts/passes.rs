@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::known_alert;
+use super::known::known_alert;
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::parameters::AlertParam;
@@ -17,68 +17,68 @@ use crate::change::{JudgedPass, JudgedPasses, PassCounts};
 use crate::ids::AlertId;
 use crate::model::{PassOutcome, PassSide};
 
-/// How many passes by an alert's place saw what.
+/// How many passes observed what at an alert's place.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertPassCounts)]
 pub(super) struct PassCountsBody {
-    /// Of those before the first observation of the new state, as far as the map still has them: of what
-    /// was long before it keeps three of every place.
+    /// The passes before the first observation of the new state, as far as their scans are still in the map,
+    /// which keeps three old ones of every place.
     before: OutcomeCounts,
-    /// Of those since.
+    /// The passes since.
     since: OutcomeCounts,
 }
 
-/// Passes by what they saw.
+/// The number of passes with each outcome.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = PassOutcomeCounts)]
 struct OutcomeCounts {
-    /// Saw that nothing stands there.
+    /// Observed free space at the place.
     saw_free: u32,
-    /// Saw that something stands there.
+    /// Observed an object at the place.
     saw_occupied: u32,
-    /// Came within reach, but the place was hidden, or their scans disagree.
+    /// Came within reach, but the place was hidden or their scans disagree.
     could_not_see: u32,
 }
 
 /// The passes by an alert's place.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct AlertPassPage {
-    /// The oldest first: of more than 200 the first and the newest.
+    /// The oldest first; if there are more than 200, the first and the newest ones.
     #[schema(max_items = 200)]
     items: Vec<AlertPassBody>,
-    /// Null: all come at once.
+    /// Always null: all passes are in one answer.
     #[schema(required)]
     next_cursor: Option<String>,
 }
 
 /// A pass by an alert's place: an uninterrupted part of a trip in which the place is within reach of the
-/// lidar. A new one begins after 30 s out of reach, and one that stays is cut every 2 minutes.
+/// lidar. A new one begins after 30 s out of reach, or after 2 minutes within reach.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertPass)]
 struct AlertPassBody {
     /// The trip that it is a part of.
     trip_id: String,
-    /// Whose trip.
+    /// The vehicle.
     vehicle_id: String,
-    /// The first of its observations that says something about the place; of one that could not see it
-    /// the first within reach.
+    /// The first of its observations that covers the place; for a pass that could not see it, the first within
+    /// reach.
     #[schema(value_type = String, format = DateTime)]
     begins_at: Timestamp,
-    /// The last one.
+    /// The last such observation.
     #[schema(value_type = String, format = DateTime)]
     ends_at: Timestamp,
-    /// Before the change or since.
+    /// Whether it was before the change or since.
     side: PassSide,
-    /// What it saw.
+    /// What it observed.
     outcome: PassOutcome,
-    /// The node whose scan, or one that follows it, shows that best.
+    /// The keyframe whose scan, or a scan that follows it, shows this best.
     node_id: i64,
 }
 
 /// List the passes by an alert's place.
 ///
-/// Whether each of them saw the old state, the new one, or neither. Empty for alerts that are about no
-/// change of a place, and for those that have not changed since the service keeps passes.
+/// Whether each pass observed the old state, the new one, or neither. Empty for alerts that are not about the
+/// change of a place, and for old ones, not updated since the service began to record passes.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/passes", tag = "alerts",
     params(AlertParam),

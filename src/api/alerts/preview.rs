@@ -12,12 +12,12 @@ use crate::api::extract::{ApiPath, NoQuery};
 use crate::api::parameters::AlertParam;
 use crate::api::problem::Problem;
 use crate::api::problem_responses::PreviewProblems;
-use crate::change::AlertAction;
 use crate::ids::AlertId;
+use crate::model::AlertAction;
 use crate::pipeline::Preview;
 use crate::render::DifferingCells;
 
-/// Edges that are named.
+/// Edges named in the answer.
 const EDGES_MAX: usize = 100;
 
 /// What accepting an alert would change.
@@ -27,31 +27,31 @@ pub(in crate::api) struct PreviewBody {
     /// The alert.
     #[schema(format = "uuid")]
     alert_id: String,
-    /// The alert's decision revision that was previewed: send it with the decision.
+    /// The decision revision of the alert that was previewed: send it with the decision.
     decision_revision: i64,
     /// The version of the map that would begin.
     map_version_next: i64,
-    /// Cells of the map's picture that would change, wherever they are.
+    /// How many cells of the map would change.
     cells: CellChangesBody,
     /// Edge of a cell, metres.
     resolution_m: f64,
-    /// How many closures would be retired.
+    /// How many loop closures would be retired.
     edges_retired: usize,
     /// The first 100 of them.
     edge_ids: Vec<i64>,
-    /// Nodes that would become references, or stop being ones.
+    /// Nodes that would become reference keyframes, or cease to be.
     nodes_handed_over: usize,
-    /// How far a node would move at most, metres.
+    /// The largest displacement of a node, metres.
     max_displacement_m: f64,
-    /// Archived nodes that accepting would reactivate first. Unless it is 0, `cells`,
-    /// `nodes_handed_over` and `max_displacement_m` are approximate.
+    /// Archived nodes that accepting would reactivate first. Unless this is 0, `cells`, `nodes_handed_over` and
+    /// `max_displacement_m` are approximate.
     nodes_reactivated: usize,
     /// The alert's region.
     #[schema(value_type = Vec<Vec<f64>>)]
     region: Vec<[f64; 2]>,
 }
 
-/// Cells that would change, by what they would show.
+/// Cells that would change, by their new state.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = CellChanges)]
 struct CellChangesBody {
@@ -97,8 +97,8 @@ impl From<Preview> for PreviewBody {
 
 /// Preview an acceptance.
 ///
-/// What accepting the alert would change now, computed as accepting is, without changing anything. Waits
-/// for the route's batch under way, and costs as much as accepting.
+/// What accepting the alert would change now, computed in the same way but without changing anything. Waits
+/// for the batch that the route is processing, and takes as long as accepting.
 #[utoipa::path(
     get, path = "/v1/alerts/{alert}/preview", tag = "alerts",
     params(AlertParam),

@@ -3,49 +3,49 @@
 use serde::Deserialize;
 use utoipa::IntoParams;
 
+use crate::api::bounding_box::BoundingBox;
 use crate::api::filters::{checked_route, checked_time, checked_vehicle};
-use crate::api::graph::BoundingBox;
 use crate::api::problem::Problem;
 use crate::model::{AlertStatus, ChangeKind, Clearance, Tier};
 use crate::store::AlertFilter;
 
-/// Which alerts to list; every condition that is given holds.
+/// Which alerts to list; all given conditions must hold.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::api) struct AlertQuery {
-    /// Only of this route.
+    /// Only alerts of this route.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     route_id: Option<String>,
-    /// Only in this state.
+    /// Only alerts with this status.
     #[param(nullable = false, inline)]
     status: Option<AlertStatus>,
-    /// Only of this kind.
+    /// Only alerts of this kind.
     #[param(nullable = false, inline)]
     kind: Option<ChangeKind>,
-    /// Only of this tier.
+    /// Only alerts of this tier.
     #[param(nullable = false, inline)]
     tier: Option<Tier>,
-    /// Only changed at this time or later, RFC 3339.
+    /// Only alerts that changed at this time or later, RFC 3339.
     #[param(nullable = false, format = DateTime, example = "2026-11-20T06:00:00Z")]
     since: Option<String>,
-    /// `x0,y0,x1,y1` in the map frame, metres: only located within.
+    /// Only alerts located within `x0,y0,x1,y1`: map frame, metres.
     #[param(
         pattern = r"^-?[0-9]+(\.[0-9]+)?(,-?[0-9]+(\.[0-9]+)?){3}$",
         nullable = false,
         example = "-5,-5,20,15"
     )]
     bbox: Option<String>,
-    /// Only at least this confident.
+    /// Only alerts with at least this confidence.
     #[param(minimum = 0, maximum = 1, nullable = false)]
     min_confidence: Option<f64>,
-    /// Only with a new state that this vehicle saw.
+    /// Only alerts whose new state this vehicle observed.
     #[param(nullable = false, pattern = "^[A-Za-z0-9._-]{1,64}$")]
     vehicle_id: Option<String>,
-    /// Only this near to the way that vehicles took before the change.
+    /// Only alerts this near to the path that vehicles took before the change.
     #[param(nullable = false, inline)]
     blocking: Option<Clearance>,
-    /// Only muted by a zone (`true`), or only others (`false`).
+    /// Only alerts that a zone mutes (`true`), or only the others (`false`).
     #[param(nullable = false)]
     muted: Option<bool>,
     /// As `PageQuery` declares it.
@@ -60,7 +60,7 @@ impl AlertQuery {
     /// The conditions, checked.
     ///
     /// # Errors
-    /// 400 for what is no name, time, box or probability.
+    /// 400 for a value that is not a name, time, box or probability.
     pub(super) fn filter(&self) -> Result<AlertFilter, Problem> {
         let bbox: Option<BoundingBox> = self.bbox.as_deref().map(str::parse).transpose()?;
         if self

@@ -1,5 +1,4 @@
-//! What an alert says in a title and in one sentence: the same in lists, messages of webhooks and on the
-//! maintainers' page.
+//! An alert in a title and in one sentence: the same in lists, webhook messages and the console.
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
@@ -12,12 +11,12 @@ use crate::ids::StampNs;
 use crate::model::ChangeKind;
 use crate::store::AlertRecord;
 
-/// Lengths from here on are written without decimals, metres.
+/// Lengths of this and more are written without decimals, metres.
 const LONG_M: f64 = 10.0;
-/// Vehicles and trips that are named, at most: more are counted.
+/// Most vehicles that are named; more are counted.
 const NAMED_MAX: usize = 3;
 
-/// A few words: what happened and how large it is.
+/// What happened and its size, in a few words.
 pub(super) fn title(alert: &AlertRecord, size: Option<Size>) -> String {
     let finding = &alert.evidence;
     let head = match finding.kind {
@@ -34,8 +33,8 @@ pub(super) fn title(alert: &AlertRecord, size: Option<Size>) -> String {
     }
 }
 
-/// One sentence: what, where it differs from what was known, since when, and who saw it. Times are UTC,
-/// with their date if it is not that of the last observation.
+/// What happened, how it differs from what was known, since when, and which vehicles observed it, in one
+/// sentence. Times are UTC, with their date if it differs from that of the last observation.
 pub(super) fn summary(alert: &AlertRecord, size: Option<Size>) -> String {
     let finding = &alert.evidence;
     let about = size.map_or_else(String::new, |size| format!(" about {}", area(size)));
@@ -101,7 +100,7 @@ fn suspect_summary(alert: &AlertRecord, when: &str) -> String {
     format!("{} off {when}: {faults}{silenced}.", suspected(alert))
 }
 
-/// The vehicle that is suspected, and a verb.
+/// The suspected vehicle or vehicles, and the verb.
 fn suspected(alert: &AlertRecord) -> String {
     match alert.vehicles.as_slice() {
         [] => "A vehicle is".to_owned(),
@@ -141,7 +140,7 @@ fn trips(finding: &Finding) -> Option<String> {
     }
 }
 
-/// Who saw the new state, and in how many of the passes since that could see the place.
+/// The vehicles that observed the new state, and in how many of the passes since that could see the place.
 fn witnesses(alert: &AlertRecord, passes: Option<&JudgedPasses>) -> String {
     let finding = &alert.evidence;
     let by = match alert.vehicles.is_empty() {
@@ -181,12 +180,12 @@ fn vehicles(alert: &AlertRecord) -> String {
     }
 }
 
-/// How far what was moved stands from where it was, metres.
+/// How far a moved object is from its old place, metres.
 fn moved_m(finding: &Finding, other: &Counterpart) -> f64 {
     (finding.location - centroid(&other.region)).norm()
 }
 
-/// Since when, and until when if that is over.
+/// Since when, and until when if it has ended.
 fn when(finding: &Finding) -> String {
     let day = day_of(timestamp(finding.last_seen));
     let time = |stamp: StampNs| {
@@ -216,7 +215,7 @@ fn area(size: Size) -> String {
     format!("{} × {} m", metres(size.length), metres(size.width))
 }
 
-/// A length to 10 cm, which is about what it is known to.
+/// A length to 10 cm, about the accuracy to which it is known.
 fn metres(length_m: f64) -> String {
     match length_m < LONG_M {
         true => format!("{:.1}", length_m.max(0.1)),

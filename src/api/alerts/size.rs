@@ -1,11 +1,11 @@
-//! How large what changed is.
+//! The size of a change.
 
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::geometry::{Vector2, rectangle_round};
 
-/// The smallest rectangle round an alert's region, at whatever angle it lies.
+/// The smallest rectangle around an alert's region, at any angle.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 #[schema(as = AlertSize)]
 pub(super) struct Size {

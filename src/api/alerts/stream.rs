@@ -1,4 +1,4 @@
-//! What happens to alerts, as it happens: server-sent events.
+//! Changes of alerts as they happen: server-sent events.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -27,7 +27,7 @@ use crate::ids::RouteId;
 use crate::model::AlertEventKind;
 use crate::store::{AlertEvent, StoreError};
 
-/// How often the store is asked for what is new.
+/// How often the store is asked for new events.
 const POLL: Duration = Duration::from_millis(500);
 /// Events read at once.
 const EVENTS_AT_ONCE: u32 = 100;
@@ -43,28 +43,27 @@ pub(in crate::api) struct StreamQuery {
     route_id: Option<String>,
 }
 
-/// Follow what happens to alerts.
+/// Follow changes of alerts.
 ///
-/// Server-sent events `alert.raised` and `alert.updated`, also of alerts that are tentative, and of nothing
-/// but alerts. `data` is the alert as it is when the event is sent, in the form of `GET /v1/alerts/{alert}`.
-/// An event is sent at once when what a decision is about has changed (status, kind, tier, region:
-/// `decision_revision`); an alert that only gains evidence, or is handled otherwise, is sent at most once in
-/// 5 s, as it is then. An event whose revision one of the last 5 s has carried is left out.
+/// Server-sent events `alert.raised` and `alert.updated`, for tentative alerts too. `data` is the alert as it is
+/// when the event is sent, in the form of `GET /v1/alerts/{alert}`. An event is sent at once when what a decision
+/// is about has changed (status, kind, tier, region: `decision_revision`). An alert that only gains evidence, or
+/// whose assignee, comments or muting change, is sent at most once every 5 s. An event is left out if its
+/// revision was already sent within the last 5 s.
 ///
-/// Without `Last-Event-ID` the stream begins with what happens next. With it, it goes on where a client has
-/// left off, so that one that was away misses nothing. `id` is the place to go on from and never decreases;
-/// while an update waits for its 5 s, several events have the same `id`, and some come once more after a
-/// reconnection: compare `revision`.
+/// Without `Last-Event-ID` the stream begins with the next change. With it, the stream resumes where the client
+/// left off, so that nothing is missed. `id` is the position to resume from and never decreases; while an update
+/// is held back, several events have the same `id`, and some are sent again after a reconnection: compare
+/// `revision`.
 ///
-/// A stream ends after half an hour, and when a key is revoked, with the `id` to come back with, so that
-/// nobody holds one who is no longer there.
+/// A stream ends after half an hour, or when a key is revoked, and its last `id` is the one to reconnect with.
 #[utoipa::path(
     get, path = "/v1/alerts/stream", tag = "alerts",
     params(
         StreamQuery,
-        ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event that was seen; 0 for all that is known"),
+        ("Last-Event-ID" = Option<String>, Header, nullable = false, description = "`id` of the last event received; 0 for all stored events"),
     ),
-    responses((status = 200, description = "Events until the client goes away, or for half an hour", body = String, content_type = "text/event-stream"), AlertListProblems)
+    responses((status = 200, description = "Events until the client disconnects, or for half an hour", body = String, content_type = "text/event-stream"), AlertListProblems)
 )]
 pub(in crate::api) async fn stream_alerts(
     State(state): State<ApiState>,
@@ -97,7 +96,7 @@ pub(in crate::api) async fn stream_alerts(
     };
     let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
     let events = Sse::new(events(reader)).keep_alive(keep_alive);
-    // A proxy that collects an answer before it passes it on would hold every event back.
+    // A proxy that buffers answers would hold every event back.
     let unbuffered = [
         (header::CACHE_CONTROL.as_str(), "no-store"),
         ("x-accel-buffering", "no"),
@@ -119,12 +118,12 @@ fn last_event_id(headers: &HeaderMap) -> Result<Option<i64>, Problem> {
     }
 }
 
-/// Where a stream stands.
+/// The state of a stream.
 struct Reader {
     state: ApiState,
-    /// Whose stream it is.
+    /// Who reads the stream.
     identity: Identity,
-    /// How many keys were revoked when it began.
+    /// How many keys had been revoked when it began.
     revocations: u64,
     route: Option<RouteId>,
     /// The last event that was read and is not in `pending`.
@@ -141,7 +140,7 @@ fn events(reader: Reader) -> impl Stream<Item = Result<Event, Infallible>> {
         match reader.next().await {
             Ok(event) => event.map(|event| (Ok(event), reader)),
             Err(error) => {
-                // The client comes back with the id of the last event it saw.
+                // The client reconnects with the id of the last event that it received.
                 tracing::warn!(%error, "a stream of alerts ended early");
                 None
             }
@@ -169,7 +168,7 @@ impl Reader {
                     () = self.state.draining.cancelled() => return Ok(None),
                     () = tokio::time::sleep(POLL) => {}
                 }
-                // Whose key was revoked does not come back, and sees nothing more.
+                // A client whose key was revoked gets no more events.
                 let revoked = self.state.store.revocations() != self.revocations;
                 if revoked || Instant::now() >= self.ends_at {
                     return self.last(revoked).await;
@@ -179,7 +178,7 @@ impl Reader {
         Ok(None)
     }
 
-    /// The next event whose time has come, of those that were read.
+    /// The next event that is due, of those that were read.
     fn next_now(&mut self) -> Option<AlertEvent> {
         if let Some(event) = self.pacing.due(Instant::now()) {
             return Some(event);
@@ -193,7 +192,7 @@ impl Reader {
         None
     }
 
-    /// An event as it is sent; `None` if it is for somebody else, or its route was deleted a moment ago.
+    /// An event as it is sent; `None` if the client may not read it, or its route has just been deleted.
     async fn sent(&mut self, event: AlertEvent) -> Result<Option<Event>, StoreError> {
         let alert = self.state.store.alert(event.alert_id).await?;
         let Some(alert) = alert.filter(|alert| self.identity.sees(&alert.route_id)) else {
@@ -209,8 +208,8 @@ impl Reader {
         Ok(sent.json_data(AlertBody::from(alert)).ok())
     }
 
-    /// What is sent before the stream ends: an update that still waits, else no event but the place to go on
-    /// from, for a client that has seen none.
+    /// The last event before the stream ends: an update that is still held back, or an empty event with the `id`
+    /// to resume from.
     async fn last(&mut self, revoked: bool) -> Result<Option<Event>, StoreError> {
         while let Some(event) = (!revoked).then(|| self.pacing.rest()).flatten() {
             if let Some(event) = self.sent(event).await? {

@@ -1,4 +1,4 @@
-//! What an alert says of the vehicle that it suspects.
+//! What an alert says about the vehicle that it suspects.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -10,36 +10,36 @@ use crate::calibration::{Estimate, VehicleFault};
 use crate::change::{SilencedChange, SuspectEvidence};
 use crate::model::ChangeKind;
 
-/// What is off of a vehicle, and what that explains.
+/// A suspected vehicle's faults, and the changes that they explain.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AlertSuspect)]
 pub(super) struct SuspectBody {
-    /// What has changed from trip to trip, or is off and cannot be corrected.
+    /// What has changed between trips, or cannot be corrected.
     faults: Vec<VehicleFaultBody>,
-    /// Changes that no alert is raised for: only this vehicle saw them, since the fault, and each lies
-    /// beside what was there no farther than the fault displaces what the vehicle sees.
+    /// Changes for which no alert is raised: only this vehicle observed them, after the fault began, and each is
+    /// no farther from what was there before than the fault displaces the vehicle's observations.
     silenced: Vec<SilencedChangeBody>,
 }
 
-/// Something that is off of a vehicle.
+/// A fault of a vehicle.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = VehicleFault)]
 struct VehicleFaultBody {
-    /// The lidar whose scans say it; null for the vehicle's only one.
+    /// The lidar whose scans show it; null for the vehicle's only one.
     #[schema(required)]
     lidar: Option<String>,
-    /// What is off: the name of a field of the vehicle's `calibration`; null for a fault that none of
-    /// them tells.
+    /// The faulty quantity: the name of a field of the vehicle's `calibration`; null for a fault that none of
+    /// them describes.
     #[schema(required)]
     quantity: Option<&'static str>,
-    /// What the trips before said, of a change; null otherwise.
+    /// For a change, the value from the trips before; null otherwise.
     #[schema(required)]
     before: Option<FaultValueBody>,
-    /// What the trips since say; where they differ from trip to trip their mean, and as `sigma` their
-    /// standard deviation. Null where no quantity tells it.
+    /// The value from the trips since; if they differ, their mean, with their standard deviation as `sigma`. Null
+    /// if no quantity describes the fault.
     #[schema(required)]
     now: Option<FaultValueBody>,
-    /// The same for people.
+    /// The fault in words.
     text: String,
 }
 
@@ -57,13 +57,13 @@ struct FaultValueBody {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = SilencedChange)]
 struct SilencedChangeBody {
-    /// What it would have been.
+    /// The kind of alert that it would have been.
     kind: ChangeKind,
     /// Its centre, map frame, metres.
     x: f64,
     /// Its centre, map frame, metres.
     y: f64,
-    /// The first look that shows it.
+    /// The first observation that shows it.
     #[schema(value_type = String, format = DateTime)]
     since: Timestamp,
 }

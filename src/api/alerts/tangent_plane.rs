@@ -1,12 +1,12 @@
-//! From a route's map frame to the Earth.
+//! From a route's map frame to geographic coordinates.
 
 use crate::geometry::Vector2;
 use crate::store::GeoAnchor;
 
-/// The ellipsoid of WGS 84: its greater half axis, metres, and its first eccentricity squared.
+/// The ellipsoid of WGS 84: its semi-major axis, metres, and its first eccentricity squared.
 const HALF_AXIS_M: f64 = 6_378_137.0;
 const ECCENTRICITY2: f64 = 6.694_379_990_141_316e-3;
-/// Nearer to a pole, degrees, meridians run together too fast for a plane.
+/// Nearer to a pole than this latitude, degrees, meridians converge too fast for a plane.
 const LATITUDE_MAX_DEG: f64 = 89.0;
 
 /// The plane that touches the ellipsoid at a route's anchor: good to a millimetre for maps of a
@@ -20,7 +20,7 @@ pub(super) struct TangentPlane {
 }
 
 impl TangentPlane {
-    /// At the origin of a map; `None` where the anchor is not on the Earth or next to a pole.
+    /// The plane at the origin of a map; `None` if the anchor is not on the Earth, or near a pole.
     pub(super) fn at(anchor: &GeoAnchor) -> Option<Self> {
         let on_earth = anchor.latitude.abs() <= LATITUDE_MAX_DEG
             && anchor.longitude.abs() <= 180.0
@@ -39,9 +39,8 @@ impl TangentPlane {
         })
     }
 
-    /// A point of the map frame, metres, as longitude and latitude, degrees. The heading is that
-    /// of the map's x axis, clockwise from north. Longitudes go on beyond ±180° at the date line,
-    /// so that a polygon stays in one piece.
+    /// A point of the map frame, metres, as longitude and latitude, degrees. Longitudes continue beyond ±180° at the date
+    /// line, so that a polygon stays in one piece.
     pub(super) fn longitude_latitude(&self, point: &Vector2<f64>) -> [f64; 2] {
         let (sin, cos) = self.anchor.heading.to_radians().sin_cos();
         let east_m = point.x * sin - point.y * cos;
@@ -80,7 +79,7 @@ mod tests {
             assert_eq!(longitude.abs() > 1e-9, east != 0.0, "{heading}");
             assert_eq!(latitude.abs() > 1e-9, north != 0.0, "{heading}");
         }
-        // Left of an x axis that looks north is west.
+        // Left of an x axis that points north is west.
         assert!(at(0.0, 0.0, 100.0)[0] < -1e-4);
     }
 
@@ -94,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn poles_and_nonsense_have_no_plane() {
+    fn there_is_no_plane_near_a_pole_or_off_the_earth() {
         for bad in [
             anchor(90.0, 0.0, 0.0),
             anchor(-89.5, 0.0, 0.0),
@@ -107,9 +106,9 @@ mod tests {
     }
 
     proptest! {
-        /// What turns left in the map turns left on the Earth, so rings keep their order.
+        /// A left turn in the map is a left turn on the Earth, so rings keep their orientation.
         #[test]
-        fn polygons_keep_their_sense(
+        fn polygons_keep_their_orientation(
             latitude in -85.0..85.0_f64, heading in 0.0..360.0_f64,
             x in -50.0..50.0_f64, y in -50.0..50.0_f64,
         ) {

@@ -1,4 +1,4 @@
-//! The audit as a table, for spreadsheets and for keeping elsewhere.
+//! The audit as a table, for spreadsheets and archives.
 
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -15,14 +15,14 @@ use crate::api::problem_responses::AnyProblems;
 use crate::store::{AuditFilter, StoreError};
 
 const HEAD: &str = "id,at,actor,key_id,address,action,route_id,subject,before,after\r\n";
-/// Changes that are read and sent at once.
+/// Changes read and sent at a time.
 const CHANGES_AT_ONCE: u32 = 500;
 
-/// Export who changed what.
+/// Export the audit.
 ///
-/// The same changes as `GET /v1/audit` lists, the newest first, all of them in one table (CSV, RFC 4180,
-/// UTF-8), with the same conditions. `before` and `after` are JSON. A text that a spreadsheet would take
-/// for a formula begins with an apostrophe.
+/// The changes that `GET /v1/audit` lists under the same conditions, all in one table (CSV, RFC 4180, UTF-8), the
+/// newest first. `before` and `after` are JSON. A text that a spreadsheet would take for a formula is preceded by
+/// an apostrophe.
 #[utoipa::path(
     get, path = "/v1/audit.csv", tag = "audit", params(AuditQuery),
     responses((status = 200, description = "The table", body = String, content_type = "text/csv"), AnyProblems)
@@ -33,7 +33,7 @@ pub(in crate::api) async fn export_audit(
     ApiQuery(query): ApiQuery<AuditQuery>,
 ) -> Result<Response, Problem> {
     if query.limit.is_some() || query.cursor.is_some() {
-        let detail = "the export has no parts: leave limit and cursor out";
+        let detail = "the export is not divided into pages: leave limit and cursor out";
         return Err(Problem::parameter("limit", detail));
     }
     let sending = Sending {
@@ -54,17 +54,17 @@ pub(in crate::api) async fn export_audit(
     Ok((headers, Body::from_stream(body)).into_response())
 }
 
-/// A table on its way.
+/// A table that is being sent.
 struct Sending {
     state: ApiState,
     filter: AuditFilter,
-    /// The change that was sent last.
+    /// The key of the last change sent.
     before: Option<i64>,
-    /// Where the next part begins.
+    /// The text that the next part begins with.
     text: String,
 }
 
-/// The next rows; an error cuts the connection, so that the table does not look complete.
+/// The next rows. An error cuts the connection, so that the table does not look complete.
 async fn next_part(
     sending: Option<Sending>,
 ) -> Result<Option<(Bytes, Option<Sending>)>, StoreError> {
@@ -104,7 +104,7 @@ fn append(text: &mut String, change: &AuditBody) {
     text.push_str("\r\n");
 }
 
-/// A field of the table, in quotes where it needs them.
+/// A field of the table, in quotes if it needs them.
 fn quoted(field: &str) -> String {
     let is_formula = field.starts_with(['=', '+', '-', '@', '\t', '\r']);
     let guard = if is_formula { "'" } else { "" };

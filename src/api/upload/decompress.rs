@@ -1,4 +1,4 @@
-//! Decompression that no bomb gets through.
+//! Decompression that stops at decompression bombs.
 
 use std::io::Read;
 
@@ -7,18 +7,18 @@ use flate2::bufread::GzDecoder;
 use super::Encoding;
 use crate::api::problem::{Problem, ProblemKind};
 
-/// Honest scans shrink to a third at best; bombs to a thousandth.
+/// Real scans shrink to a third at best, bombs to a thousandth.
 const RATIO_MAX: usize = 20;
-/// Small bodies may have any ratio, bytes.
+/// Bodies up to this size may have any ratio, bytes.
 const RATIO_FREE_BYTES: usize = 1 << 20;
-/// What a body may be ahead of the ratio on its way: a bomb is refused once it is, without being
-/// decompressed to its limit.
+/// By how much a body may exceed the ratio while it is read: a bomb is refused beyond that, without being decompressed
+/// to its limit.
 const AHEAD_BYTES_MAX: usize = 4 << 20;
-/// Memory that a zstd frame may ask for as its window, as a power of two.
+/// The largest window that a zstd frame may ask for, as a power of two.
 const WINDOW_LOG_MAX: u32 = 24;
 const CHUNK_BYTES: usize = 64 << 10;
 
-/// Most bytes that `wire_len` bytes may become.
+/// The most bytes that `wire_len` bytes may decompress to.
 pub(super) fn most(wire_len: usize, bytes_max: usize) -> usize {
     let by_ratio = wire_len.saturating_mul(RATIO_MAX).max(RATIO_FREE_BYTES);
     by_ratio.min(bytes_max)
@@ -27,8 +27,9 @@ pub(super) fn most(wire_len: usize, bytes_max: usize) -> usize {
 /// The body as it was before compression.
 ///
 /// # Errors
-/// 413 if it is longer than `bytes_max`, or than 20 times the compressed bytes and 1 MiB, or if a part
-/// of it is 4 MiB more than 20 times the compressed bytes that it is made of; 400 if it is broken or followed by anything.
+/// 413 if it is longer than `bytes_max`, or than both 20 times the compressed size and 1 MiB, or if any part of it
+/// exceeds 20 times the compressed bytes read so far by more than 4 MiB; 400 if it is damaged or followed by further
+/// bytes.
 pub(in crate::api) fn decompress(
     wire: Vec<u8>,
     encoding: Encoding,
@@ -57,7 +58,7 @@ pub(in crate::api) fn decompress(
     }
 }
 
-/// Reads to the end; `left` says how many compressed bytes the reader has not taken yet.
+/// Reads to the end; `left` is the number of compressed bytes that the reader has not taken yet.
 fn read_bounded<R: Read>(
     reader: &mut R,
     left: impl Fn(&R) -> usize,
@@ -82,7 +83,7 @@ fn read_bounded<R: Read>(
             .saturating_add(AHEAD_BYTES_MAX);
         if body.len() + count > most.min(so_far) {
             let detail = format!(
-                "the body is longer after decompression than is taken: at most {bytes_max} bytes, and {RATIO_MAX} times the compressed size, which no part of it may pass by more than {AHEAD_BYTES_MAX} bytes"
+                "the body is too long after decompression: it may have at most {bytes_max} bytes and {RATIO_MAX} times the compressed size, which no part of it may exceed by more than {AHEAD_BYTES_MAX} bytes"
             );
             return Err(Problem::new(ProblemKind::TooLarge, detail));
         }

@@ -1,4 +1,4 @@
-//! What an upload's headers say.
+//! The headers of an upload.
 
 use axum::http::{HeaderMap, header};
 use base64::Engine;
@@ -35,7 +35,7 @@ impl UploadHead {
         Self::of(headers, encoding, wire_bytes_max)
     }
 
-    /// Of a recording, which is not compressed by its sender.
+    /// The headers of a recording, which must not be compressed.
     pub(super) fn check_recording(headers: &HeaderMap, bytes_max: usize) -> Result<Self, Problem> {
         check_type(headers, BINARY).map_err(Problem::closing)?;
         check_plain(headers).map_err(Problem::closing)?;
@@ -73,13 +73,13 @@ impl UploadHead {
         }
         Err(Problem::new(
             ProblemKind::DigestMismatch,
-            "Content-Digest states another SHA-256 than the bytes that arrived have: send them again",
+            "the SHA-256 of the bytes that arrived differs from the one in Content-Digest: send them again",
         ))
     }
 }
 
 pub(super) fn too_large(wire_bytes_max: usize) -> Problem {
-    let detail = format!("a body has at most {wire_bytes_max} bytes: send it in parts");
+    let detail = format!("a body has at most {wire_bytes_max} bytes: split it");
     Problem::new(ProblemKind::TooLarge, detail)
 }
 
@@ -122,14 +122,14 @@ fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
         "gzip" | "x-gzip" => Ok(Encoding::Gzip),
         "zstd" => Ok(Encoding::Zstd),
         _ => {
-            let detail = "the body must be plain or compressed once with gzip or zstd";
+            let detail = "the body must be uncompressed, or compressed once with gzip or zstd";
             let problem = Problem::new(ProblemKind::UnsupportedEncoding, detail);
             Err(problem.header(header::ACCEPT_ENCODING, "gzip, zstd, identity"))
         }
     }
 }
 
-/// Small bodies are not worth compressing.
+/// Refuses compressed bodies: small ones are not worth compressing.
 pub(super) fn check_plain(headers: &HeaderMap) -> Result<(), Problem> {
     if matches!(encoding(headers), Ok(Encoding::Identity)) {
         return Ok(());
@@ -139,7 +139,7 @@ pub(super) fn check_plain(headers: &HeaderMap) -> Result<(), Problem> {
     Err(problem.header(header::ACCEPT_ENCODING, "identity"))
 }
 
-/// The value of `sha-256=:…:`; other algorithms are passed over, as RFC 9530 allows.
+/// The value of `sha-256=:…:`; other algorithms are ignored, as RFC 9530 allows.
 fn digest(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     for value in headers.get_all(CONTENT_DIGEST) {
         let malformed = || {
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn headers_are_read_as_people_write_them() {
+    fn headers_are_read_in_the_forms_that_clients_send() {
         let json = ("content-type", "Application/JSON; charset=\"UTF-8\"");
         assert_eq!(head(&[json]).unwrap().encoding, Encoding::Identity);
         let zipped = head(&[
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_taken_is_refused() {
+    fn unsupported_headers_are_refused() {
         let json = ("content-type", "application/json");
         use ProblemKind::{DigestMismatch, TooLarge, UnsupportedEncoding, UnsupportedMediaType};
         for (pairs, kind) in [

@@ -1,34 +1,34 @@
-//! The way of a request's body in: cheap checks, a reserved place, a bounded read, decompression.
+//! Receiving the body of a request: cheap checks, a reserved place, a bounded read, decompression.
 
 mod decompress;
 mod head;
 mod read;
+mod small_json;
 mod spool;
 
 use std::fs::File;
 
 use axum::body::Body;
 use axum::http::HeaderMap;
-use serde::de::DeserializeOwned;
 use tokio::sync::OwnedSemaphorePermit;
 
 pub(super) use decompress::decompress;
 pub(super) use head::{Encoding, UploadHead};
+pub(super) use small_json::{SmallJson, small_json};
 
 use super::ApiState;
 use super::client_address::ClientAddress;
 use super::problem::Problem;
 use super::shares::Share;
-use crate::ingest::json::{Object, from_json};
 
-/// The bytes of an upload as they were sent, with the places it holds until it is stored.
+/// The bytes of an upload as they were sent, and the places that it holds until it is stored.
 pub(super) struct Upload {
     pub head: UploadHead,
     pub wire: Vec<u8>,
     pub places: Places,
 }
 
-/// What an upload has reserved; given back when dropped.
+/// What an upload has reserved; released when dropped.
 pub(super) struct Places {
     _slot: Share,
     _wire: Share,
@@ -36,7 +36,7 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Gives back what was reserved for a larger body than it turned out to be.
+    /// Releases what was reserved in excess of the actual size of the body.
     pub(super) fn shrink_body(&mut self, bytes: usize) {
         if let Some(body) = &mut self.body {
             let excess = body.num_permits().saturating_sub(kibibytes(bytes));
@@ -48,8 +48,7 @@ impl Places {
 /// Checks the headers, reserves a place, and only then reads the body.
 ///
 /// # Errors
-/// 400, 408, 413, 415, 429 when the client's address has its share of the places, or 503 when none is
-/// free.
+/// 400, 408, 413 or 415; 429 if the client's address has its share of the places; 503 if none is free.
 pub(super) async fn receive(
     state: &ApiState,
     client: ClientAddress,
@@ -81,7 +80,7 @@ pub(super) async fn receive(
     })
 }
 
-/// A recording on the disk, with the places it holds until it is stored.
+/// A recording in a file, and the places that it holds until it is stored.
 pub(super) struct ReceivedRecording {
     pub file: File,
     pub sha256: [u8; 32],
@@ -89,7 +88,7 @@ pub(super) struct ReceivedRecording {
     pub places: RecordingPlaces,
 }
 
-/// What the upload of a recording has reserved; given back when dropped.
+/// What the upload of a recording has reserved; released when dropped.
 pub(super) struct RecordingPlaces {
     _slot: Share,
     _recording: Share,
@@ -126,31 +125,6 @@ pub(super) async fn receive_recording(
         bytes,
         places,
     })
-}
-
-/// Reads a small JSON object; no body at all counts as `{}`.
-///
-/// # Errors
-/// 400, 408, 413, 415.
-pub(super) async fn small_json<T: DeserializeOwned>(
-    state: &ApiState,
-    headers: &HeaderMap,
-    body: Body,
-) -> Result<T, Problem> {
-    let limits = &state.limits;
-    let has_type = headers.contains_key(axum::http::header::CONTENT_TYPE);
-    if has_type {
-        head::check_media_type(headers)?;
-    }
-    head::check_plain(headers)?;
-    let bytes = read::read_body(body, limits.small_body_bytes, limits.body_pace).await?;
-    if bytes.is_empty() {
-        return Ok(from_json::<Object<T>>(b"{}")?.0);
-    }
-    if !has_type {
-        head::check_media_type(headers)?;
-    }
-    Ok(from_json::<Object<T>>(&bytes)?.0)
 }
 
 fn kibibytes(bytes: usize) -> usize {

@@ -1,4 +1,4 @@
-//! Reading a body within bounds of size, pace and time.
+//! Reading a body within limits of size, pace and time.
 
 use std::time::Instant;
 
@@ -13,8 +13,8 @@ use crate::api::problem::{Problem, ProblemKind};
 /// Reads a body to its end.
 ///
 /// # Errors
-/// 413 as soon as it is longer than `bytes_max`, 408 as soon as it falls behind the pace, 400 if it
-/// breaks off. All close the connection, because the rest of the body is still on its way.
+/// 413 as soon as it is longer than `bytes_max`, 408 as soon as it falls behind the pace, 400 if it is cut off. All
+/// close the connection, because the rest of the body may still arrive.
 pub(super) async fn read_body(
     body: Body,
     bytes_max: usize,
@@ -48,7 +48,7 @@ impl BodyReader {
         }
     }
 
-    /// What was read so far.
+    /// The number of bytes read so far.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes as u64
     }
@@ -73,14 +73,14 @@ impl BodyReader {
 }
 
 fn broken_off() -> Problem {
-    let detail = "the body broke off before its end";
+    let detail = "the body was cut off before its end";
     Problem::new(ProblemKind::BadRequest, detail)
 }
 
 fn too_slow(pace: Pace) -> Problem {
     metrics::counter!("mapshift_slow_bodies_total").increment(1);
     let detail = format!(
-        "the body came too slowly: {} s after its beginning it must come with {} bytes a second on average, and all of it within {} s",
+        "the body arrived too slowly: from {} s after its beginning it must arrive with {} bytes a second on average, and all of it within {} s",
         pace.grace.as_secs_f64(),
         pace.bytes_per_s,
         pace.total.as_secs_f64()

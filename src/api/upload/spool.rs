@@ -1,4 +1,4 @@
-//! A large body on its way into a file.
+//! Writing a large body into a file.
 
 use std::fs::File;
 use std::io;
@@ -12,7 +12,7 @@ use crate::api::limits::Pace;
 use crate::api::problem::Problem;
 use crate::store::StoreError;
 
-/// Writes a body into a file; the SHA-256 and the length of what was written.
+/// Writes a body into a file; returns the file, the SHA-256 and the length of the body.
 ///
 /// # Errors
 /// As [`BodyReader::next`]; 507 if the disk is full.

@@ -10,7 +10,7 @@ use crate::store::WebhookRecord;
 
 const DESCRIPTION_CHARS_MAX: usize = 200;
 
-/// Where events are sent by a POST.
+/// A receiver to which events are POSTed.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Webhook, example = json!({
     "id": "019aa000-0000-7000-8000-00000000a001", "url": "https://hooks.example.com/mapshift",
@@ -19,34 +19,33 @@ const DESCRIPTION_CHARS_MAX: usize = 200;
     "previous_secret_until": null,
     "created_at": "2026-11-20T06:00:00Z", "updated_at": "2026-11-20T06:00:00Z"
 }))]
-pub(super) struct WebhookBody {
-    /// UUID of version 7: sorts by when the webhook was registered.
+pub(in crate::api) struct WebhookBody {
+    /// UUID of version 7: sorts by the time of registration.
     #[schema(format = "uuid")]
     id: String,
     /// Where events are sent.
     #[schema(format = "uri")]
     url: String,
-    /// Which ones.
+    /// The events that are sent.
     events: Vec<WebhookTopic>,
-    /// Only of this route; null for all routes.
+    /// The route whose events are sent; null for all routes.
     #[schema(required)]
     route_id: Option<String>,
-    /// For people.
+    /// A description for people.
     #[schema(required)]
     description: Option<String>,
-    /// Whether alerts are sent also while they are tentative. Otherwise an alert begins with an
-    /// `alert.raised` when it is first confirmed.
+    /// Whether tentative alerts are sent. If not, `alert.raised` is sent when an alert is first confirmed.
     include_tentative: bool,
-    /// Whether events are sent. What happens meanwhile is not sent later.
+    /// Whether events are sent. Events that occur while it is inactive are not sent later.
     active: bool,
     /// When the receiver answered 410 Gone, which disabled the webhook; null otherwise.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     gone_at: Option<Timestamp>,
-    /// What events are signed with: `whsec_` and base64. Shown once, in the answer to the registration or
-    /// to `rotate-secret`; null ever after.
+    /// The secret that calls are signed with: `whsec_` followed by base64. Shown once, in the answer to the
+    /// registration or to `rotate-secret`; null in every other answer.
     #[schema(required)]
     pub secret: Option<String>,
-    /// Until when events are signed with the secret before as well; null if it is not valid any more.
+    /// Until when calls are also signed with the previous secret; null if that is no longer valid.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     previous_secret_until: Option<Timestamp>,
     /// When it was registered.
@@ -83,10 +82,10 @@ pub(super) fn etag(webhook: &WebhookRecord) -> String {
     format!("\"{}\"", webhook.revision)
 }
 
-/// Events in one order, each once.
+/// Events in a fixed order, each once.
 ///
 /// # Errors
-/// 422 for none at all: that would be a webhook that is never called.
+/// 422 for an empty list: such a webhook would never be called.
 pub(super) fn checked_events(mut events: Vec<WebhookTopic>) -> Result<Vec<WebhookTopic>, Problem> {
     events.sort_unstable();
     events.dedup();
@@ -97,10 +96,10 @@ pub(super) fn checked_events(mut events: Vec<WebhookTopic>) -> Result<Vec<Webhoo
     Ok(events)
 }
 
-/// A description for people.
+/// Checks a description for people.
 ///
 /// # Errors
-/// 422 for one that is too long or does not print.
+/// 422 for one that is too long or has control characters.
 pub(super) fn check_description(text: Option<&str>) -> Result<(), Problem> {
     let is_fit = |text: &str| {
         text.chars().count() <= DESCRIPTION_CHARS_MAX && !text.chars().any(char::is_control)

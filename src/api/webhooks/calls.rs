@@ -1,10 +1,10 @@
-//! The calls that webhooks make, as the OpenAPI document describes them.
+//! The calls that webhooks make, for the OpenAPI document.
 
 use serde_json::{Value, json};
 
 use crate::model::WebhookTopic;
 
-/// What receivers are sent that is about one kind of thing.
+/// A call about one kind of subject.
 struct Call {
     /// Its name in the document, and that of its operation after `receive_`.
     name: &'static str,
@@ -19,11 +19,11 @@ struct Call {
 const CALLS: [Call; 4] = [
     Call {
         name: "alert",
-        summary: "An alert was raised, or what a decision about it is about has changed. To a webhook without `include_tentative` an alert is raised when it is first confirmed.",
+        summary: "An alert was raised, or its status, tier, kind or region has changed. For a webhook without `include_tentative`, `alert.raised` is sent when an alert is first confirmed.",
         topics: &[WebhookTopic::AlertRaised, WebhookTopic::AlertUpdated],
         message: "WebhookMessage",
         data: "Alert",
-        url: "The alert on the maintainers' page; null if the service does not know where people reach it (`--public-url`).",
+        url: "The alert in the console; null if the service has no public URL (`--public-url`).",
     },
     Call {
         name: "batch",
@@ -31,7 +31,7 @@ const CALLS: [Call; 4] = [
         topics: &[WebhookTopic::BatchQuarantined],
         message: "BatchMessage",
         data: "Batch",
-        url: "The route's batches on the maintainers' page; null if the service does not know where people reach it.",
+        url: "The route's batches in the console; null if the service has no public URL.",
     },
     Call {
         name: "vehicle",
@@ -39,7 +39,7 @@ const CALLS: [Call; 4] = [
         topics: &[WebhookTopic::VehicleSuspect],
         message: "VehicleMessage",
         data: "Vehicle",
-        url: "The route's vehicles on the maintainers' page; null if the service does not know where people reach it.",
+        url: "The route's vehicles in the console; null if the service has no public URL.",
     },
     Call {
         name: "operation",
@@ -47,11 +47,11 @@ const CALLS: [Call; 4] = [
         topics: &[WebhookTopic::OperationFinished],
         message: "OperationMessage",
         data: "Operation",
-        url: "Null: operations have no place on the maintainers' page.",
+        url: "Always null: the console does not show operations.",
     },
 ];
 
-/// Adds what receivers are sent to a document that has the schemas of what it is about.
+/// Adds the calls to a document that has the schemas of their subjects.
 pub(in crate::api) fn add_calls(document: &mut Value) {
     for call in &CALLS {
         document["webhooks"][call.name] = json!({"post": operation(call)});
@@ -70,20 +70,20 @@ fn operation(call: &Call) -> Value {
         "operationId": format!("receive_{}", call.name),
         "tags": ["webhooks"],
         "summary": format!("Receive events of {}s.", call.name),
-        "description": format!("{} A `webhook.test` comes with the same headers; its `data` has a `webhook_id` and a `message`, its `url` is null.", call.summary),
+        "description": format!("{} A `webhook.test` has the same headers; its `data` has a `webhook_id` and a `message`, and its `url` is null.", call.summary),
         "parameters": [
             header("webhook-id", "The same for every attempt", "msg_0f1e2d3c4b5a69788796a5b4c3d2e1f0"),
-            header("webhook-timestamp", "When this attempt was made: seconds since the Unix epoch", "1795154409"),
-            header("webhook-signature", "`v1,` and the base64 of HMAC-SHA256 over `webhook-id.webhook-timestamp.body`; two of them, separated by a space, while a replaced secret is still valid", "v1,Wca+HubgWG90acgyHFAaj/r+OMbXJ48ibPLwHJ4/wbk="),
+            header("webhook-timestamp", "The time of this attempt: seconds since the Unix epoch", "1795154409"),
+            header("webhook-signature", "`v1,` and the base64 of HMAC-SHA256 over `webhook-id.webhook-timestamp.body`; two signatures, separated by a space, while a replaced secret is still valid", "v1,Wca+HubgWG90acgyHFAaj/r+OMbXJ48ibPLwHJ4/wbk="),
         ],
         "requestBody": {
             "required": true,
             "content": {"application/json": {"schema": {"$ref": format!("#/components/schemas/{}", call.message)}}}
         },
         "responses": {
-            "204": {"description": "Taken; any 2xx is as good"},
+            "204": {"description": "Received; any 2xx status will do"},
             "410": {"description": "Gone: the webhook is disabled"},
-            "503": {"description": "Not now: sent again after `Retry-After`. Every other answer is a failure, and it is sent again as well"}
+            "503": {"description": "Not now: sent again after `Retry-After`. Every other status is a failure and is sent again too"}
         }
     })
 }
@@ -91,7 +91,7 @@ fn operation(call: &Call) -> Value {
 fn message(call: &Call) -> Value {
     json!({
         "type": "object",
-        "description": "What a receiver is sent.",
+        "description": "The body of a call.",
         "required": ["type", "timestamp", "url", "data"],
         "properties": {
             "type": {"type": "string", "enum": call.topics, "description": "What happened."},

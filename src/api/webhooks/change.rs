@@ -1,6 +1,5 @@
 //! Changing webhooks.
 
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -12,31 +11,31 @@ use super::body::{WebhookBody, check_description, checked_events};
 use super::{check_edited, known_webhook, url_refused, wanted_revision, with_etag};
 use crate::api::ApiState;
 use crate::api::extract::{ApiPath, NoQuery};
-use crate::api::parameters::WebhookParam;
+use crate::api::parameters::{IfMatch, WebhookParam};
 use crate::api::problem::Problem;
 use crate::api::problem_responses::WebhookChangeProblems;
-use crate::api::upload::small_json;
+use crate::api::upload::SmallJson;
 use crate::ids::WebhookId;
 use crate::model::{Actor, WebhookTopic};
 use crate::store::WebhookUpdate;
 
-/// What to change of a webhook; what is left out stays as it is.
+/// What to change of a webhook; fields that are left out keep their value.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"active": false}))]
 pub(in crate::api) struct WebhookChange {
-    /// Where events are sent: an https URL of a public host, up to 2,048 bytes.
+    /// Where to send events: an https URL of a public host, up to 2,048 bytes.
     #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
-    /// Which ones.
+    /// The events to send.
     #[schema(min_items = 1)]
     events: Option<Vec<WebhookTopic>>,
-    /// For people, up to 200 characters.
+    /// A description for people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,
-    /// Whether alerts are sent also while they are tentative: seen in one pass so far.
+    /// Whether to send tentative alerts, which have been observed in only one pass so far.
     include_tentative: Option<bool>,
-    /// Whether events are sent.
+    /// Whether to send events.
     active: Option<bool>,
 }
 
@@ -56,15 +55,12 @@ impl WebhookChange {
 
 /// Change a webhook.
 ///
-/// What is left out stays as it is; the secret and the route always do. While a webhook is not
-/// active nothing is sent: what waits for another attempt goes on waiting, and what happens
-/// meanwhile is not sent later.
+/// Fields that are left out keep their value; the secret and the route cannot be changed here. While a webhook
+/// is inactive nothing is sent: deliveries that await another attempt keep waiting, and events that occur in
+/// the meantime are not sent later.
 #[utoipa::path(
     patch, path = "/v1/webhooks/{webhook}", tag = "webhooks",
-    params(
-        WebhookParam,
-        ("If-Match" = Option<String>, Header, nullable = false, description = "Refuse the change unless the webhook has this ETag"),
-    ),
+    params(WebhookParam, IfMatch),
     request_body(content = WebhookChange, description = "What to change"),
     responses((status = 200, description = "The webhook as it is now", body = WebhookBody, headers(("ETag" = String, description = "Changes with every edit"))), WebhookChangeProblems)
 )]
@@ -74,17 +70,12 @@ pub(in crate::api) async fn change_webhook(
     _: NoQuery,
     by: Actor,
     headers: HeaderMap,
-    body: Body,
+    SmallJson(change): SmallJson<WebhookChange>,
 ) -> Result<Response, Problem> {
-    let change: WebhookChange = small_json(&state, &headers, body).await?;
     let revision = wanted_revision(&headers, &known_webhook(&state, id).await?)?;
     let update = change.check(&state)?;
     let now = Timestamp::now();
-    check_edited(
-        state
-            .store
-            .update_webhook(id, revision, update, &by, now)
-            .await?,
-    )?;
+    let updated = state.store.update_webhook(id, revision, update, &by, now);
+    check_edited(updated.await?)?;
     Ok(with_etag(known_webhook(&state, id).await?))
 }

@@ -1,4 +1,4 @@
-//! What became of the events that a webhook was to be sent, and trying a webhook out.
+//! The deliveries of a webhook, and testing it.
 
 use axum::Json;
 use axum::extract::State;
@@ -10,8 +10,8 @@ use utoipa::ToSchema;
 
 use super::{known_webhook, unknown_webhook};
 use crate::api::ApiState;
-use crate::api::extract::{ApiPath, ApiQuery, NoQuery, PageQuery};
-use crate::api::paging::{Listed, Part, checked_limit, cut_page, key_of_cursor};
+use crate::api::extract::{ApiPath, ApiQuery, NoQuery};
+use crate::api::paging::{Listed, PageQuery, page};
 use crate::api::parameters::WebhookParam;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::{WebhookProblems, WebhookTestProblems};
@@ -19,7 +19,7 @@ use crate::ids::WebhookId;
 use crate::model::{DeliveryFailure, DeliveryStatus, WebhookEvent};
 use crate::store::{AttemptEnd, DeliveryRecord, Subject, TestQueued};
 
-/// An event on its way to a receiver.
+/// The delivery of an event to a receiver.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookDelivery)]
 pub(in crate::api) struct DeliveryBody {
@@ -29,56 +29,48 @@ pub(in crate::api) struct DeliveryBody {
     /// What happened.
     #[serde(rename = "type")]
     event: WebhookEvent,
-    /// The event's `id` in the stream of alerts; null for what is about no alert.
+    /// The event's `id` in the stream of alerts; null if it is not about an alert.
     #[schema(required)]
     event_id: Option<i64>,
-    /// The alert; null for what is about no alert.
+    /// The alert; null if the event is not about one.
     #[schema(required, format = "uuid")]
     alert_id: Option<String>,
-    /// The batch; null for what is about no batch.
+    /// The batch; null if the event is not about one.
     #[schema(required)]
     batch_id: Option<String>,
-    /// The vehicle; null for what is about no vehicle.
+    /// The vehicle; null if the event is not about one.
     #[schema(required)]
     vehicle_id: Option<String>,
-    /// The operation; null for what is about no operation.
+    /// The operation; null if the event is not about one.
     #[schema(required, format = "uuid")]
     operation_id: Option<String>,
     /// When the event happened.
     #[schema(value_type = String, format = DateTime)]
     timestamp: Timestamp,
-    /// How far it has come.
+    /// Its status.
     status: DeliveryStatus,
-    /// Attempts so far.
+    /// The number of attempts so far.
     attempts: i64,
-    /// When the last one ended; null before the first.
+    /// When the last attempt ended; null before the first.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     last_attempt_at: Option<Timestamp>,
     /// Status of the last answer; null if there was none.
     #[schema(required)]
     last_status_code: Option<u16>,
-    /// Why there was no answer last; null if there was one.
+    /// Why the last attempt got no answer; null if it got one.
     #[schema(required)]
     last_failure: Option<DeliveryFailure>,
-    /// When the next attempt follows, at the earliest; null if none follows.
+    /// The earliest time of the next attempt; null if there will be none.
     #[schema(value_type = Option<String>, format = DateTime, required)]
     next_attempt_at: Option<Timestamp>,
 }
 
-/// A part of the list of deliveries.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = WebhookDeliveryPage)]
-pub(in crate::api) struct DeliveryPage {
-    /// The newest first.
-    items: Vec<DeliveryBody>,
-    /// Where the next part begins; null at the end.
-    #[schema(required)]
-    next_cursor: Option<String>,
-}
-
-impl Part for DeliveryPage {
-    fn next_cursor(&self) -> Option<&str> {
-        self.next_cursor.as_deref()
+page! {
+    /// A page of the list of deliveries.
+    #[schema(as = WebhookDeliveryPage)]
+    pub(in crate::api) struct DeliveryPage {
+        /// The newest first.
+        items: Vec<DeliveryBody>,
     }
 }
 
@@ -119,37 +111,36 @@ impl From<DeliveryRecord> for DeliveryBody {
 
 /// List a webhook's deliveries.
 ///
-/// Of the last 30 days, the newest first, in parts; of what was delivered at least the newest
-/// 1,000. What receivers answer beside a status is neither kept nor shown.
+/// Those of the last 30 days, the newest first; of successful ones at least the newest 1,000. Of the answers of
+/// receivers only the status is stored.
 #[utoipa::path(
     get, path = "/v1/webhooks/{webhook}/deliveries", tag = "webhooks",
     params(WebhookParam, PageQuery),
-    responses((status = 200, description = "A part of the list", body = DeliveryPage), WebhookProblems)
+    responses((status = 200, description = "A page of the list", body = DeliveryPage), WebhookProblems)
 )]
 pub(in crate::api) async fn list_deliveries(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<WebhookId>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Listed<DeliveryPage>, Problem> {
-    let limit = checked_limit(query.limit)?;
-    let before: Option<i64> = key_of_cursor(query.cursor.as_deref())?;
+    let wanted = query.wanted::<i64>()?;
     known_webhook(&state, id).await?;
-    let mut deliveries = state.store.deliveries(id, before, limit + 1).await?;
-    let next_cursor = cut_page(&mut deliveries, limit, |delivery| delivery.key.to_string());
-    Ok(Listed(DeliveryPage {
-        items: deliveries.into_iter().map(DeliveryBody::from).collect(),
-        next_cursor,
-    }))
+    let deliveries = state.store.deliveries(id, wanted.after, wanted.to_read());
+    Ok(wanted.page(
+        deliveries.await?,
+        |delivery| delivery.key,
+        DeliveryBody::from,
+    ))
 }
 
-/// Try a webhook out.
+/// Test a webhook.
 ///
-/// Sends a signed `webhook.test` at once, whatever events the webhook is for. It is tried a single
-/// time; the list of deliveries says what became of it. While a test waits, no other is queued.
+/// Sends a signed `webhook.test` at once, whatever the webhook's events. There is a single attempt, whose outcome
+/// is in the list of deliveries. While a test waits to be sent, no other is queued.
 #[utoipa::path(
     post, path = "/v1/webhooks/{webhook}/test", tag = "webhooks",
     params(WebhookParam),
-    responses((status = 202, description = "The test, as it is sent next", body = DeliveryBody), WebhookTestProblems)
+    responses((status = 202, description = "The test to be sent", body = DeliveryBody), WebhookTestProblems)
 )]
 pub(in crate::api) async fn test_webhook(
     State(state): State<ApiState>,

@@ -1,22 +1,22 @@
-//! How webhooks write what events are about: as the interface answers it, and where the page shows it.
+//! How webhooks present the subjects of events: as the interface answers them, with a link to the console.
 
 use crate::api::access::PublicUrl;
 use crate::api::alerts::alert_text;
-use crate::api::batches::BatchBody;
+use crate::api::batch_body::BatchBody;
 use crate::api::operation::OperationBody;
 use crate::api::vehicles::VehicleBody;
 use crate::ids::AlertId;
 use crate::store::{AlertRecord, BatchRecord, OperationRecord, Subject, VehicleRecord};
 use crate::webhooks::Forms;
 
-/// The forms of this interface.
+/// Presents subjects as this interface does.
 pub struct EventForms {
-    /// Where people reach the service.
+    /// The URL under which people reach the service.
     public_url: Option<PublicUrl>,
 }
 
 impl EventForms {
-    /// Forms with links to a page that people reach under this URL.
+    /// With links to the console under this URL.
     pub fn new(public_url: Option<PublicUrl>) -> Self {
         Self { public_url }
     }
@@ -39,8 +39,7 @@ impl Forms for EventForms {
         serde_json::to_string(&OperationBody::from(operation))
     }
 
-    /// The addresses of `page/address.js`. Names of routes need no escapes; operations have no place on the
-    /// page.
+    /// The addresses of `page/address.js`. Names of routes need no escaping; the console does not show operations.
     fn url(&self, subject: &Subject) -> Option<String> {
         let origin = self.public_url.as_ref()?.origin();
         match subject {

@@ -1,8 +1,7 @@
 //! Registering webhooks.
 
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -15,7 +14,7 @@ use crate::api::ApiState;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::problem_responses::WebhookRegistrationProblems;
-use crate::api::upload::small_json;
+use crate::api::upload::SmallJson;
 use crate::ids::{RouteId, WebhookId};
 use crate::model::{Actor, WebhookTopic};
 use crate::store::{NewWebhook, Registered, WEBHOOKS_MAX};
@@ -26,19 +25,19 @@ use crate::webhooks::{generate_secret, secret_text};
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"url": "https://hooks.example.com/mapshift", "route_id": "line-4"}))]
 pub(in crate::api) struct WebhookRegistration {
-    /// Where events are sent: an https URL of a public host, up to 2,048 bytes.
+    /// Where to send events: an https URL of a public host, up to 2,048 bytes.
     #[schema(format = "uri", max_length = 2048)]
     url: String,
-    /// Which ones; those of alerts if left out.
+    /// The events to send; those of alerts by default.
     #[schema(min_items = 1)]
     events: Option<Vec<WebhookTopic>>,
-    /// Only of this route; of all routes if left out.
+    /// Send only events of this route; of all routes if left out.
     #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$", value_type = Option<String>)]
     route_id: Option<RouteId>,
-    /// For people, up to 200 characters.
+    /// A description for people, up to 200 characters.
     #[schema(max_length = 200)]
     description: Option<String>,
-    /// Whether alerts are sent also while they are tentative: seen in one pass so far.
+    /// Whether to send tentative alerts, which have been observed in only one pass so far.
     #[serde(default)]
     #[schema(default = false)]
     include_tentative: bool,
@@ -63,13 +62,12 @@ impl WebhookRegistration {
 
 /// Register a webhook.
 ///
-/// From now on, events are sent to the URL: signed as Standard Webhooks has it, at least once each, in order
-/// as long as the receiver takes them. `alert.updated` is sent when what a decision is about has changed
-/// (status, kind, tier, region: `decision_revision`), not when evidence grows; one that a call before it has
-/// carried already is left out. An alert that is raised tentative, seen in one pass so far, is sent once it
-/// is confirmed, as `alert.raised`; before that only if `include_tentative` asks for it. The answer holds the
-/// secret for checking signatures, which is shown only here. Registering the same URL again makes another
-/// webhook.
+/// From now on, events are sent to the URL: signed according to Standard Webhooks, at least once each, and in
+/// order while the receiver accepts them. `alert.updated` is sent when what a decision is about has changed
+/// (status, kind, tier, region: `decision_revision`), not when evidence grows; an update that an earlier call
+/// already contained is left out. An alert that is raised as tentative (observed in only one pass so far) is sent
+/// as `alert.raised` once it is confirmed, or at once with `include_tentative`. The answer contains the secret
+/// for checking signatures, which is shown only here. Registering the same URL again creates another webhook.
 #[utoipa::path(
     post, path = "/v1/webhooks", tag = "webhooks",
     request_body(content = WebhookRegistration, description = "Where to send events, and which"),
@@ -82,17 +80,16 @@ pub(in crate::api) async fn register_webhook(
     State(state): State<ApiState>,
     _: NoQuery,
     by: Actor,
-    headers: HeaderMap,
-    body: Body,
+    SmallJson(registration): SmallJson<WebhookRegistration>,
 ) -> Result<Response, Problem> {
-    let registration: WebhookRegistration = small_json(&state, &headers, body).await?;
     let webhook = registration.check(&state)?;
     let (id, secret) = (webhook.id, secret_text(&webhook.secret));
     match state.store.register_webhook(webhook, &by).await? {
         Registered::Created => {}
         Registered::UnknownRoute => return Err(Problem::unknown_route().at("/route_id")),
         Registered::TooMany => {
-            let detail = format!("there are {WEBHOOKS_MAX} webhooks: delete one that is not used");
+            let detail =
+                format!("there are already {WEBHOOKS_MAX} webhooks: delete one that is not used");
             return Err(Problem::new(ProblemKind::TooManyWebhooks, detail));
         }
     }
