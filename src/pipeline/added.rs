@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::result::closure_record;
 use crate::ids::{EdgeId, NodeId};
 use crate::mapping::{Closure, Drive, Extension, RouteMap};
 use crate::store::{BatchOutcome, ClosureRecord};
@@ -101,5 +100,17 @@ pub(super) fn count_added(outcomes: &mut [BatchOutcome], added: &Added) {
     }
     for edge in added.edges.values().filter(|edge| edge.delta_f.is_some()) {
         outcomes[edge.origin].loop_closures += 1;
+    }
+}
+
+/// What the store keeps of a match of two scans.
+fn closure_record(closure: &Closure) -> ClosureRecord {
+    ClosureRecord {
+        all_points_measurement: closure.all_points_measurement,
+        all_points_information: closure.all_points_information,
+        overlap: closure.robust.overlap,
+        inlier_share: closure.robust.inlier_share,
+        rmse_m: closure.robust.rmse_m,
+        all_points_residual: closure.all_points_residual,
     }
 }

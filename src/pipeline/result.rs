@@ -8,12 +8,12 @@ use super::workspace::Workspace;
 use crate::change::series::ClosureSample;
 use crate::graph::{Edge, PoseGraph};
 use crate::ids::{BatchId, NodeId, TripId, VehicleId};
-use crate::mapping::{Closure, RouteMap};
+use crate::mapping::RouteMap;
 use crate::model::BatchStatus;
 use crate::scan::encode_scan;
 use crate::store::{
-    BatchOutcome, BatchRecord, ClaimedJob, ClosureRecord, EdgeChange, EdgeRecord,
-    IntermediateRecord, JobResult, NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
+    BatchOutcome, BatchRecord, ClaimedJob, EdgeChange, EdgeRecord, IntermediateRecord, JobResult,
+    NewIntermediate, NodeChange, NodeRecord, NodeWithScan,
 };
 
 /// A batch of a job.
@@ -221,17 +221,5 @@ fn edge_record(
         subgraph_id: state.subgraph_id,
         delta_f: new.delta_f,
         closure: new.closure,
-    }
-}
-
-/// What the store keeps of a match of two scans.
-pub(super) fn closure_record(closure: &Closure) -> ClosureRecord {
-    ClosureRecord {
-        all_points_measurement: closure.all_points_measurement,
-        all_points_information: closure.all_points_information,
-        overlap: closure.robust.overlap,
-        inlier_share: closure.robust.inlier_share,
-        rmse_m: closure.robust.rmse_m,
-        all_points_residual: closure.all_points_residual,
     }
 }
