@@ -162,7 +162,9 @@ fn tell(
         let scans = off.sent(&driven, LAP_PAUSE_S * lap as f64)?;
         trips.push(word(lap, &scans)?);
         let known = VehicleCalibration::of(trips.clone());
-        sure.push(known.sure());
+        let mut values = known.sure();
+        values.extend(known.uncorrected());
+        sure.push(values);
         let (_, faults) = known.lasting_faults();
         alerts += usize::from(
             !(known.changes().is_empty() && known.unsteady().is_empty() && faults.is_empty()),
@@ -239,7 +241,12 @@ fn map(off: &[Quantity], seed: u64, corrects: bool) -> anyhow::Result<Mapped> {
         let poses = scans.iter().zip(&simulated);
         at.extend(poses.map(|(scan, truly)| (scan.stamp, truly.map_from_base)));
         let corrections = match corrects {
-            true => Corrections::of(&VehicleCalibration::of(trips.clone()).sure()),
+            true => {
+                let known = VehicleCalibration::of(trips.clone());
+                let mut values = known.sure();
+                values.extend(known.uncorrected());
+                Corrections::of(&values)
+            }
             false => Corrections::default(),
         };
         mapped.not_merged += extend(&mut map, lap, &scans, &simulated, &corrections)?;

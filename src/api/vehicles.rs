@@ -151,8 +151,8 @@ struct CalibratedBody {
     /// Whether it is sure: four trips say it, their mean is farther from 0 than is worth a correction,
     /// than three standard errors and than their scatter allows, and the newest confirms what those
     /// before it say. The vehicle's next trip is corrected by what is sure, but for `relative_mount`,
-    /// wheels by a lidar that is not the vehicle's first, `beam_spacing`, and `range_scale` unless the
-    /// ranges of two other vehicles fit the map. The clock never is sure: each trip measures its own.
+    /// wheels by a lidar that is not the vehicle's first, `beam_spacing` and `range_scale`. The clock
+    /// never is sure: each trip measures its own.
     sure: bool,
     /// Whether the scans and odometry of its newest trip are corrected by it.
     applied: bool,
@@ -301,7 +301,8 @@ fn calibrated(
     Some(CalibratedBody {
         value: combined.estimate.value,
         sigma: combined.estimate.sigma,
-        sure: calibration.sure().contains_key(&quantity),
+        sure: calibration.sure().contains_key(&quantity)
+            || calibration.uncorrected().contains_key(&quantity),
         applied: applied.is_some(),
         correction: applied.map(CorrectionBody::from),
     })

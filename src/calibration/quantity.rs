@@ -82,9 +82,10 @@ impl Quantity {
 
     /// Whether the map corrects it where it is sure. Not the clock: each trip's own scans show how far
     /// it is off. Nor the beam spacing: what a vehicle's earlier trips saw is in the map, bent, and
-    /// scans that are straight fit it nowhere.
+    /// scans that are straight fit it nowhere. Nor the range scale: a sound vehicle that meets only
+    /// scans of one that is off is as sure of the opposite error.
     pub fn is_corrected(self) -> bool {
-        self.is_of_vehicle() && self != Self::BeamSpacing
+        self.is_of_vehicle() && !matches!(self, Self::BeamSpacing | Self::RangeScale)
     }
 
     /// Whether trips together show it of a vehicle: not the clock, which each trip measures for

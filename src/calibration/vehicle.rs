@@ -77,57 +77,22 @@ impl VehicleCalibration {
         combined(quantity, &self.episodes_of(quantity)?.now)
     }
 
-    /// What the trips are sure of: nothing that the newest one contradicts.
+    /// What is to be corrected: nothing that the newest trip contradicts.
     pub fn sure(&self) -> Estimates {
+        self.sure_where(Quantity::is_corrected)
+    }
+
+    /// What is sure and not corrected.
+    pub fn uncorrected(&self) -> Estimates {
+        self.sure_where(|quantity| quantity.is_of_vehicle() && !quantity.is_corrected())
+    }
+
+    fn sure_where(&self, is_meant: impl Fn(Quantity) -> bool) -> Estimates {
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
-        let known = known.filter(|(quantity, of)| quantity.is_of_vehicle() && of.odd.is_none());
+        let known = known.filter(|(quantity, of)| is_meant(*quantity) && of.odd.is_none());
         known
             .filter_map(|(quantity, of)| Some((quantity, sure(quantity, &of.now)?)))
             .collect()
-    }
-
-    /// Whether trips, enough to be sure, show that a quantity is as stated, or too little off to be
-    /// corrected.
-    pub fn is_as_stated(&self, quantity: Quantity) -> bool {
-        let of = self.episodes_of(quantity);
-        let known = of.filter(|of| of.odd.is_none() && of.now.len() >= TRIPS_MIN);
-        let known = known.and_then(|of| combined(quantity, &of.now));
-        known.is_some_and(|known| {
-            let Estimate { value, sigma } = known.estimate;
-            value.abs() < quantity.applied_min() && sigma <= quantity.applied_sigma_max()
-        })
-    }
-
-    /// What is to be corrected: what is sure and can be corrected, and the scale of the ranges only
-    /// where it is the vehicle's own and not the map's. Wheels are compared with the ranges as they
-    /// are corrected.
-    pub fn corrections(&self, has_own_range_scale: bool) -> Estimates {
-        let mut sure = self.sure();
-        sure.retain(|quantity, _| quantity.is_corrected());
-        if !has_own_range_scale {
-            sure.remove(&Quantity::RangeScale);
-        }
-        if let Some(ranges) = sure.get(&Quantity::RangeScale) {
-            let wheels = self.way_scale_beside(ranges);
-            sure.remove(&Quantity::WayScale);
-            sure.extend(wheels.map(|wheels| (Quantity::WayScale, wheels)));
-        }
-        sure
-    }
-
-    /// What the wheels err if the ranges err so: ways by scans, with which they are compared, are
-    /// as much too long as the ranges. `None` if it is not worth a correction, not known well
-    /// enough, or contradicted by the newest trip.
-    fn way_scale_beside(&self, ranges: &Estimate) -> Option<Estimate> {
-        let of = self.episodes_of(Quantity::WayScale)?;
-        let ways = combined(Quantity::WayScale, &of.now)?.estimate;
-        let wheels = Estimate {
-            value: (1.0 + ways.value) * (1.0 + ranges.value) - 1.0,
-            sigma: ways.sigma.hypot(ranges.sigma),
-        };
-        let is_worth_it = wheels.value.abs() >= Quantity::WayScale.applied_min()
-            && wheels.sigma <= Quantity::WayScale.applied_sigma_max();
-        (of.odd.is_none() && is_worth_it).then_some(wheels)
     }
 
     /// What has changed within the trips that are weighed, the last time for each quantity.
@@ -142,7 +107,7 @@ impl VehicleCalibration {
     /// The quantities that are far off in most trips and not sure enough to be corrected, since they
     /// differ from trip to trip: what trips say on average, and the standard deviation among them.
     pub fn unsteady(&self) -> Vec<(Quantity, Estimate)> {
-        let sure = self.sure();
+        let (sure, uncorrected) = (self.sure(), self.uncorrected());
         let known = Quantity::ALL.into_iter().zip(&self.episodes);
         let known = known.filter(|(quantity, _)| quantity.is_of_vehicle());
         let is_unsteady = |(quantity, of): &(Quantity, &Episodes)| {
@@ -152,6 +117,7 @@ impl VehicleCalibration {
                 && 2 * far.count() > of.now.len()
                 && of.odd.is_none()
                 && !sure.contains_key(quantity)
+                && !uncorrected.contains_key(quantity)
         };
         known
             .filter(is_unsteady)

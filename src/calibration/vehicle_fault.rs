@@ -85,25 +85,6 @@ impl VehicleFault {
         }
     }
 
-    /// Of ranges that are off beside the map, always alike, where it is not known which of both is
-    /// wrong.
-    pub fn unclear_ranges(lidar: Option<LidarId>, now: &Estimate) -> Self {
-        let now = rounded(now);
-        let quantity = Quantity::RangeScale;
-        Self {
-            lidar,
-            quantity: Some(quantity),
-            before: None,
-            text: format!(
-                "{} is off by {} beside the map, and it is not corrected until the ranges of two \
-                 other vehicles show that the map is right",
-                quantity.subject(),
-                quantity.with_unit(&now)
-            ),
-            now: Some(now),
-        }
-    }
-
     /// Of something that no correction mends.
     pub fn uncorrectable(lidar: Option<LidarId>, text: &str) -> Self {
         Self {

@@ -38,11 +38,11 @@ pub struct CalibrationCase {
     pub truth: f64,
     /// What the trips show together; `None` if they show nothing.
     pub estimate: Option<Estimate>,
-    /// Whether they are sure of it: the next trip would be corrected.
+    /// Whether they are sure of it: the next trip is corrected, or the vehicle is suspected.
     pub is_sure: bool,
     /// What else they are sure of, although it is as stated.
     pub wrongly_sure: Vec<Quantity>,
-    /// Whether the vehicle would be suspected.
+    /// Whether the vehicle would be suspected of something else.
     pub is_suspected: bool,
 }
 
@@ -128,8 +128,9 @@ fn judged(
     trips: Vec<CalibratedTrip>,
 ) -> CalibrationCase {
     let known = VehicleCalibration::of(trips);
-    let mut corrections = known.corrections(true);
-    let is_sure = quantity.is_some_and(|quantity| corrections.remove(&quantity).is_some());
+    let mut sure = known.sure();
+    sure.extend(known.uncorrected());
+    let is_sure = quantity.is_some_and(|quantity| sure.remove(&quantity).is_some());
     let (_, faults) = known.lasting_faults();
     let is_steady = known.changes().is_empty() && known.unsteady().is_empty();
     CalibrationCase {
@@ -138,7 +139,7 @@ fn judged(
         truth: quantity.map_or(0.0, |quantity| truth.get(quantity)),
         estimate: quantity.and_then(|quantity| Some(known.combined(quantity)?.estimate)),
         is_sure,
-        wrongly_sure: corrections.into_keys().collect(),
+        wrongly_sure: sure.into_keys().collect(),
         is_suspected: !(is_steady && faults.is_empty()),
     }
 }
@@ -168,7 +169,8 @@ pub fn calibration_text(cases: &[CalibrationCase]) -> String {
     }
     table.remark(format!(
         "Each vehicle drives {TRIPS} laps, a trip each. Errors are in radians, metres, seconds, radians \
-         a metre, and otherwise shares."
+         a metre, and otherwise shares. Ways by scans grow with the ranges, so that a wrong range_scale \
+         shows as a way_scale too."
     ));
     table.text()
 }

@@ -8,7 +8,7 @@ use super::options::PipelineOptions;
 use super::workspace::Workspace;
 use crate::ids::{EdgeId, NodeId, RouteId, TripId};
 use crate::mapping::{RouteMap, Stay, TRIP_TAIL};
-use crate::store::{AlertRecord, SETTLED_CLOSURES_MAX, SettledClosure, Store, StoreError};
+use crate::store::{ARCHIVED_CLOSURES_MAX, AlertRecord, ArchivedClosure, Store, StoreError};
 
 /// Of the nodes that show an alert's change this many of the oldest stay active, which date it …
 const ALERT_OLDEST: usize = 16;
@@ -75,7 +75,7 @@ fn named_by(map: &RouteMap, alert: &AlertRecord) -> Vec<NodeId> {
 }
 
 /// Moves the closures that end at leaving nodes to the archived ones, of which the first
-/// [`SETTLED_CLOSURES_MAX`] stay in memory for their residual series.
+/// [`ARCHIVED_CLOSURES_MAX`] stay in memory for their residual series.
 fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
     let subgraphs = workspace.subgraph_of_edges();
     let graph = workspace.map.graph();
@@ -86,7 +86,7 @@ fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
             return None;
         }
         let newer = workspace.map.keyframe(edge.from.max(edge.to))?;
-        Some(SettledClosure {
+        Some(ArchivedClosure {
             id: edge.id,
             from: edge.from,
             to: edge.to,
@@ -96,13 +96,13 @@ fn remember_closures(workspace: &mut Workspace, leaving: &[NodeId]) {
             given: workspace.external.contains(&edge.id),
         })
     });
-    let archived: Vec<SettledClosure> = archived.collect();
+    let archived: Vec<ArchivedClosure> = archived.collect();
     let gone: BTreeSet<EdgeId> = archived.iter().map(|closure| closure.id).collect();
     workspace.closures.retain(|c| !gone.contains(&c.edge_id));
     workspace.external.retain(|edge| !gone.contains(edge));
     workspace.archived_closures.extend(archived);
     workspace.archived_closures.sort_unstable_by_key(|c| c.id);
-    workspace.archived_closures.truncate(SETTLED_CLOSURES_MAX);
+    workspace.archived_closures.truncate(ARCHIVED_CLOSURES_MAX);
 }
 
 /// Reactivates the archived end of a trip, which its next batch continues; returns these nodes.
@@ -114,7 +114,7 @@ pub(super) async fn reactivate_trip(
     route: &RouteId,
     trip: &TripId,
 ) -> Result<Vec<NodeId>, StoreError> {
-    let archived = store.settled_tail(route, trip, TRIP_TAIL).await?;
+    let archived = store.archived_tail(route, trip, TRIP_TAIL).await?;
     reactivate(store, route, archived).await
 }
 
@@ -128,7 +128,7 @@ pub(super) async fn reactivate_named(
     nodes: &[NodeId],
     edges: &[EdgeId],
 ) -> Result<Vec<NodeId>, StoreError> {
-    let archived = store.settled_among(route, nodes, edges).await?;
+    let archived = store.archived_among(route, nodes, edges).await?;
     reactivate(store, route, archived).await
 }
 
@@ -138,7 +138,7 @@ async fn reactivate(
     archived: Vec<NodeId>,
 ) -> Result<Vec<NodeId>, StoreError> {
     if !archived.is_empty() {
-        store.recall_nodes(route, archived.clone()).await?;
+        store.reactivate_nodes(route, archived.clone()).await?;
     }
     Ok(archived)
 }

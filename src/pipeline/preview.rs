@@ -57,7 +57,7 @@ impl Decisions {
             return Err(DecisionError::NotAllowed(Box::new(alert)));
         }
         let edges = &alert.evidence.edges;
-        let archived = store.settled_among(&route, &[], edges).await?;
+        let archived = store.archived_among(&route, &[], edges).await?;
         let retired = store.active_closures_among(&route, edges).await?;
         let taken = workspaces.take(store, &route).await;
         let workspace = taken.map_err(of_computation)?;

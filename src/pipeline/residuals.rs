@@ -81,7 +81,7 @@ impl Residuals {
     }
 
     /// The series of a sub-graph, or of the whole route. Of archived closures only the first
-    /// [`crate::store::SETTLED_CLOSURES_MAX`] of the route are entries.
+    /// [`crate::store::ARCHIVED_CLOSURES_MAX`] of the route are entries.
     pub fn read(
         &self,
         subgraph_id: Option<i64>,

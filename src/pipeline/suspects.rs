@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::vehicles::{Calibrations, RangeScaleOf};
+use super::vehicles::Calibrations;
 use crate::calibration::{Change, Quantity, VehicleCalibration, VehicleFault};
 use crate::change::{Suspect, Tier};
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
@@ -23,9 +23,8 @@ struct Shown {
 
 /// The vehicles whose mount, wheels or beams have changed within the trips that are weighed, are far
 /// off and another way in each trip, or show what no correction mends. One that is off, always alike,
-/// is corrected, and not among them. Ranges that do not fit the map are corrected only if those of
-/// other vehicles do; where several vehicles find the map too large or too small by about as much, its
-/// makers' ranges are off, and none of them is suspected for it.
+/// is corrected, and not among them. Where several vehicles find the map too large or too small by
+/// about as much, its makers' ranges are off, and none of them is suspected for it.
 pub(super) fn suspects(calibrations: &Calibrations) -> Vec<Suspect> {
     let vehicles = calibrations.vehicles();
     vehicles
@@ -39,11 +38,8 @@ fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> 
         let calibration = VehicleCalibration::of(trips.to_vec());
         let mut shown = shown_by(lidar, &calibration);
         shown.extend(misfit(calibrations, vehicle, lidar, &calibration));
-        let of_ranges = |shown: &Shown| shown.fault.quantity == Some(Quantity::RangeScale);
-        match calibrations.whose_range_scale(vehicle, &calibration) {
-            RangeScaleOf::Vehicle => {}
-            RangeScaleOf::Map => shown.retain(|shown| !of_ranges(shown)),
-            RangeScaleOf::Unclear => shown.extend(unclear_ranges(lidar, &calibration)),
+        if is_of_map(calibrations, vehicle, &calibration) {
+            shown.retain(|shown| shown.fault.quantity != Some(Quantity::RangeScale));
         }
         // Errors of the wheels do not depend on the lidar: report them once.
         let is_of_wheels = |shown: &Shown| shown.fault.quantity.is_some_and(|q| q.is_of_wheels());
@@ -73,11 +69,24 @@ fn suspect(calibrations: &Calibrations, vehicle: &VehicleId) -> Option<Suspect> 
     })
 }
 
-/// Ranges that are surely off beside the map, where nobody else shows which of both is wrong.
-fn unclear_ranges(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Option<Shown> {
-    let scale = *calibration.sure().get(&Quantity::RangeScale)?;
-    let fault = VehicleFault::unclear_ranges(lidar.cloned(), &scale);
-    Some(lasting(calibration, fault, 0))
+/// Whether the scale of ranges that a lidar's trips show beside the map is shown by another
+/// vehicle's too: as large, or half as large, and as sure.
+fn is_of_map(
+    calibrations: &Calibrations,
+    vehicle: &VehicleId,
+    calibration: &VehicleCalibration,
+) -> bool {
+    let own = match calibration.combined(Quantity::RangeScale) {
+        Some(own) => own.estimate.value,
+        None => return false,
+    };
+    let others = calibrations.vehicles().filter(|other| *other != vehicle);
+    let mut lidars = others.flat_map(|other| calibrations.lidars_of(other));
+    lidars.any(|(_, words)| {
+        let other = VehicleCalibration::of(words.to_vec()).uncorrected();
+        let other = other.get(&Quantity::RangeScale).copied();
+        other.is_some_and(|other| other.value / own >= 0.5)
+    })
 }
 
 /// A lidar whose scans do not fit the map while those of other vehicles do. If theirs do not fit either, the
@@ -120,8 +129,8 @@ fn shown_by(lidar: Option<&LidarId>, calibration: &VehicleCalibration) -> Vec<Sh
         let fault = VehicleFault::unsteady(lidar.cloned(), quantity, &estimate);
         shown.push(lasting(calibration, fault, 0));
     }
-    if let Some(spacing) = calibration.sure().get(&Quantity::BeamSpacing) {
-        let fault = VehicleFault::uncorrected(lidar.cloned(), Quantity::BeamSpacing, spacing);
+    for (quantity, estimate) in calibration.uncorrected() {
+        let fault = VehicleFault::uncorrected(lidar.cloned(), quantity, &estimate);
         shown.push(lasting(calibration, fault, 0));
     }
     let (first, faults) = calibration.lasting_faults();
@@ -254,63 +263,49 @@ mod tests {
         }
     }
 
-    fn words_on(quantity: Quantity, values: &[f64]) -> Vec<TripCalibration> {
-        let word = |value: &f64| {
-            let estimate = Estimate {
-                value: *value,
-                sigma: 0.001,
-            };
-            TripCalibration {
-                estimates: [(quantity, estimate)].into(),
-                ..TripCalibration::default()
-            }
+    #[test]
+    fn beams_that_are_off_are_told_and_not_corrected() {
+        let estimate = Estimate {
+            value: -0.04,
+            sigma: 0.006,
         };
-        values.iter().map(word).collect()
-    }
-
-    #[test]
-    fn beams_that_are_off_are_reported_and_not_corrected() {
-        let reported = |values: &[f64]| suspects(&route(&words_on(Quantity::BeamSpacing, values)));
-        assert_eq!(reported(&[-0.04; 3]), []);
-        let lasting = reported(&[-0.04; 4]);
-        let fault = &lasting[0].faults[0];
+        let word = TripCalibration {
+            estimates: [(Quantity::BeamSpacing, estimate)].into(),
+            ..TripCalibration::default()
+        };
+        assert_eq!(suspects(&route(&vec![word.clone(); 3])), []);
+        let told = suspects(&route(&vec![word; 4]));
+        let fault = &told[0].faults[0];
         assert!(fault.text.contains("off by -4.00"), "{fault:?}");
-        assert!(lasting[0].displacement().at_range_m(5.0) > 0.4);
-        let changed = reported(&[-0.04, -0.04, -0.04, -0.04, 0.0]);
-        let fault = &changed[0].faults[0];
-        assert!(fault.text.contains("changed from -4.00"), "{fault:?}");
+        assert!(told[0].displacement().at_range_m(5.0) > 0.4);
     }
 
     #[test]
-    fn ranges_off_are_reported_unless_they_are_corrected_or_the_map_is_off() {
-        let words = |value| words_on(Quantity::RangeScale, &[value; 4]);
+    fn ranges_too_short_are_told_of_one_vehicle_and_not_of_a_fleet() {
+        let words = |value| {
+            let estimate = Estimate {
+                value,
+                sigma: 0.002,
+            };
+            let word = TripCalibration {
+                estimates: [(Quantity::RangeScale, estimate)].into(),
+                ..TripCalibration::default()
+            };
+            vec![word; 4]
+        };
         let mut all = route(&words(0.03));
         put(&mut all, "sound", &words(0.001));
         put(&mut all, "other-way", &words(-0.03));
-        let reported = suspects(&all);
-        assert_eq!(reported.len(), 2, "{reported:?}");
-        let text = &reported[1].faults[0].text;
+        let told = suspects(&all);
+        assert_eq!(told.len(), 2, "{told:?}");
+        let text = &told[1].faults[0].text;
         assert!(
             text.contains("the scale of the ranges is off by 3.00"),
             "{text}"
         );
-        // Two others fit the map: those that do not are corrected.
-        let mut corrected = route(&words(0.03));
-        put(&mut corrected, "sound", &words(0.001));
-        put(&mut corrected, "sound-too", &words(-0.002));
-        assert_eq!(suspects(&corrected), []);
-        put(
-            &mut corrected,
-            "v",
-            &words_on(Quantity::RangeScale, &[0.03, 0.03, 0.03, 0.03, 0.0]),
-        );
-        let reported = suspects(&corrected);
-        assert_eq!(reported.len(), 1, "{reported:?}");
-        let text = &reported[0].faults[0].text;
-        assert!(text.contains("changed from 3.00"), "{text}");
         put(&mut all, "w", &words(0.025));
-        let reported = suspects(&all);
-        let left: Vec<&str> = reported.iter().map(|one| one.vehicle.as_str()).collect();
+        let told = suspects(&all);
+        let left: Vec<&str> = told.iter().map(|one| one.vehicle.as_str()).collect();
         assert_eq!(left, ["other-way"]);
     }
 

@@ -1,13 +1,12 @@
 //! Calibrations of a route's vehicles, trip by trip, and the corrections that follow from them.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use anyhow::Context;
 
 use crate::calibration::{
-    AppliedCorrection, CalibratedTrip, Corrections, Quantity, TRIPS_MAX, TripCorrections,
-    VehicleCalibration,
+    AppliedCorrection, CalibratedTrip, Corrections, TRIPS_MAX, TripCorrections, VehicleCalibration,
 };
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId, VehicleId};
@@ -88,44 +87,14 @@ impl Calibrations {
         vehicles.filter(move |vehicle| last.replace(*vehicle) != Some(*vehicle))
     }
 
-    /// Whose error it is if a vehicle's ranges do not fit the map that others have made.
-    ///
-    /// A comparison with the map shows only that one of both is off. So it takes others' word: of
-    /// those whose ranges fit the map, or of those who find it off alike.
-    pub fn whose_range_scale(
-        &self,
-        vehicle: &VehicleId,
-        calibration: &VehicleCalibration,
-    ) -> RangeScaleOf {
-        let Some(own) = calibration.combined(Quantity::RangeScale) else {
-            return RangeScaleOf::Unclear;
-        };
-        let others = self.by_lidar.iter().filter(|((of, _), _)| of != vehicle);
-        let mut fitting = BTreeSet::new();
-        for ((other, _), words) in others {
-            let other_says = VehicleCalibration::of(words.to_vec());
-            let sure = other_says.sure().get(&Quantity::RangeScale).copied();
-            if sure.is_some_and(|sure| sure.value / own.estimate.value >= SAME_SCALE_RATIO) {
-                return RangeScaleOf::Map;
-            }
-            if other_says.is_as_stated(Quantity::RangeScale) {
-                fitting.insert(other);
-            }
-        }
-        match fitting.len() >= FITTING_VEHICLES_MIN {
-            true => RangeScaleOf::Vehicle,
-            false => RangeScaleOf::Unclear,
-        }
-    }
-
     /// About how much memory it takes, bytes.
     pub fn size_bytes(&self) -> usize {
         CALIBRATION_BYTES * self.by_lidar.values().map(Vec::len).sum::<usize>()
     }
 
-    /// What is corrected for a trip that begins now: what its vehicle's trips up to now are sure of,
-    /// and of the ranges what is the vehicle's own error. `before` is what was corrected in the newest
-    /// trip that has said something, and `primary` the lidar that says how the wheels err.
+    /// What is corrected for a trip that begins now: all that its vehicle's trips up to now are sure
+    /// of. `before` is what was corrected in the newest trip that has said something, and `primary`
+    /// the lidar that says how the wheels err.
     pub fn corrections_for(
         &self,
         vehicle: &VehicleId,
@@ -135,10 +104,7 @@ impl Calibrations {
     ) -> TripCorrections {
         let lidars = self.lidars_of(vehicle);
         let of_lidars = lidars.flat_map(|(lidar, words)| {
-            let known = VehicleCalibration::of(words.to_vec());
-            let whose = self.whose_range_scale(vehicle, &known);
-            let sure = known.corrections(whose == RangeScaleOf::Vehicle);
-            let sure = sure.into_iter();
+            let sure = VehicleCalibration::of(words.to_vec()).sure().into_iter();
             sure.filter(move |(quantity, _)| !quantity.is_of_wheels() || lidar == primary)
                 .map(move |(quantity, estimate)| {
                     let known = before.find(lidar, quantity).filter(|known| {
@@ -155,23 +121,6 @@ impl Calibrations {
         TripCorrections::new(of_lidars.collect())
     }
 }
-
-/// Whose error a scale of ranges is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum RangeScaleOf {
-    /// The vehicle's: the ranges of others fit the map.
-    Vehicle,
-    /// That of the map's makers: others find it off alike.
-    Map,
-    /// Too few others say anything of the map.
-    Unclear,
-}
-
-/// So many other vehicles must find the map as large as it should be: of two that contradict each
-/// other, neither is known to be right.
-const FITTING_VEHICLES_MIN: usize = 2;
-/// Two vehicles find the map off alike if the scale of the one is at least this share of the other's.
-const SAME_SCALE_RATIO: f64 = 0.5;
 
 /// Size of a trip's calibration of one lidar, bytes.
 const CALIBRATION_BYTES: usize = 1_500;
@@ -240,7 +189,7 @@ pub(super) fn base_from_stated(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Estimate, TripCalibration};
+    use crate::calibration::{Estimate, Quantity, TripCalibration};
 
     fn record(
         vehicle: &str,
@@ -322,47 +271,6 @@ mod tests {
         assert_eq!(after.applied()[0].since_trip.as_str(), "new-4");
     }
 
-    /// A vehicle whose ranges are 3 % too long, and so are the ways by its scans.
-    #[test]
-    fn ranges_are_corrected_where_two_others_fit_the_map() {
-        let mut all = Calibrations::default();
-        let put = |all: &mut Calibrations, vehicle: &str, range_scale: f64| {
-            for trip in 0..4 {
-                let estimate = |value| Estimate {
-                    value,
-                    sigma: 0.002,
-                };
-                let mut record = record(vehicle, None, trip, 0.0);
-                record.calibration.estimates = [
-                    (Quantity::WayScale, estimate(-range_scale)),
-                    (Quantity::RangeScale, estimate(range_scale)),
-                ]
-                .into();
-                all.put(&record).unwrap();
-            }
-        };
-        let corrected = |all: &Calibrations| {
-            let (vehicle, trip) = (VehicleId::new("v").unwrap(), TripId::new("new").unwrap());
-            let before = TripCorrections::default();
-            let corrections = all.corrections_for(&vehicle, &before, None, (&trip, StampNs(9)));
-            let values = corrections.applied().iter();
-            let values = values.map(|one| (one.quantity, one.estimate.value));
-            values.collect::<Vec<_>>()
-        };
-        put(&mut all, "v", -0.03);
-        put(&mut all, "a", 0.001);
-        assert_eq!(corrected(&all), [(Quantity::WayScale, 0.03)]);
-        put(&mut all, "b", -0.002);
-        // The wheels are right: it was the ranges that said otherwise.
-        assert_eq!(corrected(&all), [(Quantity::RangeScale, -0.03)]);
-        put(&mut all, "c", -0.02);
-        assert_eq!(
-            corrected(&all),
-            [(Quantity::WayScale, 0.03)],
-            "the map is off, not the vehicle"
-        );
-    }
-
     #[test]
     fn calibrations_are_those_that_come_back_from_the_store() {
         let mut kept = Calibrations::default();
@@ -400,13 +308,13 @@ mod tests {
                 .with(Quantity::MountX, -0.05)
                 .with(Quantity::BeamSpacing, 0.02)
                 .with(Quantity::RangeScale, range_scale);
-            let seen = seen_truly(&sent, &corrections).unwrap();
+            let seen = corrected_scan(&sent, &corrections).unwrap();
             assert_ne!(seen.lidar(), sent.lidar());
             let back = as_stated(&seen, &corrections).unwrap();
             // Ranges that were shortened are whole millimetres again.
             let rounded = u16::from(range_scale < 0.0);
-            let ticks = back.ticks().iter().zip(sent.ticks());
-            assert!(ticks.into_iter().all(|(a, b)| a.abs_diff(*b) <= rounded));
+            let mut ticks = back.ticks().iter().zip(sent.ticks());
+            assert!(ticks.all(|(a, b)| a.abs_diff(*b) <= rounded));
             let off = back.lidar().mount.between(&sent.lidar().mount).log();
             assert!(off.norm() < 1e-12);
             let reach_m = [back.lidar(), sent.lidar()].map(|lidar| lidar.range_max_m);

@@ -15,8 +15,8 @@ use crate::mapping::{Companion, IntermediateScan, Keyframe, RouteMap, Weighting}
 use crate::model::{Detector, Stage};
 use crate::scan::decode_scan;
 use crate::store::{
-    AcceptedChange, AlertRecord, EdgeChange, EdgeRecord, IntermediateRecord, NodeChange,
-    NodeWithScan, RouteGraph, SettledClosure, Store,
+    AcceptedChange, AlertRecord, ArchivedClosure, EdgeChange, EdgeRecord, IntermediateRecord,
+    NodeChange, NodeWithScan, RouteGraph, Store,
 };
 
 /// A route's map, with what the store has saved of it.
@@ -40,7 +40,7 @@ pub(super) struct Workspace {
     /// Those of them that were uploaded as edges, without scans.
     pub external: BTreeSet<EdgeId>,
     /// The first of the archived closures, in the order of insertion.
-    pub archived_closures: Vec<SettledClosure>,
+    pub archived_closures: Vec<ArchivedClosure>,
     /// The vehicle of each trip with a node in the map.
     pub vehicles: BTreeMap<TripId, VehicleId>,
     pub map_version: i64,
@@ -111,7 +111,7 @@ impl Workspace {
             saved_nodes: graph.nodes.iter().map(node_change_of).collect(),
             saved_edges: graph.edges.iter().map(edge_change_of).collect(),
             closures: closures.collect(),
-            archived_closures: graph.settled_closures,
+            archived_closures: graph.archived_closures,
             vehicles: graph.nodes.iter().map(trip_and_vehicle).collect(),
             map_version: graph.map_version,
             alerts: graph.alerts,

@@ -14,7 +14,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn settled_tail(
+    pub async fn archived_tail(
         &self,
         route: &RouteId,
         trip: &TripId,
@@ -32,7 +32,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn settled_among(
+    pub async fn archived_among(
         &self,
         route: &RouteId,
         nodes: &[NodeId],
@@ -51,7 +51,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn recall_nodes(
+    pub async fn reactivate_nodes(
         &self,
         route: &RouteId,
         nodes: Vec<NodeId>,

@@ -46,7 +46,7 @@ impl Query for ActiveGraph<'_> {
         let Some(row) = row else { return Ok(None) };
         let nodes = ActiveNodes(route).answer(reader).await?;
         let edges = ActiveEdges(route).answer(reader).await?;
-        let settled_closures = FirstArchivedClosures(route).answer(reader).await?;
+        let archived_closures = FirstArchivedClosures(route).answer(reader).await?;
         Ok(Some(RouteGraph {
             revision: row.try_get("revision")?,
             stage: text(&row, "stage")?,
@@ -55,7 +55,7 @@ impl Query for ActiveGraph<'_> {
             next_edge_id: EdgeId(row.try_get("next_edge_id")?),
             nodes,
             edges,
-            settled_closures: settled_closures.into_iter().map(Into::into).collect(),
+            archived_closures: archived_closures.into_iter().map(Into::into).collect(),
             map_version: row.try_get("map_version")?,
             alerts: RouteAlerts(route).answer(reader).await?,
             accepted: AcceptedChanges(route).answer(reader).await?,

@@ -12,7 +12,7 @@ use super::archive::{ArchivedSums, SubgraphSums};
 use super::columns::name;
 use super::error::StoreError;
 use super::query::Query;
-use super::records::{SETTLED_CLOSURES_MAX, SettledClosure};
+use super::records::{ARCHIVED_CLOSURES_MAX, ArchivedClosure};
 use crate::ids::{EdgeId, NodeId, RouteId, VehicleId};
 
 /// A closure with what residual series are made of.
@@ -37,7 +37,7 @@ pub struct SeriesClosure {
     pub archived: bool,
 }
 
-impl From<SeriesClosure> for SettledClosure {
+impl From<SeriesClosure> for ArchivedClosure {
     fn from(closure: SeriesClosure) -> Self {
         Self {
             id: closure.id,
@@ -54,7 +54,7 @@ impl From<SeriesClosure> for SettledClosure {
 /// The closures of a route that residual series are read from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeriesClosures {
-    /// By id: those between active nodes, and the first [`SETTLED_CLOSURES_MAX`] archived ones.
+    /// By id: those between active nodes, and the first [`ARCHIVED_CLOSURES_MAX`] archived ones.
     pub closures: Vec<SeriesClosure>,
     /// Sums over everything that is archived, by sub-graph, also what is not among `closures`.
     pub archive: BTreeMap<Option<i64>, SubgraphSums>,
@@ -120,7 +120,7 @@ impl Query for RouteSeriesClosures<'_> {
     }
 }
 
-/// The first [`SETTLED_CLOSURES_MAX`] closures with an archived node, by id.
+/// The first [`ARCHIVED_CLOSURES_MAX`] closures with an archived node, by id.
 pub(super) struct FirstArchivedClosures<'a>(pub(super) &'a RouteId);
 
 impl Query for FirstArchivedClosures<'_> {
@@ -129,7 +129,7 @@ impl Query for FirstArchivedClosures<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let rows = sqlx::query(ARCHIVED)
             .bind(self.0.as_str())
-            .bind(i64::try_from(SETTLED_CLOSURES_MAX).unwrap_or(i64::MAX))
+            .bind(i64::try_from(ARCHIVED_CLOSURES_MAX).unwrap_or(i64::MAX))
             .fetch_all(reader)
             .await?;
         rows.iter().map(|row| closure_of(row, true)).collect()

@@ -76,7 +76,7 @@ async fn sums_hold_while_nodes_leave_and_come_back() {
 
     let back = [4, 5, 15].map(NodeId).to_vec();
     let store = &fixture.store;
-    store.recall_nodes(&route(), back).await.unwrap();
+    store.reactivate_nodes(&route(), back).await.unwrap();
     assert_sums_are_those_counted(store).await;
     let left = sums_of_archive(&fixture).await;
     assert_eq!(left.iter().map(|(_, nodes, _)| nodes).sum::<i64>(), 5);
@@ -84,7 +84,7 @@ async fn sums_hold_while_nodes_leave_and_come_back() {
     assert_eq!(left.iter().map(|(.., edges)| edges).sum::<i64>(), 7 + 1);
 
     let rest = [3, 6, 7, 8, 9].map(NodeId).to_vec();
-    store.recall_nodes(&route(), rest).await.unwrap();
+    store.reactivate_nodes(&route(), rest).await.unwrap();
     assert_sums_are_those_counted(store).await;
     let left = sums_of_archive(&fixture).await;
     assert!(

@@ -70,7 +70,11 @@ async fn they_are_read_back_to_the_bit_and_leave_and_come_back_with_their_node()
     fixture.store.apply_result(leaving).await.unwrap();
     assert_eq!(loaded(&fixture).await, [all[0].clone(), all[2].clone()]);
     let nodes = vec![NodeId(2)];
-    fixture.store.recall_nodes(&route(), nodes).await.unwrap();
+    fixture
+        .store
+        .reactivate_nodes(&route(), nodes)
+        .await
+        .unwrap();
     assert_eq!(loaded(&fixture).await, all);
 }
 

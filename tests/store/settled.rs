@@ -73,7 +73,7 @@ async fn what_has_left_is_not_loaded_and_still_there() {
     assert_eq!(edges, [1, 10, 11, 12, 13, 101, 102]);
     assert_eq!(store.active_nodes(&route()).await.unwrap(), 8);
     let graph = store.load_graph(&route()).await.unwrap().unwrap();
-    let settled = graph.settled_closures.iter();
+    let settled = graph.archived_closures.iter();
     let settled: Vec<_> = settled
         .map(|c| (c.id.0, c.from.0, c.to.0, c.subgraph_id, c.delta_f))
         .collect();
@@ -102,7 +102,7 @@ async fn what_has_left_is_found_and_recalled() {
     let tail = |trip, length| {
         let trip: &TripId = trip;
         let trip = trip.clone();
-        async move { store.settled_tail(&route(), &trip, length).await.unwrap() }
+        async move { store.archived_tail(&route(), &trip, length).await.unwrap() }
     };
     assert_eq!(tail(&old, 4).await, ids(7..=9));
     assert_eq!(tail(&old, 100).await, ids(3..=9));
@@ -110,13 +110,13 @@ async fn what_has_left_is_found_and_recalled() {
     assert_eq!(tail(&TripId::new("none").unwrap(), 9).await, []);
     let edges = [EdgeId(103), EdgeId(101), EdgeId(999)];
     let found = store
-        .settled_among(&route(), &ids([2, 8, 77]), &edges)
+        .archived_among(&route(), &ids([2, 8, 77]), &edges)
         .await;
     assert_eq!(found.unwrap(), ids([3, 8]));
 
     let revision = fixture.revision(&route()).await;
     store
-        .recall_nodes(&route(), ids([3, 4, 15, 77]))
+        .reactivate_nodes(&route(), ids([3, 4, 15, 77]))
         .await
         .unwrap();
     assert_eq!(fixture.revision(&route()).await, revision + 1);
@@ -124,10 +124,13 @@ async fn what_has_left_is_found_and_recalled() {
     assert_eq!(nodes, [1, 2, 3, 4, 10, 11, 12, 13, 14, 15]);
     assert_eq!(edges, [1, 2, 3, 10, 11, 12, 13, 101, 102, 103, 104]);
     // Nobody is left to be recalled.
-    store.recall_nodes(&route(), ids([3, 15])).await.unwrap();
+    store
+        .reactivate_nodes(&route(), ids([3, 15]))
+        .await
+        .unwrap();
     assert_eq!(fixture.revision(&route()).await, revision + 1);
     let elsewhere = RouteId::new("elsewhere").unwrap();
-    store.recall_nodes(&elsewhere, ids([5])).await.unwrap();
+    store.reactivate_nodes(&elsewhere, ids([5])).await.unwrap();
     assert_eq!(active(store).await.0.len(), 10);
 }
 

@@ -279,7 +279,7 @@ async fn what_lies_between_archived_keyframes_is_deleted_and_nothing_else() {
     for (hour, trip) in (0..).zip(trips) {
         // Most of its scans make no keyframe.
         let lap = upload_spaced(trip, hour, 1, 0, 0.2);
-        bench.merge(lap, STRETCHES).await;
+        bench.merge(lap, SEGMENTS).await;
     }
     let before = bench.state().await;
     let archived = before.nodes.iter().filter(|node| !node.active);

@@ -72,11 +72,11 @@ pub struct EdgeChange {
 }
 
 /// Most archived closures that a worker's map keeps.
-pub const SETTLED_CLOSURES_MAX: usize = 1_000;
+pub const ARCHIVED_CLOSURES_MAX: usize = 1_000;
 
 /// A closure with an archived node.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SettledClosure {
+pub struct ArchivedClosure {
     /// The edge.
     pub id: EdgeId,
     /// Its older node.

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use super::batches::JournalEntry;
-use super::edges::{EdgeChange, EdgeRecord, SettledClosure};
+use super::edges::{ArchivedClosure, EdgeChange, EdgeRecord};
 use super::nodes::{NewIntermediate, NodeChange, NodeWithScan};
 use super::routes::RouteSettings;
 use crate::calibration::TripCorrections;
@@ -142,9 +142,9 @@ pub struct RouteGraph {
     pub nodes: Vec<NodeWithScan>,
     /// Every edge between two of them, by id.
     pub edges: Vec<EdgeRecord>,
-    /// The first [`SETTLED_CLOSURES_MAX`](super::SETTLED_CLOSURES_MAX) closures with an archived
+    /// The first [`ARCHIVED_CLOSURES_MAX`](super::ARCHIVED_CLOSURES_MAX) closures with an archived
     /// node, by id: what the residual series begin with.
-    pub settled_closures: Vec<SettledClosure>,
+    pub archived_closures: Vec<ArchivedClosure>,
     /// The version of the map.
     pub map_version: i64,
     /// Every alert, the oldest first.
