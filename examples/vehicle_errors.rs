@@ -33,7 +33,7 @@ const OFF: [Quantity; 7] = [
     Quantity::TurnPerMetre,
     Quantity::BeamSpacing,
 ];
-/// Of the laps of a map the world changes before this one, counted from 0; and of this many.
+/// Of the laps of a map the world changes before this one, counted from 0; and of so many.
 const CHANGES_AT: usize = 7;
 const LAPS: usize = 9;
 /// From the start of a lap to that of the next, seconds.
@@ -75,7 +75,7 @@ fn word(lap: usize, scans: &[TripScan]) -> anyhow::Result<CalibratedTrip> {
 }
 
 /// What became of one vehicle, after each of its laps.
-struct Reported {
+struct Told {
     truth: Corrections,
     sure: Vec<Estimates>,
     /// Laps with a vehicle that would be suspected.
@@ -100,7 +100,7 @@ fn words(first: u64, vehicles: u64, laps: usize) -> anyhow::Result<()> {
                      {alerts} alerts"
                 )?;
                 for quantity in Quantity::ALL {
-                    row(&mut console, quantity, &reported)?;
+                    row(&mut console, quantity, &told)?;
                 }
             }
         }
@@ -108,24 +108,20 @@ fn words(first: u64, vehicles: u64, laps: usize) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn row(console: &mut impl Write, quantity: Quantity, reported: &[Reported]) -> anyhow::Result<()> {
-    let truth = |reported: &Reported| reported.truth.get(quantity);
-    let worth = reported.iter();
-    let worth = worth.filter(|reported| truth(reported).abs() >= quantity.applied_min());
+fn row(console: &mut impl Write, quantity: Quantity, told: &[Told]) -> anyhow::Result<()> {
+    let truth = |told: &Told| told.truth.get(quantity);
+    let worth = told.iter();
+    let worth = worth.filter(|told| truth(told).abs() >= quantity.applied_min());
     let (mut after, mut left, mut wrong): (Vec<usize>, Vec<f64>, usize) = Default::default();
-    for reported in reported {
-        let sure = reported.sure.iter().enumerate();
+    for told in told {
+        let sure = told.sure.iter().enumerate();
         let mut sure = sure.filter_map(|(lap, sure)| Some((lap + 1, sure.get(&quantity)?.value)));
         let Some((lap, value)) = sure.next() else {
             continue;
         };
         let values: Vec<f64> = std::iter::once(value).chain(sure.map(|(_, v)| v)).collect();
-        let off = |value: &f64| (value - truth(reported)).abs();
-        wrong += usize::from(
-            values
-                .iter()
-                .any(|value| off(value) >= truth(reported).abs()),
-        );
+        let off = |value: &f64| (value - truth(told)).abs();
+        wrong += usize::from(values.iter().any(|value| off(value) >= truth(told).abs()));
         after.push(lap);
         left.push(values.last().map_or(0.0, off));
     }
@@ -153,7 +149,7 @@ fn tell(
     off: &[Quantity],
     seed: u64,
     laps: usize,
-) -> anyhow::Result<Reported> {
+) -> anyhow::Result<Told> {
     let scene = world(name, seed)?;
     let off = OffVehicle::drawn(off, seed).with_pass_errors(pass_errors);
     let (mut trips, mut sure, mut alerts) = (Vec::new(), Vec::new(), 0);

@@ -239,7 +239,11 @@ async fn another_building_in_the_middle_of_the_map_wears_no_wall_away() {
     for batch in drive.batches(24) {
         reported.push(ended(client, &batch.id).await);
     }
-    assert_eq!(told[3]["flags"], json!(["not_localised"]), "{told:?}");
+    assert_eq!(
+        reported[3]["flags"],
+        json!(["not_localised"]),
+        "{reported:?}"
+    );
     assert!(honest.picture.occupied() > 1_000);
     honest
         .assert_unharmed(client, "another building in the middle of the map")

@@ -6,7 +6,7 @@ use mapshift::geometry::Vector2;
 use mapshift::graph::{EdgeKind, EdgeStatus};
 use mapshift::ids::{EdgeId, NodeId, StampNs, TripId, VehicleId};
 use mapshift::model::BatchStatus;
-use mapshift::store::{Applied, EdgeChange, NodeRecord, Store, UploadLag, Within};
+use mapshift::store::{Applied, EdgeChange, NodeRecord, Store, TimesOfChange, UploadLag, Within};
 
 use crate::settled::settled;
 use crate::support::{Fixture, at, intermediate, route, upload};
@@ -18,15 +18,37 @@ const HALF: Within = Within {
 };
 
 #[tokio::test]
-async fn a_rectangle_has_the_nodes_that_lie_in_it_active_or_not() {
+async fn nodes_about_a_change_lie_in_the_rectangle_active_or_not_on_both_sides_of_it() {
     let fixture = settled().await;
     let all = fixture.store.nodes(&route()).await.unwrap();
     let inside = |node: &NodeRecord| HALF.x[0] <= node.pose.x && node.pose.x <= HALF.x[1];
-    let mut expected: Vec<NodeRecord> = all.into_iter().filter(inside).collect();
-    expected.sort_by_key(|node| (node.stamp, node.id));
-    assert!(expected.iter().any(|node| node.active) && expected.iter().any(|node| !node.active));
-    let found = fixture.store.nodes_within(&route(), HALF).await.unwrap();
-    assert_eq!(found, expected);
+    let mut inside: Vec<NodeRecord> = all.into_iter().filter(inside).collect();
+    inside.retain(NodeRecord::is_localised);
+    inside.sort_by_key(|node| (node.stamp, node.id));
+    assert!(inside.iter().any(|node| node.active) && inside.iter().any(|node| !node.active));
+    let times = TimesOfChange {
+        from: StampNs(i64::MIN),
+        since: inside[inside.len() / 2].stamp,
+        until: None,
+    };
+    let (before, since): (Vec<NodeRecord>, Vec<NodeRecord>) = inside
+        .into_iter()
+        .partition(|node| node.stamp < times.since);
+    let ids = |nodes: &[NodeRecord]| nodes.iter().map(|node| node.id).collect::<Vec<NodeId>>();
+    for side_max in [2, 1_000] {
+        let kept = side_max.min(before.len());
+        let half = (side_max / 2).min(since.len());
+        let mut expected = ids(&before[before.len() - kept..]);
+        expected.extend(ids(&since[..half]));
+        expected.extend(ids(&since[since.len() - half..]));
+        expected.sort_unstable();
+        expected.dedup();
+        let found = fixture
+            .store
+            .nodes_about_change(&route(), HALF, times, side_max as u32)
+            .await;
+        assert_eq!(found.unwrap(), expected, "{side_max}");
+    }
 }
 
 #[tokio::test]
