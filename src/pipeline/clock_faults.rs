@@ -10,14 +10,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::calibration::VehicleFault;
 use crate::change::{Suspect, Tier};
 use crate::ids::{StampNs, TripId, VehicleId};
-use jiff::Timestamp;
 
-use super::calibrate::kept_scans;
-use super::clock::is_on_time;
-use super::trip_start::Known;
-use super::workspace::Workspace;
-use crate::mapping::Drive;
-use crate::store::{ClockFault, TripStart};
+use crate::store::ClockFault;
 
 const HOUR_NS: f64 = 3.6e12;
 /// How many standard errors such a fault is from none: batch after batch says it.
@@ -117,49 +111,6 @@ fn join(known: &mut Suspect, clock: Suspect) {
     known.until = known.until.zip(clock.until).map(|(a, b)| a.max(b));
     known.tier = Tier::Confirmed;
     known.significance = known.significance.max(clock.significance);
-}
-
-/// Notes that a trip's clock is behind, or, with a trip that arrives on time, that its vehicle's clock is right
-/// again; returns what is new.
-pub(super) fn note_clock(
-    workspace: &mut Workspace,
-    drive: &Drive,
-    vehicle: &VehicleId,
-    received_at: Timestamp,
-    known: &Known,
-    start: &TripStart,
-) -> Vec<ClockFault> {
-    let Some((first, last)) = drive.scans.first().zip(drive.scans.last()) else {
-        return Vec::new();
-    };
-    match known {
-        Known::Decided {
-            behind_ns: Some(behind_ns),
-            ..
-        } => {
-            let keyframes = workspace.map.keyframes().iter();
-            let own = keyframes.filter(|keyframe| keyframe.trip == drive.trip);
-            let scans: usize = kept_scans(&workspace.map, &drive.trip).values().sum();
-            let fault = ClockFault {
-                trip: drive.trip.clone(),
-                vehicle: vehicle.clone(),
-                behind_ns: *behind_ns,
-                since: own.map(|own| own.stamp).min().unwrap_or(first.stamp),
-                last_seen: last.stamp,
-                scans: u32::try_from(scans).unwrap_or(u32::MAX),
-                until: None,
-            };
-            workspace.map.distrust([drive.trip.clone()]);
-            workspace.clock_faults.put(fault.clone());
-            vec![fault]
-        }
-        Known::Before { .. }
-            if start.clock_ahead_ns == 0 && is_on_time(last.stamp, received_at) =>
-        {
-            workspace.clock_faults.end(vehicle, first.stamp)
-        }
-        _ => Vec::new(),
-    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ mod archive;
 mod calibrate;
 mod clock;
 mod clock_faults;
+mod clock_note;
 mod decide;
 mod decision_details;
 mod decision_revision;

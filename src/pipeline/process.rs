@@ -6,7 +6,7 @@ use super::added::{Added, added_by, added_closure, count_added};
 use super::alerts::fold_into;
 use super::calibrate::{KeptScans, TripInMap, kept_scans};
 use super::clock::began_simulated;
-use super::clock_faults::note_clock;
+use super::clock_note::note_clock;
 use super::findings::{Detected, detect_in_scans, findings as findings_of};
 use super::refusal::{Processed, Refusal};
 use super::result::{Origin, kept_out, name_vehicles, of_added, outcome_of};

@@ -182,7 +182,7 @@ async fn a_batch_waits_for_the_nodes_that_it_names() {
         other["reason"]
             .as_str()
             .unwrap()
-            .contains("hangs on nothing"),
+            .contains("is not connected"),
         "{other}"
     );
     assert_eq!(client.batch("line", "b3").await["status"], "unanchored");

@@ -15,6 +15,14 @@ async fn the_oldest_job_first_and_one_a_route() {
     let mut other = upload("m", "t1", 0);
     other.route_id = RouteId::new("q").unwrap();
     fixture.journal(other).await;
+    let pending = || async {
+        let routes = fixture.store.routes(None, 10).await.unwrap();
+        let of_routes: i64 = routes.iter().map(|route| route.pending_batches).sum();
+        let pending = fixture.store.pending_batches().await.unwrap();
+        assert_eq!(pending, of_routes);
+        pending
+    };
+    assert_eq!(pending().await, 3);
     let first = fixture.claim(1).await.unwrap();
     assert_eq!(first.entries[0].batch.id.as_str(), "z");
     assert_eq!(first.entries[0].body, b"z");
@@ -24,6 +32,7 @@ async fn the_oldest_job_first_and_one_a_route() {
     assert!(fixture.claim(1).await.is_none(), "both routes are held");
     let result = fixture.result(&first, Merged).await;
     fixture.store.apply_result(result).await.unwrap();
+    assert_eq!(pending().await, 2);
     let third = fixture.claim(1).await.unwrap();
     assert_eq!(third.entries[0].batch.id.as_str(), "a");
 }
