@@ -15,8 +15,8 @@ const NO_RETURNS_MAX: usize = 16;
 pub const JUDGED_WITHIN_M: f64 = 0.5;
 
 impl Screen {
-    /// The observations that see a part of a site, in no order: of each pass at most [`SELECTED_MAX`], evenly
-    /// spread, and at most [`NO_RETURNS_MAX`] of which only beams without a return reach it.
+    /// The observations that see a part of a site, in no order: of each pass at most `SELECTED_MAX`, evenly
+    /// spread, and at most `NO_RETURNS_MAX` of which only beams without a return reach it.
     pub fn observations_of(&self, site: &CandidateSite) -> Vec<ObservationKey> {
         let Some((low, high)) = box_round(&site.cells, REACH_M) else {
             return Vec::new();
