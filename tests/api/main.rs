@@ -27,6 +27,7 @@ mod hooked;
 mod keys;
 mod lifecycle;
 mod limits;
+mod log;
 mod map_layers;
 mod notices;
 mod operators;

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use crate::body::batch;
 use crate::changed_hall::{self, APPEARED};
 use crate::client::Request;
+use crate::log::log_to;
 use crate::service::Service;
 
 /// The log of this test's thread, on which its service runs.
@@ -36,7 +37,7 @@ impl Log {
             .flatten_event(true)
             .with_writer(move || writer.clone())
             .finish();
-        (log, tracing::subscriber::set_default(subscriber))
+        (log, log_to(subscriber))
     }
 
     /// The lines with a message.

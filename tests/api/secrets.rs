@@ -12,6 +12,7 @@ use tracing_subscriber::fmt::MakeWriter;
 use crate::changed_hall;
 use crate::client::Request;
 use crate::keys::{key, make, text, with_key};
+use crate::log::log_to;
 use crate::service::Service;
 
 /// A log that is kept in memory.
@@ -61,7 +62,7 @@ async fn secrets_are_neither_logged_nor_stored() {
     let subscriber = tracing_subscriber::fmt()
         .with_max_level(tracing::Level::TRACE)
         .with_writer(log.clone());
-    let _guard = tracing::subscriber::set_default(subscriber.finish());
+    let _guard = log_to(subscriber.finish());
 
     let admin = key("admin", Role::Admin);
     let directory = changed_hall::directory().await;

@@ -167,9 +167,6 @@ async fn one_of_fifty_laps_is_taken_out() {
         let done = client.remove("line", json!({"trips": [&trip]})).await;
         let took = begun.elapsed();
         let (retried, overtaken) = retry_quarantined(client, "line").await;
-        if overtaken.is_empty() {
-            client.merged("line").await;
-        }
         let never = driven(&drives, Some(&trip)).await;
         let own = State::of(client, "line").await.poses();
         let others = State::of(&never.client, "line").await.poses();
