@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Estimates, OdometryTrack, Quantity};
 use crate::geometry::{Pose2, Tangent2, Vector3};
-use crate::scan::{LaserScan, Lidar, LidarError, RANGE_MAX_M, ScanError};
+use crate::scan::{LaserScan, Lidar, LidarError, ScanError};
 
 /// A value for each [`Quantity`]; 0 where nothing is to be corrected.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -86,8 +86,7 @@ impl Corrections {
         (1e9 * self.get(Quantity::ClockOffset)).round() as i64
     }
 
-    /// The lidar with its true mount, beam spacing and reach; `beams` is the number of a scan's
-    /// beams.
+    /// The lidar with its true mount and beam spacing; `beams` is the number of a scan's beams.
     ///
     /// The middle of the fan keeps its direction. The spacing alone does not say which beam the
     /// stated angles are right of: about another beam, all bearings differ by one angle, which is a
@@ -98,12 +97,9 @@ impl Corrections {
     /// # Errors
     /// [`LidarError`] if there is no such lidar.
     pub fn lidar(&self, stated: &Lidar, beams: usize) -> Result<Lidar, LidarError> {
+        let mount = self.mount(&stated.mount);
         let spaced = with_spacing(stated, beams, 1.0 + self.get(Quantity::BeamSpacing));
-        Lidar {
-            mount: self.mount(&stated.mount),
-            ..with_reach(spaced, 1.0 + self.get(Quantity::RangeScale))
-        }
-        .validated()
+        Lidar { mount, ..spaced }.validated()
     }
 
     /// The lidar as it was stated, from one that [`Corrections::lidar`] made of it.
@@ -111,13 +107,10 @@ impl Corrections {
     /// # Errors
     /// [`LidarError`] if there is no such lidar.
     pub fn stated_lidar(&self, corrected: &Lidar, beams: usize) -> Result<Lidar, LidarError> {
+        let mount = corrected.mount.plus(&-self.mount_step());
         let factor = 1.0 / (1.0 + self.get(Quantity::BeamSpacing));
         let spaced = with_spacing(corrected, beams, factor);
-        Lidar {
-            mount: corrected.mount.plus(&-self.mount_step()),
-            ..with_reach(spaced, 1.0 / (1.0 + self.get(Quantity::RangeScale)))
-        }
-        .validated()
+        Lidar { mount, ..spaced }.validated()
     }
 
     fn mount_step(&self) -> Vector3<f64> {
@@ -133,20 +126,11 @@ impl Corrections {
     /// # Errors
     /// [`ScanError`] if its beams go round more than once with the corrected spacing.
     pub fn scan(&self, scan: &LaserScan, corrected: &Arc<Lidar>) -> Result<LaserScan, ScanError> {
-        scaled(scan, corrected, 1.0 + self.get(Quantity::RangeScale))
-    }
-
-    /// A scan as the stated lidar ([`Corrections::stated_lidar`]) took it, from one that
-    /// [`Corrections::scan`] made of it.
-    ///
-    /// # Errors
-    /// [`ScanError`] as [`Corrections::scan`].
-    pub fn stated_scan(
-        &self,
-        scan: &LaserScan,
-        stated: &Arc<Lidar>,
-    ) -> Result<LaserScan, ScanError> {
-        scaled(scan, stated, 1.0 / (1.0 + self.get(Quantity::RangeScale)))
+        let factor = 1.0 + self.get(Quantity::RangeScale);
+        if factor == 1.0 {
+            return LaserScan::from_ticks(corrected.clone(), scan.ticks());
+        }
+        scaled(scan, corrected, factor)
     }
 }
 
@@ -162,27 +146,13 @@ pub(super) fn with_spacing(lidar: &Lidar, beams: usize, factor: f64) -> Lidar {
     }
 }
 
-/// The lidar with limits of its ranges so many times as far, as far as a lidar may see.
-fn with_reach(lidar: Lidar, factor: f64) -> Lidar {
-    Lidar {
-        range_min_m: factor * lidar.range_min_m,
-        range_max_m: (factor * lidar.range_max_m).min(RANGE_MAX_M),
-        ..lidar
-    }
-}
-
-/// The scan as another lidar's, with ranges so many times as long; what is invalid or without a
-/// return stays so.
+/// The scan with ranges so many times as long; what is invalid or without a return stays so.
 pub(super) fn scaled(
     scan: &LaserScan,
     lidar: &Arc<Lidar>,
     factor: f64,
 ) -> Result<LaserScan, ScanError> {
     use crate::scan::{INVALID_TICK, NO_RETURN_TICK};
-    let factor = factor * scan.tick_m() / lidar.tick_m();
-    if factor == 1.0 {
-        return LaserScan::from_ticks(lidar.clone(), scan.ticks());
-    }
     let longest = f64::from(INVALID_TICK - 1);
     let to_tick = |tick: u16| match tick {
         NO_RETURN_TICK | INVALID_TICK => tick,
