@@ -242,7 +242,7 @@ async fn outcome(case: &Case) -> Outcome {
                 client.settled(ROUTE, true).await;
                 if counts {
                     sent += 1;
-                    let answer = answer(&client, case.fault, &faulty).await;
+                    let answer = answer(&client, case, &faulty).await;
                     answered = answered.or(answer.map(|answer| (answer, sent)));
                 }
             }
@@ -264,14 +264,17 @@ async fn outcome(case: &Case) -> Outcome {
     }
 }
 
-async fn answer(client: &Client, fault: Option<Fault>, vehicle: &str) -> Option<Answer> {
+async fn answer(client: &Client, case: &Case, vehicle: &str) -> Option<Answer> {
     if suspects(&alerts(client).await).contains(vehicle) {
         return Some(Answer::Named);
+    }
+    if case.onset == Onset::Knocked {
+        return None;
     }
     let shown = client
         .json(&format!("/v1/routes/{ROUTE}/vehicles/{vehicle}"))
         .await;
-    let quantity = fault.map(Fault::quantity)?;
+    let quantity = case.fault.map(Fault::quantity)?;
     let is_corrected = shown["calibration"][quantity]["applied"] == true;
     is_corrected.then_some(Answer::Corrected)
 }

@@ -73,9 +73,9 @@ impl Honest {
         }
     }
 
-    /// That an attack has moved no pose by more than 2 cm, no wall, and raised no alert.
+    /// That an attack has moved no pose and no wall, and raised no alert.
     async fn assert_unharmed(&self, client: &Client, attack: &str) {
-        self.assert_unmoved(client, attack, 0.02).await;
+        self.assert_unmoved(client, attack, 1e-9).await;
         assert_same_walls(&self.picture, &Picture::of(client).await);
     }
 

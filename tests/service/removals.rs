@@ -167,6 +167,15 @@ async fn one_of_fifty_laps_is_taken_out() {
         let done = client.remove("line", json!({"trips": [&trip]})).await;
         let took = begun.elapsed();
         let (retried, overtaken) = retry_quarantined(client, "line").await;
+        for batch in client.settled("line", true).await {
+            let id = batch["id"].as_str().unwrap().to_owned();
+            let expected = match batch["trip_id"] == trip.as_str() {
+                true => "removed",
+                false if overtaken.contains(&id) => "quarantined",
+                false => "merged",
+            };
+            assert_eq!(batch["status"], expected, "{batch}");
+        }
         let never = driven(&drives, Some(&trip)).await;
         let own = State::of(client, "line").await.poses();
         let others = State::of(&never.client, "line").await.poses();
