@@ -47,10 +47,21 @@ async fn check(state: &ApiState, parts: &mut Parts) -> Result<(), Problem> {
     if parts.method == Method::PUT && matched.is_some_and(|path| path.as_str() == ROUTE) {
         return Ok(());
     }
-    let params = raw_path(parts, state).await?;
-    let named = params.iter().find(|(name, _)| *name == "route");
-    match named.and_then(|(_, text)| RouteId::from_str(text).ok()) {
+    match named_route(parts, state).await? {
         Some(route) => state.known_route(&route).await.map(drop),
         None => Ok(()),
     }
+}
+
+/// The route that a path names; `None` if it names none, or none that can be.
+///
+/// # Errors
+/// 400 for a part of the path that is not UTF-8.
+pub(super) async fn named_route(
+    parts: &mut Parts,
+    state: &ApiState,
+) -> Result<Option<RouteId>, Problem> {
+    let params = raw_path(parts, state).await?;
+    let named = params.iter().find(|(name, _)| *name == "route");
+    Ok(named.and_then(|(_, text)| RouteId::from_str(text).ok()))
 }

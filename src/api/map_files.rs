@@ -8,7 +8,7 @@ use super::map_cache::{MapFiles, MapKey, Shown};
 use super::problem::Problem;
 use crate::change::PendingChange;
 use crate::model::MapLayer;
-use crate::render::{Decided, MapImageError, MapPicture, MapRaster, PosedScan};
+use crate::render::{Decided, MapImageError, MapPicture, MapRaster, PosedScan, untied_trips};
 use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
@@ -41,20 +41,26 @@ pub(super) async fn map_files(
         },
     };
     let picture = state.maps.of((route.id.clone(), shown));
-    let mut kept = picture.lock().await;
+    let mut kept = picture.lock_owned().await;
     if let Some((_, files)) = kept.as_ref().filter(|(of, _)| *of == key) {
         return Ok(files.clone());
     }
-    let files = Arc::new(match shown {
-        Shown::Draft(layer) => drawn(state, route, layer).await?,
-        Shown::Version(version) => {
-            let picture = state.store.map_version_picture(&route.id, version).await?;
-            let unknown = || Problem::not_found("version of the map");
-            picture.ok_or_else(unknown)?.into()
-        }
+    let (state, route) = (state.clone(), route.clone());
+    // A task of its own: a picture is drawn to its end whoever goes away, and asked for again it would be
+    // drawn twice at once.
+    let drawing = tokio::spawn(async move {
+        let files = Arc::new(match shown {
+            Shown::Draft(layer) => drawn(&state, &route, layer).await?,
+            Shown::Version(version) => {
+                let picture = state.store.map_version_picture(&route.id, version).await?;
+                let unknown = || Problem::not_found("version of the map");
+                picture.ok_or_else(unknown)?.into()
+            }
+        });
+        *kept = Some((key, files.clone()));
+        Ok::<_, Problem>(files)
     });
-    *kept = Some((key, files.clone()));
-    Ok(files)
+    drawing.await.map_err(Problem::internal)?
 }
 
 async fn drawn(
@@ -89,14 +95,20 @@ fn draw(
     accepted: &[AcceptedChange],
     pending: &[PendingChange],
 ) -> Result<MapPicture, DrawError> {
+    let localised = || nodes.iter().filter(|node| node.node.is_localised());
+    let untied = untied_trips(localised().map(|node| (&node.node.trip_id, node.node.drift_m)));
     let mut scans = Vec::with_capacity(nodes.len());
-    for node in nodes.iter().filter(|node| node.node.is_localised()) {
-        scans.extend(node.decoded_scans()?);
+    for node in localised() {
+        let untied = untied.get(&node.node.trip_id).copied();
+        let decoded = node.decoded_scans()?.into_iter();
+        scans.extend(decoded.map(|taken| (untied, taken)));
     }
-    let observations = scans.iter().map(|(stamp, map_from_base, scan)| PosedScan {
+    let observations = scans.iter();
+    let observations = observations.map(|(untied, (stamp, map_from_base, scan))| PosedScan {
         stamp: *stamp,
         map_from_base: *map_from_base,
         scan,
+        untied: *untied,
     });
     let decided = Decided { accepted, pending };
     Ok(MapPicture::draw(observations, decided)?)

@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::ApiState;
 use super::client_address::ClientAddress;
+use super::known_route::named_route;
 use super::problem::Problem;
 
 /// How much a read costs.
@@ -57,7 +58,12 @@ async fn read(
         Weight::Heavy => &state.heavy_reads,
         Weight::Export => &state.exports,
     };
-    let admitted = gate.enter(client, state.limits.turn_timeout).await?;
+    let (mut parts, body) = request.into_parts();
+    let route = named_route(&mut parts, state).await?;
+    let request = Request::from_parts(parts, body);
+    let admitted = gate
+        .enter(client, route.as_ref(), state.limits.turn_timeout)
+        .await?;
     let mut response = next.run(request).await;
     drop(admitted.turn);
     let _share = Arc::new(admitted.share);

@@ -11,7 +11,9 @@ use crate::geometry::Pose2;
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{AlertId, EdgeId, NodeId};
 use crate::mapping::RouteMap;
-use crate::render::{Decided, MAP_RESOLUTION_M, MapPicture, OccupancyGrid, PosedScan};
+use crate::render::{
+    Decided, MAP_RESOLUTION_M, MapPicture, OccupancyGrid, PosedScan, untied_trips,
+};
 use crate::store::{Acceptance, AcceptanceChange, AlertRecord, MapDecision};
 
 /// What an undo restores.
@@ -174,11 +176,19 @@ pub(super) fn grid_of(workspace: &Workspace) -> OccupancyGrid {
     let poses = poses_of(&workspace.map).zip(&workspace.saved_nodes);
     let keyframes = poses.zip(workspace.map.keyframes());
     let active = keyframes.filter(|((_, saved), keyframe)| saved.active && !keyframe.is_lost());
-    let taken = active.flat_map(|((pose, _), keyframe)| keyframe.taken_scans(pose));
-    let posed_scans = taken.map(|taken| PosedScan {
-        stamp: taken.stamp,
-        map_from_base: taken.map_from_base,
-        scan: taken.scan,
+    let active: Vec<_> = active
+        .map(|((pose, _), keyframe)| (pose, keyframe))
+        .collect();
+    let drifts_m = active.iter().map(|(_, k)| (&k.trip, k.drift_m));
+    let untied = untied_trips(drifts_m);
+    let posed_scans = active.iter().flat_map(|(pose, keyframe)| {
+        let untied = untied.get(&keyframe.trip).copied();
+        keyframe.taken_scans(*pose).map(move |taken| PosedScan {
+            stamp: taken.stamp,
+            map_from_base: taken.map_from_base,
+            scan: taken.scan,
+            untied,
+        })
     });
     let alerts = workspace.alerts.iter();
     let pending = alerts.filter_map(|alert| PendingChange::of(alert.status, &alert.evidence));

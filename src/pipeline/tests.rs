@@ -6,6 +6,7 @@ mod bench;
 mod clocks;
 mod corrections;
 mod deciding;
+mod deleted;
 mod edges;
 mod folding;
 mod memory;

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use jiff::Timestamp;
 use tokio::time::{Instant, sleep};
 
 use crate::solver::Interrupt;
-use crate::store::{ClaimedJob, Store};
+use crate::store::{ClaimedJob, Store, StoreError};
 
 /// How often a running job is checked.
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -26,14 +27,25 @@ impl Watch {
     /// Interrupts the job when its route is deleted or its time is over.
     pub async fn keep(self) {
         let deadline = Instant::now() + self.time_max();
+        let began_in = self.route_created_at().await;
         loop {
             sleep(INTERVAL).await;
-            let is_gone = matches!(self.store.route(&self.job.route_id).await, Ok(None));
+            // Another route may have its name by now.
+            let is_gone = match (&began_in, self.route_created_at().await) {
+                (Ok(Some(before)), Ok(now)) => now.is_none_or(|now| now != *before),
+                (_, Ok(now)) => now.is_none(),
+                (_, Err(_)) => false,
+            };
             if is_gone || Instant::now() >= deadline {
                 self.interrupt.raise();
                 return;
             }
         }
+    }
+
+    async fn route_created_at(&self) -> Result<Option<Timestamp>, StoreError> {
+        let route = self.store.route(&self.job.route_id).await?;
+        Ok(route.map(|route| route.created_at))
     }
 
     fn time_max(&self) -> Duration {

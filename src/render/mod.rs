@@ -23,7 +23,7 @@ pub use differing_cells::{DifferingCells, differing_cells};
 pub use map_difference::MapDifference;
 pub use map_image::{MapImageError, to_pgm, to_png, to_yaml};
 pub use map_picture::{MAP_RESOLUTION_M, MapPicture};
-pub use occupancy::{CELLS_MAX, Occupancy, OccupancyGrid, PosedScan};
+pub use occupancy::{CELLS_MAX, Occupancy, OccupancyGrid, PosedScan, untied_trips};
 pub use place_grid::{PlaceGrid, SideCells};
 pub use plot_svg::{Crossing, Curve, Guide, Plot, to_svg};
 pub use tiles::{MapRaster, TILE_PIXELS, ZOOM_MAX};

@@ -1,12 +1,12 @@
 //! Where a map is occupied, free or unknown.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::cells::for_each_cell_before_end;
 use super::decided::{Decided, Step, What, steps};
 use crate::change::{ACCEPTED_MARGIN_M, AcceptedChange, Layer, layer_of};
 use crate::geometry::{Pose2, Vector2};
-use crate::ids::StampNs;
+use crate::ids::{StampNs, TripId};
 use crate::scan::{BandView, LaserScan};
 
 /// Most cells of a grid: a map that needs more is drawn with coarser cells.
@@ -40,6 +40,8 @@ pub struct PosedScan<'a> {
     pub map_from_base: Pose2,
     /// The ranges.
     pub scan: &'a LaserScan,
+    /// Its trip, if nothing has ever tied that to the map: it is where it says it is, or not.
+    pub untied: Option<&'a TripId>,
 }
 
 /// A grid over the map frame that counts beams.
@@ -85,7 +87,8 @@ impl OccupancyGrid {
     }
 
     /// As [`OccupancyGrid::from_scans`], in the order of time. In the region of an accepted change only
-    /// scans since then count, in that of a pending one only those before it.
+    /// scans since then count, in that of a pending one only those before it. An untied trip is left out
+    /// if it contradicts the others.
     pub fn from_posed_scans<'a>(
         scans: impl IntoIterator<Item = PosedScan<'a>>,
         decided: Decided<'_>,
@@ -94,6 +97,17 @@ impl OccupancyGrid {
         let scans = scans.into_iter();
         let mut scans: Vec<_> = scans.filter(|s| s.map_from_base.is_finite()).collect();
         scans.sort_by_key(|scan| scan.stamp);
+        let (untied, tied): (Vec<_>, Vec<_>) =
+            (scans.iter().copied()).partition(|scan| scan.untied.is_some());
+        if !untied.is_empty() && !tied.is_empty() {
+            let contradicting = contradicting_trips(&tied, &untied, decided, resolution_m);
+            scans.retain(|scan| !scan.untied.is_some_and(|trip| contradicting.contains(trip)));
+        }
+        Self::of_sorted(scans, decided, resolution_m)
+    }
+
+    /// Of scans in the order of time.
+    fn of_sorted(scans: Vec<PosedScan<'_>>, decided: Decided<'_>, resolution_m: f64) -> Self {
         let steps = steps(decided);
         let poses: Vec<_> = scans.iter().map(|s| (s.map_from_base, s.scan)).collect();
         let empty = Self::covering(&extent(&poses), resolution_m);
@@ -311,6 +325,23 @@ impl OccupancyGrid {
         }
     }
 
+    /// What is shown where a point of the map frame lies: occupied if one of the cells next to its own is.
+    fn shown_round(&self, point: &Vector2<f64>) -> Occupancy {
+        let Some((column, row)) = self.cell_at(point) else {
+            return Occupancy::Unknown;
+        };
+        let columns = column.saturating_sub(1)..=column + 1;
+        let mut cells = columns.flat_map(|column| {
+            let rows = row.saturating_sub(1)..=row + 1;
+            rows.map(move |row| (column, row))
+        });
+        let is_occupied = |(column, row)| self.occupancy(column, row) == Occupancy::Occupied;
+        match cells.any(is_occupied) {
+            true => Occupancy::Occupied,
+            false => self.occupancy(column, row),
+        }
+    }
+
     /// The cell that holds a point of the map frame (column, row); `None` outside the grid.
     pub fn cell_at(&self, point: &Vector2<f64>) -> Option<(usize, usize)> {
         let cells = (point - self.origin) / self.resolution_m;
@@ -320,6 +351,46 @@ impl OccupancyGrid {
             && cells.y < self.height as f64;
         inside.then_some((cells.x as usize, cells.y as usize))
     }
+}
+
+/// The untied trips most of whose returns lie where the tied ones of their layer know that nothing stands.
+/// Scans come in the order of time.
+fn contradicting_trips<'a>(
+    tied: &[PosedScan<'_>],
+    untied: &[PosedScan<'a>],
+    decided: Decided<'_>,
+    resolution_m: f64,
+) -> BTreeSet<&'a TripId> {
+    let mut counts: BTreeMap<&TripId, (usize, usize)> = BTreeMap::new();
+    for untied in layers_of(untied.to_vec(), |scan| scan.scan) {
+        let layer = untied.first().map(|scan| layer_of(scan.scan));
+        let of_layer = |scan: &&PosedScan<'_>| Some(layer_of(scan.scan)) == layer;
+        let known = tied.iter().filter(of_layer).copied().collect();
+        let known = OccupancyGrid::of_sorted(known, decided, resolution_m);
+        for PosedScan {
+            map_from_base,
+            scan,
+            untied,
+            ..
+        } in untied
+        {
+            let Some(trip) = untied else {
+                continue;
+            };
+            let (fitting, contradicting) = counts.entry(trip).or_default();
+            let map_from_lidar = map_from_base.compose(&scan.lidar().mount);
+            for end in end_points(&map_from_lidar, scan) {
+                match known.shown_round(&end) {
+                    Occupancy::Occupied => *fitting += 1,
+                    Occupancy::Free => *contradicting += 1,
+                    Occupancy::Unknown => {}
+                }
+            }
+        }
+    }
+    let counts = counts.into_iter();
+    let contradicting = counts.filter(|(_, (fitting, contradicting))| contradicting > fitting);
+    contradicting.map(|(trip, _)| trip).collect()
 }
 
 /// A cell with its hits and passes.
@@ -335,6 +406,20 @@ fn shown_by(hits: u16, passes: u16) -> Occupancy {
     } else {
         Occupancy::Free
     }
+}
+
+/// The trips that nothing has tied to the map, of keyframes with the way that each trip has drifted
+/// since it was, metres.
+pub fn untied_trips<'a>(
+    drifts_m: impl IntoIterator<Item = (&'a TripId, f64)>,
+) -> BTreeSet<&'a TripId> {
+    let mut least_m: BTreeMap<&TripId, f64> = BTreeMap::new();
+    for (trip, drift_m) in drifts_m {
+        let least_m = least_m.entry(trip).or_insert(drift_m);
+        *least_m = least_m.min(drift_m);
+    }
+    let untied = least_m.into_iter().filter(|(_, least_m)| *least_m > 0.0);
+    untied.map(|(trip, _)| trip).collect()
 }
 
 /// What belongs to each layer, in the order given.
@@ -531,6 +616,7 @@ mod tests {
             stamp: StampNs(0),
             map_from_base,
             scan,
+            untied: None,
         });
         assert_eq!(
             OccupancyGrid::from_posed_scans(posed, Decided::default(), 0.05),
@@ -555,6 +641,7 @@ mod tests {
             } else {
                 &wall
             },
+            untied: None,
         };
         let accepted = |since: i64, version| AcceptedChange {
             alert_id: AlertId(uuid::Uuid::nil()),
@@ -623,6 +710,7 @@ mod tests {
                 } else {
                     &wall
                 },
+                untied: None,
             });
             let decided = Decided {
                 pending,
@@ -640,6 +728,55 @@ mod tests {
         let both = [pending(120, None), pending(100, None)];
         assert_eq!(seen(0..150, &both), (0, 100));
         assert_eq!(seen(0..150, &[both[1].clone(), both[0].clone()]), (0, 100));
+    }
+
+    #[test]
+    fn an_untied_trip_is_drawn_unless_it_contradicts_the_others() {
+        let beams = 720;
+        let lidar = lidar(beams, Pose2::IDENTITY);
+        let room = square_room(&lidar, beams, &Pose2::IDENTITY);
+        // As far as the walls by every fourth beam, half as far by the others.
+        let ranges = room
+            .ranges_m()
+            .enumerate()
+            .map(|(beam, range_m)| match beam % 4 {
+                0 => range_m,
+                _ => range_m.map(|range_m| 0.5 * range_m),
+            });
+        let strange = LaserScan::new(lidar, ranges.collect::<Vec<_>>()).unwrap();
+        let trip = TripId::new("untied").unwrap();
+        let posed = |stamp: i64, x: f64, scan| PosedScan {
+            stamp: StampNs(stamp),
+            map_from_base: Pose2::new(x, 0.0, 0.0),
+            scan,
+            untied: (stamp > 0).then_some(&trip),
+        };
+        let drawn = |scans: &[PosedScan<'_>]| {
+            OccupancyGrid::from_posed_scans(scans.iter().copied(), Decided::default(), 0.05)
+        };
+        let tied = posed(0, 0.0, &room);
+        let alone = drawn(&[tied]);
+        assert!(drawn(&[tied, posed(1, 0.0, &strange)]) == alone);
+        assert!(drawn(&[posed(1, 0.0, &strange)]) != drawn(&[]), "the first");
+        // What it says of its room elsewhere nobody can gainsay, nor what agrees.
+        for (x, scan) in [(9.0, &strange), (0.0, &room)] {
+            let both = drawn(&[tied, posed(1, x, scan)]);
+            let of_both = OccupancyGrid::from_scans(
+                [(tied.map_from_base, &room), (Pose2::new(x, 0.0, 0.0), scan)],
+                0.05,
+            );
+            assert!(both == of_both, "{x}");
+        }
+        // The whole trip counts.
+        let mixed = [tied, posed(1, 0.0, &strange), posed(2, 9.0, &strange)];
+        assert!(drawn(&mixed) == alone);
+    }
+
+    #[test]
+    fn of_a_trip_one_keyframe_that_is_tied_suffices() {
+        let [tied, untied] = ["tied", "untied"].map(|id| TripId::new(id).unwrap());
+        let drifts_m = [(&tied, 9.0), (&untied, 3.0), (&tied, 0.0), (&untied, 1e-9)];
+        assert_eq!(untied_trips(drifts_m), BTreeSet::from([&untied]));
     }
 
     #[test]

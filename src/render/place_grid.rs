@@ -244,6 +244,7 @@ mod tests {
                 stamp,
                 map_from_base,
                 scan,
+                untied: None,
             };
             (*side, scan)
         }))

@@ -169,8 +169,11 @@ impl Database {
         // turn them off.
         set(writer, "PRAGMA foreign_keys = OFF").await?;
         // An index over millions of rows is sorted in files, in whatever directory SQLite finds for
-        // them: in memory it would take as much as the rows. It happens once.
-        set(writer, "PRAGMA temp_store = FILE").await?;
+        // them: in memory it would take as much as the rows. It happens once, and a new database has
+        // none.
+        if !is_new(writer).await? {
+            set(writer, "PRAGMA temp_store = FILE").await?;
+        }
         MIGRATIONS.run(&mut *writer).await?;
         set(writer, "PRAGMA foreign_keys = ON").await?;
         check_settings(writer).await?;
@@ -233,17 +236,20 @@ pub(super) async fn truncate_wal(writer: &mut SqliteConnection) -> Result<bool, 
     Ok(busy == 0)
 }
 
+/// Whether a database has no schema yet.
+async fn is_new(connection: &mut SqliteConnection) -> Result<bool, StoreError> {
+    let is_new = sqlx::query_scalar(
+        "SELECT NOT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = '_sqlx_migrations')",
+    );
+    Ok(is_new.fetch_one(connection).await?)
+}
+
 /// Whether a migration has been applied; of a new database none has.
 async fn has_migration(
     connection: &mut SqliteConnection,
     version: i64,
 ) -> Result<bool, StoreError> {
-    let is_new: bool = sqlx::query_scalar(
-        "SELECT NOT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = '_sqlx_migrations')",
-    )
-    .fetch_one(&mut *connection)
-    .await?;
-    if is_new {
+    if is_new(connection).await? {
         return Ok(false);
     }
     let applied = sqlx::query_scalar(

@@ -5,14 +5,23 @@
 //! (`changes/raised.rs`, `src/pipeline/tests/clocks.rs`), a trip that cannot be localised and has many
 //! batches (`tests/store/lost.rs`), a faulty vehicle (`tests/reliability/faulty_vehicle.rs`).
 
+use std::path::Path;
+use std::process::Command;
+use std::time::SystemTime;
+
 use mapshift::geometry::Pose2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
+use sqlx::ConnectOptions;
+use sqlx::sqlite::SqliteConnectOptions;
+use tempfile::TempDir;
 
 use crate::client::Client;
-use crate::drives::{Drive, HALL, second_vehicle, workshop};
+use crate::drives::{Drive, HALL, second_vehicle, two_vehicles, workshop};
 use crate::odd_trips::{ended, with_map};
+use crate::process::Process;
+use crate::running::Running;
 use crate::spoiled::with_scans;
 use crate::state::State;
 
@@ -79,13 +88,18 @@ impl Honest {
         assert_same_walls(&self.picture, &Picture::of(client).await);
     }
 
-    async fn assert_unmoved(&self, client: &Client, attack: &str, within_m: f64) {
+    /// How far the farthest pose was moved, metres.
+    async fn moved_m(&self, client: &Client) -> f64 {
         let poses = State::of(client, "line").await.poses();
         let ways_m = self.state.poses().into_iter().map(|(key, was)| {
             let now = &poses[&key];
             (now.translation() - was.translation()).norm()
         });
-        let moved_m = ways_m.fold(0.0, f64::max);
+        ways_m.fold(0.0, f64::max)
+    }
+
+    async fn assert_unmoved(&self, client: &Client, attack: &str, within_m: f64) {
+        let moved_m = self.moved_m(client).await;
         let alerts = client.list("/v1/alerts", 50).await;
         eprintln!(
             "{attack}: the farthest honest pose moved by {:.2} mm, {} alerts",
@@ -220,6 +234,16 @@ async fn giant_steps_widen_no_picture() {
     assert!(after.width < before.width + 400, "{}", after.width);
     // What it saw between its steps fits, and closes loops: the route is still being mapped.
     honest.assert_unmoved(client, "steps of 99 m", 0.05).await;
+    let moved_m = honest.moved_m(client).await;
+    service.stop().await;
+
+    // The same trip with sound odometry does the same to a map that is as young.
+    let service = with_map(60).await;
+    service.client.put_all("line", &drive.batches(12)).await;
+    service.client.merged("line").await;
+    let sound_m = honest.moved_m(&service.client).await;
+    eprintln!("the same trip with sound odometry: {:.2} mm", 1e3 * sound_m);
+    assert!(moved_m < sound_m + 0.005, "{moved_m} m, {sound_m} m");
     service.stop().await;
 }
 
@@ -343,14 +367,133 @@ async fn noise_is_no_world() {
         client.put("line", &noisy).await;
         ended(client, &batch.id).await;
     }
+    // A start that nothing confirms, again and again.
+    for (k, batch) in batches.iter().enumerate() {
+        let body: Value = serde_json::from_slice(&batch.body).unwrap();
+        let mut scan = body["scans"][0].clone();
+        scan["ranges"] = json!(noise[k][..scan["ranges"].as_array().unwrap().len()]);
+        let start = drive.scans[12 * k].map_from_base;
+        let name = format!("single-{k}");
+        let single = batch.with(
+            &name,
+            json!({
+                "trip_id": name, "sequence": 0, "scans": [scan],
+                "initial_pose": {"x": start.x, "y": start.y, "theta": start.theta},
+            }),
+        );
+        client.put("line", &single).await;
+        ended(client, &name).await;
+    }
     honest
-        .assert_unmoved(client, "24 scans of random ranges", 0.02)
+        .assert_unmoved(client, "26 scans of random ranges", 0.02)
         .await;
     let after = Picture::of(client).await;
+    assert_eq!(honest.picture.yaml, after.yaml);
+    let pairs = honest.picture.cells.iter().zip(&after.cells);
+    let filled = pairs.filter(|(old, new)| **new == OCCUPIED && old != new);
     eprintln!(
         "walls: {} cells, {} before",
         after.occupied(),
         honest.picture.occupied()
     );
+    assert_eq!(filled.count(), 0);
+    service.stop().await;
+}
+
+/// When something was last made in a directory, or taken out of it.
+fn changed_at(directory: &Path) -> SystemTime {
+    std::fs::metadata(directory).unwrap().modified().unwrap()
+}
+
+/// Not a test: what SQLite writes beside the database when it may, for the test below.
+#[tokio::test]
+#[ignore = "runs in the directory that the test below watches"]
+async fn sorts_in_a_file() {
+    let options = SqliteConnectOptions::new().pragma("temp_store", "FILE");
+    let mut raw = options.in_memory(true).connect().await.unwrap();
+    let sorted = sqlx::query_scalar(
+        "WITH RECURSIVE numbers (n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM numbers LIMIT 300000) \
+         SELECT count(*) FROM (SELECT DISTINCT hex(randomblob(40)) FROM numbers ORDER BY 1)",
+    );
+    let count: i64 = sorted.fetch_one(&mut raw).await.unwrap();
+    assert_eq!(count, 300_000);
+}
+
+/// `/var/tmp` and `TMPDIR` may be full, read-only or gone: nothing is ever written there.
+#[tokio::test(flavor = "multi_thread")]
+async fn no_statement_needs_a_directory_for_temporary_files() {
+    let [data, temporary] = [(); 2].map(|()| TempDir::new().unwrap());
+    let temporary = temporary.path();
+    let before = changed_at(temporary);
+    let mut command = Process::command(data.path());
+    command.args(["--listen", "127.0.0.1:0"]);
+    command.env("SQLITE_TMPDIR", temporary);
+    let service = Process::started(command).unwrap();
+    let client = Client::new(&service.url);
+    for route in ["line", "other"] {
+        client.put_route(route, Value::Null).await;
+        for drive in two_vehicles(120) {
+            client.put_all(route, &drive.batches(60)).await;
+        }
+        client.merged(route).await;
+    }
+    for read in [
+        "graph",
+        "graph.g2o",
+        "map.png",
+        "residuals",
+        "trips",
+        "nodes",
+    ] {
+        client.bytes(&format!("/v1/routes/line/{read}")).await;
+    }
+    let removal = client.remove("line", json!({"trips": ["two"]})).await;
+    assert_eq!(removal["status"], "succeeded", "{removal}");
+    // A transaction of many rows.
+    assert_eq!(client.delete("/v1/routes/other").await, 204);
+    assert!(changed_at(temporary) == before, "something was written");
+    drop(service);
+
+    let control = Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", "attacks::sorts_in_a_file"])
+        .env("SQLITE_TMPDIR", temporary)
+        .output()
+        .unwrap();
+    assert!(control.status.success(), "{control:?}");
+    assert!(changed_at(temporary) != before, "nothing would be seen");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_large_picture_that_is_drawn_holds_up_no_other_route() {
+    let service = with_map(60).await;
+    let client = &service.client;
+    client.put_route("wide", Value::Null).await;
+    let [first, second] = two_vehicles(12);
+    let far = Drive {
+        initial_pose: Some(Pose2::new(900.0, 0.0, 0.0)),
+        ..second
+    };
+    for drive in [first, far] {
+        client.put_all("wide", &drive.batches(12)).await;
+    }
+    client.merged("wide").await;
+    // In both layers, each more than once.
+    let layers = ["", "?layer=observed"].into_iter().cycle().take(6);
+    let mut drawn = tokio::task::JoinSet::new();
+    for layer in layers {
+        let client = client.clone();
+        drawn.spawn(async move {
+            client
+                .bytes(&format!("/v1/routes/wide/map.pgm{layer}"))
+                .await
+        });
+    }
+    let other = client.bytes("/v1/routes/line/map.pgm");
+    tokio::select! {
+        _ = drawn.join_next() => panic!("the other route's picture waited"),
+        picture = other => assert!(!picture.is_empty()),
+    }
+    let pictures = drawn.join_all().await;
+    assert!(pictures.iter().all(|picture| picture.len() > 10_000_000));
     service.stop().await;
 }

@@ -129,6 +129,12 @@ impl Client {
         (answer.status().as_u16(), answer.json().await.unwrap())
     }
 
+    /// Deletes; the status.
+    pub async fn delete(&self, path: &str) -> StatusCode {
+        let request = self.http.delete(format!("{}{path}", self.url));
+        request.send().await.unwrap().status()
+    }
+
     /// A batch once nobody works on it.
     pub async fn ended(&self, route: &str, id: &str) -> Value {
         let give_up = Instant::now() + PATIENCE;

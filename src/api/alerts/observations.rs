@@ -100,6 +100,7 @@ fn counted(
             stamp: *stamp,
             map_from_base: *map_from_base,
             scan,
+            untied: None,
         };
         Some((side, observation))
     });

@@ -229,6 +229,7 @@ impl Bench {
             stamp: *stamp,
             map_from_base: *map_from_base,
             scan,
+            untied: None,
         });
         let pending = store.pending_changes(&route()).await.unwrap();
         let decided = Decided {
