@@ -23,7 +23,7 @@ use crate::odd_trips::{ended, with_map};
 use crate::process::Process;
 use crate::running::Running;
 use crate::spoiled::with_scans;
-use crate::state::State;
+use crate::state::{State, pose_of};
 
 /// Gray of an occupied cell in a `map.pgm`.
 const OCCUPIED: u8 = 0;
@@ -159,7 +159,7 @@ async fn an_edge_that_agrees_is_taken_however_sure_it_is() {
     let service = with_map(60).await;
     let client = &service.client;
     let before = State::of(client, "line").await;
-    let pose = |k: usize| crate::state::pose_of(&before.nodes[k]["pose"]);
+    let pose = |k: usize| pose_of(&before.nodes[k]["pose"]);
     let motion = pose(2).between(&pose(9));
     let batch = json!({
         "vehicle_id": "stranger", "nodes": [],
@@ -235,6 +235,11 @@ async fn giant_steps_widen_no_picture() {
     // What it saw between its steps fits, and closes loops: the route is still being mapped.
     honest.assert_unmoved(client, "steps of 99 m", 0.05).await;
     let moved_m = honest.moved_m(client).await;
+    // No edge says what the wheels did.
+    for edge in State::of(client, "line").await.edges {
+        let way_m = pose_of(&edge["measurement"]).translation().norm();
+        assert!(way_m < 6.0, "{edge}");
+    }
     service.stop().await;
 
     // The same trip with sound odometry does the same to a map that is as young.
