@@ -21,7 +21,6 @@ use crate::client::Client;
 use crate::drives::{Drive, HALL, second_vehicle, two_vehicles, workshop};
 use crate::odd_trips::{ended, with_map};
 use crate::process::Process;
-use crate::running::Running;
 use crate::spoiled::with_scans;
 use crate::state::{State, pose_of};
 
