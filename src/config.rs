@@ -41,6 +41,9 @@ pub struct ServiceArgs {
     /// they were merged; by default never. What is still in a map stays.
     #[arg(long, env = "MAPSHIFT_TRAJECTORY_RETENTION_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub trajectory_retention_days: Option<u32>,
+    /// Replace the names and addresses of people this many days after they were written; by default never.
+    #[arg(long, env = "MAPSHIFT_NAME_RETENTION_DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub name_retention_days: Option<u32>,
     /// Share of connections, uploads, reads and streams that one client address may hold, per cent.
     /// The address is that of the socket, whatever X-Forwarded-For says: behind a proxy, or where all
     /// gateways come through one NAT, say 100 and have the proxy limit its clients.
@@ -168,6 +171,7 @@ impl ServiceArgs {
                 .min()
                 .map(days),
             keep_trajectories: self.trajectory_retention_days.map(days),
+            keep_names: self.name_retention_days.map(days),
             ..PipelineOptions::default()
         }
     }
@@ -214,6 +218,7 @@ mod tests {
             map_memory_mb: 64,
             keep_bodies_days: Some(2),
             trajectory_retention_days: None,
+            name_retention_days: Some(3),
             address_share: 25,
             log_format: LogFormat::Text,
             log: "info".into(),
@@ -285,8 +290,9 @@ mod tests {
         let kept = args("127.0.0.1:0", false).app_config().pipeline;
         assert_eq!(kept.map_memory_bytes, 64 * 1024 * 1024);
         assert_eq!(kept.keep_bodies, Some(Duration::from_secs(172_800)));
+        assert_eq!(kept.keep_names, Some(Duration::from_secs(259_200)));
         let defaults = PipelineOptions::default();
         assert_eq!(kept.active_segments, defaults.active_segments);
-        assert_eq!(defaults.keep_bodies, None);
+        assert_eq!((defaults.keep_bodies, defaults.keep_names), (None, None));
     }
 }

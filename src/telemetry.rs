@@ -157,6 +157,7 @@ pub const METRICS: &[Metric] = &[
     counter("mapshift_bodies_deleted_total", "Bodies of uploads deleted after their retention"),
     counter("mapshift_bodies_deleted_bytes_total", "Length of those bodies, compressed").in_bytes(),
     counter("mapshift_trajectory_scans_deleted_total", "Scans between keyframes deleted when their time was over"),
+    counter("mapshift_names_redacted_total", "Rows in which names of people were redacted when their time was over"),
     counter("mapshift_corrupt_scans_total", "Scans that were left out of a map because they are corrupt on the disk"),
     counter("mapshift_webhook_attempts_total", "Attempts to call webhooks by what followed: delivered, retried, failed, gone"),
     metric(
@@ -197,6 +198,7 @@ fn begin_at_zero() {
         "mapshift_bodies_deleted_bytes_total",
         "mapshift_bodies_deleted_total",
         "mapshift_trajectory_scans_deleted_total",
+        "mapshift_names_redacted_total",
         "mapshift_corrupt_scans_total",
         "mapshift_map_mendings_total",
         "mapshift_connections_displaced_total",

@@ -58,6 +58,10 @@ fn changed_settings(config: &AppConfig) -> Vec<String> {
         let days = time.as_secs() / (24 * 60 * 60);
         note(true, format!("trajectory-retention-days={days}"));
     }
+    if let Some(time) = pipeline.keep_names {
+        let days = time.as_secs() / (24 * 60 * 60);
+        note(true, format!("name-retention-days={days}"));
+    }
     if let Some(url) = &config.access.public_url {
         note(true, format!("public-url={}", url.origin()));
     }

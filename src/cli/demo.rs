@@ -95,6 +95,7 @@ async fn start_service(listen: SocketAddr, data: &Path) -> anyhow::Result<Runnin
         map_memory_mb: MAP_MEMORY_MB,
         keep_bodies_days: None,
         trajectory_retention_days: None,
+        name_retention_days: None,
         address_share: 100,
         log_format: LogFormat::Text,
         log: String::new(),

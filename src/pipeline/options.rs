@@ -19,6 +19,8 @@ pub struct PipelineOptions {
     /// How long the scans between archived keyframes are kept after their batch was processed; `None` for
     /// ever.
     pub keep_trajectories: Option<Duration>,
+    /// How long the names and addresses of people are kept after they were written; `None` for ever.
+    pub keep_names: Option<Duration>,
 }
 
 impl Default for PipelineOptions {
@@ -29,6 +31,7 @@ impl Default for PipelineOptions {
             first_segments: FIRST_STRETCHES,
             keep_bodies: None,
             keep_trajectories: None,
+            keep_names: None,
         }
     }
 }

@@ -1,4 +1,5 @@
-//! The tasks that delete bodies of uploads, and the scans between keyframes, after their retention.
+//! The tasks that delete bodies of uploads and the scans between keyframes, and redact names of people, after
+//! their retention.
 
 use std::time::Duration;
 
@@ -7,7 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
 
-/// How often old bodies are searched for.
+/// How often old bodies and old names are searched for.
 const POLL: Duration = Duration::from_secs(60);
 /// How often all old batches are searched for scans between their keyframes.
 const PASS: Duration = Duration::from_secs(60 * 60);
@@ -17,9 +18,27 @@ const PAUSE: Duration = Duration::from_millis(50);
 /// Deletes the bodies of batches merged longer ago than `kept`, a few at a time, until `stopping` is
 /// cancelled.
 pub(super) async fn delete_bodies(store: Store, kept: Duration, stopping: CancellationToken) {
+    let store = &store;
+    repeat(kept, &stopping, |before| delete_some(store, before)).await;
+}
+
+/// Redacts the names and addresses of people that were written longer ago than `kept`, a few at a time, until
+/// `stopping` is cancelled.
+pub(super) async fn redact_names(store: Store, kept: Duration, stopping: CancellationToken) {
+    let store = &store;
+    repeat(kept, &stopping, |before| redact_some(store, before)).await;
+}
+
+/// Takes steps with what is older than `kept` until `stopping` is cancelled; each says how long to wait before
+/// the next one.
+async fn repeat<Step: Future<Output = Duration>>(
+    kept: Duration,
+    stopping: &CancellationToken,
+    step: impl Fn(Timestamp) -> Step,
+) {
     loop {
         let pause = match Timestamp::now().checked_sub(kept) {
-            Ok(before) => delete_some(&store, before).await,
+            Ok(before) => step(before).await,
             Err(_) => POLL,
         };
         let stopped = tokio::time::timeout(pause, stopping.cancelled()).await;
@@ -72,6 +91,21 @@ async fn delete_some(store: &Store, before: Timestamp) -> Duration {
         Ok(_) => POLL,
         Err(error) => {
             tracing::warn!(%error, "old bodies could not be deleted");
+            POLL
+        }
+    }
+}
+
+/// Returns the pause before the next step.
+async fn redact_some(store: &Store, before: Timestamp) -> Duration {
+    match store.redact_names(before).await {
+        Ok(0) => POLL,
+        Ok(rows) => {
+            metrics::counter!("mapshift_names_redacted_total").increment(rows);
+            PAUSE
+        }
+        Err(error) => {
+            tracing::warn!(%error, "old names could not be redacted");
             POLL
         }
     }

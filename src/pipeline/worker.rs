@@ -14,7 +14,7 @@ use super::edges::{EdgeJob, process_edges};
 use super::engine::{Engine, now};
 use super::process::process;
 use super::refusal::{Processed, of_quarantine, refuse};
-use super::retention::{delete_bodies, delete_trajectories};
+use super::retention::{delete_bodies, delete_trajectories, redact_names};
 use super::trip_start::known_start;
 use super::watch::Watch;
 use super::workspace::Workspace;
@@ -32,9 +32,10 @@ const POLL: Duration = Duration::from_secs(1);
 /// How often overdue held batches are released.
 const RELEASE: Duration = Duration::from_secs(5);
 
-/// Starts one worker for each core, the task that releases overdue held batches, and those that delete old
-/// bodies and trajectories. They end soon after `stopping` is cancelled. A batch that is being processed is
-/// finished first; if the drain time ends before, it is claimed again at the next start.
+/// Starts one worker for each core, the task that releases overdue held batches, those that delete old bodies
+/// and trajectories, and the one that redacts old names. They end soon after `stopping` is cancelled. A batch
+/// that is being processed is finished first; if the drain time ends before, it is claimed again at the next
+/// start.
 pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHandle<()>> {
     let worker = Worker {
         engine: engine.clone(),
@@ -51,6 +52,10 @@ pub(super) fn start(engine: &Engine, stopping: &CancellationToken) -> Vec<JoinHa
     if let Some(kept) = engine.options.keep_trajectories {
         let deleting = delete_trajectories(engine.store.clone(), kept, stopping.clone());
         tasks.push(tokio::spawn(deleting));
+    }
+    if let Some(kept) = engine.options.keep_names {
+        let redacting = redact_names(engine.store.clone(), kept, stopping.clone());
+        tasks.push(tokio::spawn(redacting));
     }
     tasks
 }

@@ -65,11 +65,15 @@ impl Request for Assign {
             return Ok(true);
         }
         touch(transaction, &alert, micros(self.now)).await?;
-        sqlx::query("UPDATE alert_handling SET assignee = $1 WHERE alert_key = $2")
-            .bind(self.assignee.as_deref())
-            .bind(alert.alert_key)
-            .execute(&mut *transaction)
-            .await?;
+        let assigned_at_us = self.assignee.as_ref().map(|_| micros(self.now));
+        sqlx::query(
+            "UPDATE alert_handling SET assignee = $1, assigned_at_us = $2 WHERE alert_key = $3",
+        )
+        .bind(self.assignee.as_deref())
+        .bind(assigned_at_us)
+        .bind(alert.alert_key)
+        .execute(&mut *transaction)
+        .await?;
         let text = |assignee: Option<&str>| json_text(&Assigned { assignee });
         let change = Change {
             at: self.now,

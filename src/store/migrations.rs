@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 34] = [
+const FILES: [(i64, &str, &str); 35] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -57,6 +57,7 @@ const FILES: [(i64, &str, &str); 34] = [
     file!(32, "recordings", "0032_recordings.sql"),
     file!(33, "notifications", "0033_notifications.sql"),
     file!(34, "clock faults", "0034_clock_faults.sql"),
+    file!(35, "name retention", "0035_name_retention.sql"),
 ];
 
 /// The number of the newest migration.

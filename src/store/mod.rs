@@ -56,6 +56,7 @@ mod marker;
 mod members;
 mod migrations;
 mod mutes;
+mod name_retention;
 mod news;
 mod node_columns;
 mod nodes;

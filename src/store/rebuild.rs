@@ -67,8 +67,9 @@ const PUT_BACK: [&str; 15] = [
     "INSERT INTO jobs SELECT * FROM rebuild_jobs WHERE route_key = $1",
     "DELETE FROM alert_handling WHERE alert_key IN \
          (SELECT alert_key FROM alerts WHERE route_key = $1)",
-    "INSERT INTO alert_handling (alert_key, changes, assignee, comments, muted_until_us, withheld_from) \
-     SELECT alerts.alert_key, changes, assignee, comments, muted_until_us, withheld_from \
+    "INSERT INTO alert_handling (alert_key, changes, assignee, assigned_at_us, comments, \
+         muted_until_us, withheld_from) \
+     SELECT alerts.alert_key, changes, assignee, assigned_at_us, comments, muted_until_us, withheld_from \
      FROM rebuild_handling AS was JOIN alerts ON alerts.id = was.alert_id WHERE route_key = $1",
     "INSERT INTO alert_comments (comment_key, alert_key, at_us, by_whom, text) \
      SELECT comment_key, alerts.alert_key, at_us, by_whom, text \

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use reqwest::StatusCode;
+use reqwest::header::{HeaderMap, HeaderName, HeaderValue};
 use serde_json::{Value, json};
 
 use crate::drives::Batch;
@@ -32,6 +33,26 @@ impl Client {
         let http = mapshift::http_client::builder().no_proxy().build().unwrap();
         Self {
             http,
+            url: url.to_owned(),
+        }
+    }
+
+    /// Of somebody whom a proxy has signed in, as a member of `keepers`.
+    pub fn signed_in(url: &str, name: &str) -> Self {
+        let headers = [
+            ("x-forwarded-user", name),
+            ("x-forwarded-groups", "keepers"),
+        ];
+        let headers = headers.map(|(header, value)| {
+            (
+                HeaderName::from_static(header),
+                HeaderValue::from_str(value).unwrap(),
+            )
+        });
+        let builder = mapshift::http_client::builder().no_proxy();
+        let builder = builder.default_headers(HeaderMap::from_iter(headers));
+        Self {
+            http: builder.build().unwrap(),
             url: url.to_owned(),
         }
     }
@@ -100,9 +121,14 @@ impl Client {
         let answer = self.http.post(url).json(&what).send().await.unwrap();
         assert_eq!(answer.status(), StatusCode::ACCEPTED, "{what}");
         let at = answer.headers()["location"].to_str().unwrap().to_owned();
+        self.ended_operation(&at).await
+    }
+
+    /// Waits for the end of an operation, and hands it back.
+    pub async fn ended_operation(&self, path: &str) -> Value {
         let give_up = Instant::now() + PATIENCE;
         loop {
-            let operation = self.json(&at).await;
+            let operation = self.json(path).await;
             if operation["status"] != "queued" {
                 return operation;
             }

@@ -15,6 +15,7 @@ mod edge_laps;
 mod edges;
 mod intel;
 mod lidars;
+mod names;
 mod odd_trips;
 mod order;
 mod parallel;
@@ -33,3 +34,5 @@ mod rot;
 mod running;
 mod spoiled;
 mod state;
+#[path = "../common/tables.rs"]
+mod tables;

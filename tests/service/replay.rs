@@ -15,7 +15,7 @@ use crate::running::Running;
 use crate::state::State;
 
 /// Everything that shapes a map, one after the other.
-async fn live_through_everything(client: &Client) {
+pub async fn live_through_everything(client: &Client) {
     client.put_route(ROUTE, json!({"hold_s": 0})).await;
     let shop = Shop::new(5).with_crate(2, None);
     for lap in 0..2 {
@@ -86,7 +86,7 @@ async fn drive(client: &Client, shop: &Shop, lap: usize) -> Vec<Value> {
 }
 
 /// Whether `mapshift replay` ends well, and what it says of its one route.
-fn replay(data: &Path, rest: &[&str]) -> (bool, Value) {
+pub fn replay(data: &Path, rest: &[&str]) -> (bool, Value) {
     let replayed = Command::new(env!("CARGO_BIN_EXE_mapshift"))
         .args(["replay", "--data"])
         .arg(data)

@@ -33,18 +33,17 @@ impl Running {
 
     pub async fn start_delivering(directory: &Path, delivery: DeliveryOptions) -> Self {
         let config = AppConfig {
-            listen: "127.0.0.1:0".parse().unwrap(),
-            data_dir: directory.join("data"),
-            accept_lost_log: false,
-            limits: Limits::default(),
-            pipeline: PipelineOptions::default(),
             delivery,
-            access: AccessOptions::default(),
-            insecure_open_to_network: false,
+            ..config_in(directory)
         };
+        Self::start_with(config, Client::new).await
+    }
+
+    /// With a client that is made from the service's URL.
+    pub async fn start_with(config: AppConfig, client: impl FnOnce(&str) -> Client) -> Self {
         let app = app::start(config).await.unwrap();
         Self {
-            client: Client::new(&format!("http://{}", app.local_addr())),
+            client: client(&format!("http://{}", app.local_addr())),
             app,
             _directory: None,
         }
@@ -52,5 +51,19 @@ impl Running {
 
     pub async fn stop(self) {
         self.app.shutdown().await.unwrap();
+    }
+}
+
+/// What a service starts with whose data directory is within another.
+pub fn config_in(directory: &Path) -> AppConfig {
+    AppConfig {
+        listen: "127.0.0.1:0".parse().unwrap(),
+        data_dir: directory.join("data"),
+        accept_lost_log: false,
+        limits: Limits::default(),
+        pipeline: PipelineOptions::default(),
+        delivery: DeliveryOptions::default(),
+        access: AccessOptions::default(),
+        insecure_open_to_network: false,
     }
 }

@@ -20,6 +20,8 @@
 //!   subscribes to it, in the order of events, and attempted until it succeeds or is given up.
 //! - **Deletion and retention** (`graph`, `settled`, `webhooks`): nothing is left of what is deleted, and
 //!   what is still to be processed or sent is never deleted by age.
+//! - **Names** (`names`): once their time is over, names and addresses of people are in no column of any table, but
+//!   for those that are still needed; nothing else changes.
 //! - **Views** (`views`, `parts`, `archive`, `alert_lists`): what is read of a part agrees with the whole,
 //!   at one moment; the pages of a list follow each other without gap or repetition.
 //! - **Journal of inputs** (`rebuilt`): it names everything that shaped a map, in order; repeating it makes
@@ -47,6 +49,7 @@ mod keys;
 mod life;
 mod lost;
 mod model;
+mod names;
 mod notices;
 mod parts;
 mod random;
@@ -58,6 +61,8 @@ mod sources;
 mod sql_texts;
 mod statements;
 mod support;
+#[path = "../common/tables.rs"]
+mod tables;
 mod tiers;
 mod trips;
 mod vehicles;

@@ -11,7 +11,7 @@ use mapshift::store::{
 use crate::support::{Fixture, at, by, route};
 use crate::tiers::{alert, write};
 
-fn taken_in(alert: &AlertRecord, map_version: i64) -> Acceptance {
+pub fn taken_in(alert: &AlertRecord, map_version: i64) -> Acceptance {
     Acceptance {
         change: AcceptedChange {
             alert_id: alert.id,

@@ -196,3 +196,40 @@ async fn nothing_is_rebuilt_while_foreign_keys_are_enforced() {
     assert!(format!("{error:?}").contains("CHECK"), "{error:?}");
     assert_eq!(contents(&mut writer, &columns).await, before);
 }
+
+/// The last migration before names had a retention.
+const NAMES_FOR_EVER: i64 = 34;
+
+#[tokio::test]
+async fn when_somebody_was_assigned_is_read_from_the_audit() {
+    let directory = tempfile::tempdir().unwrap();
+    let database = Database::in_directory(directory.path());
+    let mut writer = database.open_writer().await.unwrap();
+    older(&mut writer).await;
+    set(&mut writer, "PRAGMA foreign_keys = OFF").await.unwrap();
+    let before = MIGRATIONS.run_to(NAMES_FOR_EVER, &mut writer);
+    before.await.unwrap();
+    // Of the assignee of the first the audit knows, of that of the second it does not; the third has none.
+    let handled = "
+        INSERT INTO alerts (alert_key, route_key, id, revision, kind, status, confidence, x, y, sigma_m,
+            region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns, last_seen_ns,
+            map_version, related, raised_at_us, updated_at_us)
+        SELECT 20, route_key, '00000000-0000-7000-8000-000000000020', 1, kind, status, confidence, x, y,
+            sigma_m, region, edges, nodes, trips, vehicles, views, laps, first_seen_ns, since_ns,
+            last_seen_ns, map_version, related, raised_at_us, updated_at_us FROM alerts WHERE alert_key = 1;
+        INSERT INTO alert_handling (alert_key, assignee) VALUES (1, 'anna'), (2, 'anna'), (20, NULL);
+        INSERT INTO audit (at_us, actor, address, action, subject) VALUES
+            (30, 'kim', '192.0.2.7', 'alert.assigned', '00000000-0000-7000-8000-000000000001'),
+            (40, 'kim', '192.0.2.7', 'alert.assigned', '00000000-0000-7000-8000-000000000001'),
+            (50, 'kim', '192.0.2.7', 'alert.commented', '00000000-0000-7000-8000-000000000001'),
+            (60, 'kim', '192.0.2.7', 'alert.assigned', '00000000-0000-7000-8000-000000000020');";
+    sqlx::raw_sql(handled).execute(&mut writer).await.unwrap();
+    database.migrate(&mut writer).await.unwrap();
+    let assigned: Vec<Option<i64>> =
+        sqlx::query_scalar("SELECT assigned_at_us FROM alert_handling ORDER BY alert_key")
+            .fetch_all(&mut writer)
+            .await
+            .unwrap();
+    // An alert that the audit does not know last changed at 9.
+    assert_eq!(assigned, [Some(40), Some(9), None]);
+}
