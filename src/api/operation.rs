@@ -70,6 +70,13 @@ struct OperationResultBody {
     /// The largest displacement of a node in the rest of the map, metres.
     #[schema(required)]
     moved_m: Option<f64>,
+    /// Whether the map was rebuilt as if the removed batches had never been uploaded; false for a dry run, and
+    /// where nothing of the map was removed.
+    #[schema(required)]
+    rebuilt: Option<bool>,
+    /// Why the map was not rebuilt; null otherwise. The batches are removed all the same.
+    #[schema(required)]
+    not_rebuilt_because: Option<String>,
     /// The outcome of each decision, in the order of the request.
     #[schema(required)]
     decisions: Option<Vec<DecisionOutcomeBody>>,
@@ -84,6 +91,8 @@ impl From<OperationResult> for OperationResultBody {
                 edges: Some(result.edges),
                 alerts: Some(result.alerts),
                 moved_m: Some(result.moved_m),
+                rebuilt: Some(result.rebuilt),
+                not_rebuilt_because: result.not_rebuilt_because,
                 decisions: None,
             },
             OperationResult::Decisions(outcomes) => {
@@ -97,15 +106,16 @@ impl From<OperationResult> for OperationResultBody {
     }
 }
 
-impl From<OperationRecord> for OperationBody {
-    fn from(operation: OperationRecord) -> Self {
+impl OperationBody {
+    /// `share` is how much is done of one that has not ended.
+    pub(super) fn of(operation: OperationRecord, share: f64) -> Self {
         Self {
             id: operation.id.to_string(),
             kind: operation.request.kind(),
             route_id: operation.route_id.map(|route| route.to_string()),
             status: operation.status,
             progress: match operation.status {
-                OperationStatus::Queued => 0.0,
+                OperationStatus::Queued => share,
                 OperationStatus::Succeeded | OperationStatus::Failed => 1.0,
             },
             dry_run: operation.request.is_dry_run(),
@@ -131,14 +141,15 @@ pub(super) async fn get_operation(
     _: NoQuery,
 ) -> Result<Json<OperationBody>, Problem> {
     let operation = known_operation(&state, id).await?;
-    Ok(Json(operation.into()))
+    let share = state.operations.share_done(id);
+    Ok(Json(OperationBody::of(operation, share)))
 }
 
 /// The answer 202 that names an operation which has been accepted.
 pub(super) async fn accepted(state: &ApiState, id: OperationId) -> Result<Response, Problem> {
     let operation = known_operation(state, id).await?;
     let location = format!("/v1/operations/{id}");
-    let body = Json(OperationBody::from(operation));
+    let body = Json(OperationBody::of(operation, 0.0));
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], body).into_response())
 }
 

@@ -90,11 +90,12 @@ impl RemovalPost {
 
 /// Remove uploads from a route.
 ///
-/// From the map, alerts and pictures: their nodes and edges are deleted, the rest of the map is optimised again,
-/// and every place is judged again. Parts of the map that are no longer connected to the rest keep their poses. The
-/// uploads remain in the list of batches as `removed`, and their bytes are kept unless `erase` is set. Safe to
-/// repeat: what was removed before is skipped. The answer names an operation, which shows the progress; it
-/// continues after a restart of the service.
+/// From the map, alerts and pictures: their nodes and edges are deleted at once, the rest of the map is optimised
+/// again, and every place is judged again. Then the route is processed again as if they had never been uploaded, and
+/// its map replaced by what comes of it, decisions included; meanwhile the route is used as before. This takes as long
+/// as processing its uploads did. The uploads remain in the list of batches as `removed`, and their bytes are kept
+/// unless `erase` is set. Safe to repeat: what was removed before is skipped. The answer names an operation, which
+/// shows the progress; it continues after a restart of the service.
 #[utoipa::path(
     post, path = "/v1/routes/{route}/removals", tag = "batches",
     params(RouteParam),

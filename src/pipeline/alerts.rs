@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use jiff::Timestamp;
 
-use super::alert_id::alert_id;
+use super::alert_id::Raised;
 use super::decision_revision;
 use super::workspace::Workspace;
 use crate::change::series::{ClosureSample, ResidualSeries, residual_series};
@@ -119,15 +119,18 @@ fn take(
         }
         let residual = residuals.strongest(workspace, &update.state.evidence);
         let is_new = before.is_none();
-        let count = workspace.alerts.len() + raised_now.len();
         let raise = || {
-            raised(
-                workspace,
+            let taken = |id: AlertId| {
+                let mut known = workspace.alerts.iter().chain(&raised_now);
+                known.any(|alert: &AlertRecord| alert.id == id)
+            };
+            let by = Raised {
                 route,
-                &update.state,
-                alert_id(route, at, count),
                 at,
-            )
+                kind: update.state.evidence.kind,
+                location: update.state.evidence.location,
+            };
+            raised(workspace, route, &update.state, by.id(taken), at)
         };
         let mut alert = before.unwrap_or_else(raise);
         bring_up_to_date(&mut alert, update, at);
@@ -147,6 +150,8 @@ fn take(
         }
     }
     workspace.alerts.extend(raised_now);
+    // As they are read from the store.
+    workspace.alerts.sort_by_key(|alert| alert.id);
 }
 
 fn state_of(alert: &AlertRecord) -> AlertState {

@@ -9,6 +9,7 @@ use jiff::Timestamp;
 use tokio::sync::{OwnedMutexGuard, oneshot};
 
 use super::options::PipelineOptions;
+use super::rebuild::hushed;
 use super::workspace::Workspaces;
 use crate::ids::RouteId;
 use crate::store::Store;
@@ -32,13 +33,33 @@ impl Engine {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(Self::threads())
             .thread_name(|k| format!("map-{k}"))
-            .build()
-            .context("cannot start the worker threads")?;
+            .build();
+        Self::with_pool(store, options, pool)
+    }
+
+    /// An engine with one thread, of which neither the log nor the metrics tell.
+    ///
+    /// # Errors
+    /// If the thread cannot be started.
+    pub fn of_one_thread(store: &Store, options: PipelineOptions) -> anyhow::Result<Self> {
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(1);
+        let builder = builder.spawn_handler(|thread| {
+            let named = std::thread::Builder::new().name("rebuild-map".to_owned());
+            named.spawn(|| hushed(|| thread.run())).map(drop)
+        });
+        Self::with_pool(store, options, builder.build())
+    }
+
+    fn with_pool(
+        store: &Store,
+        options: PipelineOptions,
+        pool: Result<rayon::ThreadPool, rayon::ThreadPoolBuildError>,
+    ) -> anyhow::Result<Self> {
         Ok(Self {
             store: store.clone(),
             workspaces: Arc::new(Workspaces::new(options.map_memory_bytes)),
             options,
-            pool: Arc::new(pool),
+            pool: Arc::new(pool.context("cannot start the worker threads")?),
             turns: Arc::new(Turns::default()),
         })
     }

@@ -27,6 +27,8 @@ mod operations;
 mod options;
 mod preview;
 mod process;
+mod rebuild;
+mod rebuilt_alerts;
 mod refusal;
 mod release;
 mod remove;
@@ -90,10 +92,7 @@ pub fn start(
     )));
     let decisions = Decisions::new(engine);
     let operations = Operations::new(store);
-    let carrying_out = operations
-        .clone()
-        .carry_out(decisions.clone(), stopping.clone());
-    tasks.push(tokio::spawn(carrying_out));
+    tasks.extend(operations.start(&decisions, stopping));
     Ok(Pipeline {
         tasks,
         operations,

@@ -20,11 +20,21 @@ use crate::store::{
 /// How often a removal is computed again because the route changed meanwhile, before it fails.
 const COMPUTATIONS_MAX: usize = 4;
 
+/// What follows on a removal that takes nodes out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Then {
+    /// The operation ends.
+    Ends,
+    /// The map is made anew.
+    IsRebuilt,
+}
+
 /// Computes a removal and writes it; a dry run only says what it would do.
 pub(super) async fn remove(
     engine: &Engine,
     operation: &OperationRecord,
     request: &RemovalRequest,
+    then: Then,
     at: Timestamp,
 ) -> anyhow::Result<()> {
     let Engine {
@@ -42,6 +52,7 @@ pub(super) async fn remove(
             operation: operation.id,
             route: route.clone(),
             request: request.clone(),
+            then,
             at,
         };
         let computed = engine.compute(move || {
@@ -69,6 +80,7 @@ struct RemovalInput {
     operation: OperationId,
     route: RouteId,
     request: RemovalRequest,
+    then: Then,
     at: Timestamp,
 }
 
@@ -79,6 +91,7 @@ fn take_out(
         operation,
         route,
         request,
+        then,
         at,
     }: RemovalInput,
     removable: Removable,
@@ -115,6 +128,7 @@ fn take_out(
         edges: count(edges.len()),
         alerts: count(alerts.len()),
         moved_m: before.farthest_m(&workspace.map),
+        ..RemovalResult::default()
     };
     let removal = Removal {
         operation,
@@ -125,6 +139,7 @@ fn take_out(
         alerts,
         reason: (request.note).unwrap_or_else(|| "taken out of the map".to_owned()),
         erase: request.erase,
+        ends: then == Then::Ends || nodes.is_empty(),
         result,
         at,
         removable,

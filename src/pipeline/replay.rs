@@ -1,5 +1,6 @@
 //! Rebuilds a route's map from its journal of inputs, in a copy of the database.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use anyhow::{Context, anyhow, bail};
@@ -9,15 +10,16 @@ use serde::Serialize;
 use super::decide::{DecisionError, Decisions, Order};
 use super::engine::Engine;
 use super::options::PipelineOptions;
+use super::rebuild::Rebuild;
 use super::release::{ReleaseError, ReleaseOrder};
-use super::remove::remove;
+use super::remove::{Then, remove};
 use super::worker::compute;
 use crate::ids::{AlertId, BatchId, OperationId, RouteId};
 use crate::model::{Actor, AlertAction};
 use crate::solver::Interrupt;
 use crate::store::{
     AcceptedInput, Applied, Input, InputRecord, JobInput, Meant, OperationRequest, Quarantine,
-    Store, VersionRelease,
+    RemovalResult, Store, VersionRelease,
 };
 
 /// Inputs of one read.
@@ -54,38 +56,76 @@ pub async fn replay(
     if !matches!(first.first(), Some(first) if matches!(first.input, Input::Settings(_))) {
         return Ok(None);
     }
-    let engine = Engine::new(store, options)?;
-    let mut replay = Replay {
-        decisions: Decisions::new(engine.clone()),
-        engine,
-        route,
-        replayed: Replayed::default(),
-    };
+    let mut replay = Replay::new(Engine::new(store, options)?, store, route, None);
     let inputs = store.begin_rebuild(route).await?;
-    let mut after = 0;
-    while after < inputs.last {
-        let mut page = store.inputs(route, after, PAGE).await?;
-        page.retain(|record| record.key <= inputs.last);
-        for record in page {
-            after = record.key;
-            let repeated = replay.repeat(record).await;
-            repeated.with_context(|| format!("input {after} of route {route}"))?;
-            replay.replayed.inputs += 1;
-            on_progress(replay.replayed.inputs, inputs.count);
-        }
-    }
+    let repeated = replay.repeat_until(inputs.last, |done| {
+        on_progress(done, inputs.count);
+        Ok(())
+    });
+    repeated.await?;
     store.end_rebuild(route).await?;
     Ok(Some(replay.replayed))
 }
 
-struct Replay<'a> {
-    engine: Engine,
+/// A route's inputs on their way into its map once more.
+pub(super) struct Replay<'a> {
+    pub engine: Engine,
+    pub replayed: Replayed,
     decisions: Decisions,
+    /// The store that holds the journal, which another one's map may be made from.
+    journal: &'a Store,
     route: &'a RouteId,
-    replayed: Replayed,
+    /// Uploads that are to be as if they had never come; `None` if everything is repeated as it was, removals
+    /// included.
+    left_out: Option<&'a BTreeSet<BatchId>>,
+    /// The key of the last input that was repeated.
+    last: i64,
 }
 
-impl Replay<'_> {
+impl<'a> Replay<'a> {
+    pub fn new(
+        engine: Engine,
+        journal: &'a Store,
+        route: &'a RouteId,
+        left_out: Option<&'a BTreeSet<BatchId>>,
+    ) -> Self {
+        Self {
+            decisions: Decisions::new(engine.clone()),
+            engine,
+            replayed: Replayed::default(),
+            journal,
+            route,
+            left_out,
+            last: 0,
+        }
+    }
+
+    /// Repeats the inputs that follow, up to the one with the key `last`. `on_progress` learns after each how
+    /// many were repeated; its error ends it.
+    ///
+    /// # Errors
+    /// If an input cannot be repeated.
+    pub async fn repeat_until(
+        &mut self,
+        last: i64,
+        on_progress: impl Fn(u64) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        while self.last < last {
+            let page = self.journal.inputs(self.route, self.last, PAGE).await?;
+            if page.is_empty() {
+                bail!("the journal of route {} ends early", self.route);
+            }
+            for record in page.into_iter().take_while(|record| record.key <= last) {
+                self.last = record.key;
+                let repeated = self.repeat(record).await;
+                repeated.with_context(|| format!("input {} of route {}", self.last, self.route))?;
+                self.replayed.inputs += 1;
+                on_progress(self.replayed.inputs)?;
+            }
+        }
+        Ok(())
+    }
+
     async fn repeat(&mut self, record: InputRecord) -> anyhow::Result<()> {
         let (store, route, at) = (&self.engine.store, self.route, record.at);
         match record.input {
@@ -96,6 +136,12 @@ impl Replay<'_> {
                 status,
                 reason,
             } => {
+                if self
+                    .left_out
+                    .is_some_and(|left_out| left_out.contains(&batch))
+                {
+                    return Ok(());
+                }
                 let kept_out = store.keep_out_again(route, &batch, status, reason, at);
                 kept_out.await?;
             }
@@ -119,7 +165,9 @@ impl Replay<'_> {
                 self.decide(alert, order).await?;
             }
             Input::AcceptedTogether { alerts } => self.accept_together(alerts, at).await?,
+            Input::Removal { .. } | Input::Rebuilt { .. } if self.left_out.is_some() => {}
             Input::Removal { operation, batches } => self.remove(operation, batches, at).await?,
+            Input::Rebuilt { operation } => self.rebuild(operation, record.key, at).await?,
             Input::VehicleQuarantined { vehicle, note } => {
                 let quarantine = Some(Quarantine { since: at, note });
                 let put = store.put_quarantine(route, &vehicle, quarantine, &Actor::System, at);
@@ -166,10 +214,13 @@ impl Replay<'_> {
         let Engine {
             store, workspaces, ..
         } = &self.engine;
-        let job = store.claim_again(self.route, input, at).await?;
+        let claimed = store.claim_again(self.route, input, self.left_out, at);
+        let job = claimed.await?;
         let entries = job.as_ref().map_or(0, |job| job.entries.len());
         self.replayed.batches += entries as u64;
-        self.replayed.without_body += input.batches.len().saturating_sub(entries) as u64;
+        if self.left_out.is_none() {
+            self.replayed.without_body += input.batches.len().saturating_sub(entries) as u64;
+        }
         let Some(job) = job else { return Ok(()) };
         let (workspace, result) =
             compute(&self.engine, &Arc::new(job), &Interrupt::default()).await?;
@@ -247,6 +298,18 @@ impl Replay<'_> {
         };
         // As it was then: batches that came later may be meant as well.
         request.meant = Meant::Batches(batches);
-        remove(&self.engine, &operation, &request, at).await
+        remove(&self.engine, &operation, &request, Then::Ends, at).await
+    }
+
+    async fn rebuild(&self, operation: OperationId, key: i64, at: Timestamp) -> anyhow::Result<()> {
+        let rebuild = Rebuild {
+            engine: self.engine.clone(),
+            route: self.route.clone(),
+            operation,
+            until: Some(key),
+            removed: RemovalResult::default(),
+            at: Some(at),
+        };
+        rebuild.carry_out(Box::new(|_| Ok(()))).await
     }
 }

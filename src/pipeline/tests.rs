@@ -11,4 +11,5 @@ mod edges;
 mod folding;
 mod memory;
 mod preview;
+mod rebuilding;
 mod several;

@@ -110,6 +110,24 @@ impl Database {
         Ok(reader.close().await?)
     }
 
+    /// Makes it readable and writable as `other` by a connection to another database.
+    pub(super) async fn attach_to(
+        &self,
+        connection: &mut SqliteConnection,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query("ATTACH $1 AS other")
+            .bind(self.path_text())
+            .execute(connection)
+            .await?;
+        Ok(())
+    }
+
+    /// A connection that copies to another database, beside the one that writes.
+    pub(super) async fn open_copier(&self) -> Result<SqliteConnection, StoreError> {
+        let options = self.options().busy_timeout(READER_BUSY_TIMEOUT);
+        Ok(options.connect().await?)
+    }
+
     fn beside(&self, suffix: &str) -> PathBuf {
         let mut path = self.path.clone().into_os_string();
         path.push(suffix);
@@ -226,6 +244,12 @@ impl Database {
             .pragma("temp_store", "MEMORY")
             .disable_statement_logging()
     }
+}
+
+/// Ends [`Database::attach_to`].
+pub(super) async fn detach(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    sqlx::query("DETACH other").execute(connection).await?;
+    Ok(())
 }
 
 /// Moves the log into the database and truncates it. Returns false if a reader was in the way.

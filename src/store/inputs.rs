@@ -57,6 +57,11 @@ pub enum Input {
         /// The batches.
         batches: Vec<BatchId>,
     },
+    /// The map was made anew without everything that had been taken out of it.
+    Rebuilt {
+        /// The removal that asked for it.
+        operation: OperationId,
+    },
     /// From now on a vehicle is kept out of the map.
     VehicleQuarantined {
         /// The vehicle.

@@ -18,7 +18,7 @@ macro_rules! file {
 
 /// Every file of `migrations/`. Listed by hand, because `sqlx::migrate!` needs sqlx and SQLite
 /// compiled a second time, for the compiler itself.
-const FILES: [(i64, &str, &str); 35] = [
+const FILES: [(i64, &str, &str); 36] = [
     file!(1, "journal", "0001_journal.sql"),
     file!(2, "graph", "0002_graph.sql"),
     file!(3, "alerts", "0003_alerts.sql"),
@@ -58,6 +58,7 @@ const FILES: [(i64, &str, &str); 35] = [
     file!(33, "notifications", "0033_notifications.sql"),
     file!(34, "clock faults", "0034_clock_faults.sql"),
     file!(35, "name retention", "0035_name_retention.sql"),
+    file!(36, "rebuilds", "0036_rebuilds.sql"),
 ];
 
 /// The number of the newest migration.

@@ -7,6 +7,7 @@
 
 mod acceptances;
 mod active_graph;
+mod adoption;
 mod alert_columns;
 mod alert_events;
 mod alert_records;
@@ -84,6 +85,7 @@ mod results;
 mod retention;
 mod retries;
 mod route_audit;
+mod route_copy;
 mod routes;
 mod row_sums;
 mod scan_columns;
@@ -114,6 +116,7 @@ mod zone_audit;
 mod zone_records;
 mod zones;
 
+pub use adoption::Adoption;
 pub use alert_records::*;
 pub use archive::SubgraphSums;
 pub use audit::{AuditFilter, AuditRecord};

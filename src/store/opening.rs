@@ -17,6 +17,7 @@ use super::lock::DirectoryLock;
 use super::marker::{self, Marker};
 use super::query::Query;
 use super::records::RouteSettings;
+use super::route_copy::remove_copies;
 use super::space::Space;
 use super::writer::{Health, Writer};
 use super::{Shared, Store, inbox, jobs};
@@ -96,6 +97,7 @@ impl Store {
             .await
             .map_err(|_| StoreError::Unavailable)??;
         let lock = Arc::new(lock);
+        remove_copies(&options.data_dir);
         let database = Database::in_directory(&options.data_dir);
         let space = Space::of(&options.data_dir);
         let has_room = space.has_room();

@@ -20,6 +20,8 @@ pub struct OperationRecord {
     pub request: OperationRequest,
     /// How far it has come.
     pub status: OperationStatus,
+    /// What a removal has removed, while the map is made anew without it.
+    pub removed: Option<RemovalResult>,
     /// What was done; `None` unless it succeeded.
     pub result: Option<OperationResult>,
     /// Why it failed.

@@ -14,7 +14,7 @@ use super::error::StoreError;
 use super::notices::operation_ended;
 use super::operation_records::{OperationRecord, OperationRequest, OperationResult};
 use super::query::Query;
-use super::removal_records::{Meant, RemovalRequest};
+use super::removal_records::{Meant, RemovalRequest, RemovalResult};
 use super::request::Request;
 use crate::ids::{OperationId, RouteId};
 use crate::model::{Actor, AuditAction, OperationKind, OperationStatus};
@@ -51,12 +51,15 @@ impl Store {
         self.read(OneOperation(id)).await
     }
 
-    /// The operation whose turn it is.
+    /// The operation of a kind whose turn it is.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn next_operation(&self) -> Result<Option<OperationRecord>, StoreError> {
-        self.read(NextOperation).await
+    pub async fn next_operation(
+        &self,
+        kind: OperationKind,
+    ) -> Result<Option<OperationRecord>, StoreError> {
+        self.read(NextOperation(kind)).await
     }
 
     /// Ends an operation: with a result, or the reason why there is none. A removal that takes something
@@ -78,7 +81,7 @@ macro_rules! select_operations {
     ($rest:literal) => {
         concat!(
             "SELECT operations.id, operations.kind, routes.id AS route_id, request, status, \
-             result, reason, asked_at_us, ended_at_us \
+             removed, result, reason, asked_at_us, ended_at_us \
              FROM operations LEFT JOIN routes USING (route_key) ",
             $rest
         )
@@ -100,16 +103,17 @@ impl Query for OneOperation {
     }
 }
 
-/// The oldest operation that has not ended.
-struct NextOperation;
+/// The oldest operation of a kind that has not ended.
+struct NextOperation(OperationKind);
 
 impl Query for NextOperation {
     type Answer = Option<OperationRecord>;
 
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let row = sqlx::query(select_operations!(
-            "WHERE ended_at_us IS NULL ORDER BY operation_key LIMIT 1"
+            "WHERE ended_at_us IS NULL AND operations.kind = $1 ORDER BY operation_key LIMIT 1"
         ))
+        .bind(self.0.name())
         .fetch_optional(reader)
         .await?;
         row.as_ref().map(operation_of).transpose()
@@ -219,7 +223,7 @@ pub(super) async fn end(
     };
     let result = outcome.as_ref().ok().map(result_text).transpose()?;
     let ended = sqlx::query(
-        "UPDATE operations SET status = $1, result = $2, reason = $3, ended_at_us = $4 \
+        "UPDATE operations SET status = $1, result = $2, removed = NULL, reason = $3, ended_at_us = $4 \
          WHERE id = $5 AND ended_at_us IS NULL RETURNING kind, request, route_key, \
          (SELECT id FROM routes WHERE routes.route_key = operations.route_key) AS route_id",
     )
@@ -237,6 +241,21 @@ pub(super) async fn end(
         note_end(transaction, id, row.try_get("route_id")?, outcome, now).await?;
     }
     Ok(true)
+}
+
+/// Notes what a removal has removed, before the map is made anew; false if it has ended already.
+pub(super) async fn note_removed(
+    transaction: &mut SqliteConnection,
+    id: OperationId,
+    removed: &RemovalResult,
+) -> Result<bool, StoreError> {
+    let noted =
+        sqlx::query("UPDATE operations SET removed = $1 WHERE id = $2 AND ended_at_us IS NULL")
+            .bind(json_text(removed)?)
+            .bind(id.to_string())
+            .execute(transaction)
+            .await?;
+    Ok(noted.rows_affected() > 0)
 }
 
 /// Writes the audit's row of a removal that was carried out, or could not be.
@@ -293,6 +312,7 @@ fn operation_of(row: &SqliteRow) -> Result<OperationRecord, StoreError> {
         route_id: optional_name(row, "route_id")?,
         request,
         status: text(row, "status")?,
+        removed: optional_json(row, "removed")?,
         result,
         reason: row.try_get("reason")?,
         asked_at: time(row, "asked_at_us")?,

@@ -7,6 +7,7 @@ use sqlx::SqliteConnection;
 use super::Store;
 use super::columns::json_text;
 use super::error::StoreError;
+use super::query::Query;
 use super::repeat::route_key;
 use super::request::Request;
 use crate::ids::RouteId;
@@ -131,6 +132,22 @@ impl Store {
         self.work(Begin(route.clone())).await
     }
 
+    /// After [`Store::copy_route`] has copied more: makes new uploads as if they had just arrived.
+    ///
+    /// # Errors
+    /// [`StoreError::UnknownRoute`].
+    pub async fn go_on_with_rebuild(&self, route: &RouteId) -> Result<(), StoreError> {
+        self.work(GoOn(route.clone())).await
+    }
+
+    /// The inputs of a route that there are at present.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn inputs_to_repeat(&self, route: &RouteId) -> Result<InputsToRepeat, StoreError> {
+        self.read(JournalEnd(route)).await
+    }
+
     /// Puts back what [`Store::begin_rebuild`] set aside: batches that wait, events as they were
     /// numbered, deliveries, the audit.
     ///
@@ -168,19 +185,7 @@ impl Request for Begin {
         let route_key = route_key(transaction, &self.0).await?;
         execute_all(transaction, &SET_ASIDE, route_key).await?;
         execute_all(transaction, &CLEAR, route_key).await?;
-        let flags = SET_BY_PROCESSING.map(BatchFlag::name);
-        sqlx::query(
-            "UPDATE batches SET status = $1, reason = NULL, nodes_added = 0, loop_closures = 0, \
-                 nodes_at_try = NULL, processed_at_us = NULL, \
-                 flags = (SELECT json_group_array(value) FROM json_each(flags) \
-                     WHERE value NOT IN (SELECT value FROM json_each($2))) \
-             WHERE route_key = $3",
-        )
-        .bind(BatchStatus::Queued.name())
-        .bind(json_text(&flags)?)
-        .bind(route_key)
-        .execute(&mut *transaction)
-        .await?;
+        queue_anew(transaction, route_key, 0).await?;
         sqlx::query(
             "UPDATE operations SET status = $1, result = NULL, ended_at_us = NULL \
              WHERE route_key = $2 AND status = $3 AND kind = $4 \
@@ -205,16 +210,75 @@ impl Request for Begin {
         .bind(route_key)
         .execute(&mut *transaction)
         .await?;
+        JournalEnd(&self.0).answer(transaction).await
+    }
+}
+
+/// Makes batches as if they had just arrived: those with keys above `after`.
+async fn queue_anew(
+    transaction: &mut SqliteConnection,
+    route_key: i64,
+    after: i64,
+) -> Result<(), StoreError> {
+    let flags = SET_BY_PROCESSING.map(BatchFlag::name);
+    sqlx::query(
+        "UPDATE batches SET status = $1, reason = NULL, nodes_added = 0, loop_closures = 0, \
+             nodes_at_try = NULL, processed_at_us = NULL, \
+             flags = (SELECT json_group_array(value) FROM json_each(flags) \
+                 WHERE value NOT IN (SELECT value FROM json_each($2))) \
+         WHERE route_key = $3 AND batch_key > $4",
+    )
+    .bind(BatchStatus::Queued.name())
+    .bind(json_text(&flags)?)
+    .bind(route_key)
+    .bind(after)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+/// The inputs that there are.
+struct JournalEnd<'a>(&'a RouteId);
+
+impl Query for JournalEnd<'_> {
+    type Answer = InputsToRepeat;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let (count, last): (i64, i64) = sqlx::query_as(
-            "SELECT count(*), coalesce(max(input_key), 0) FROM inputs WHERE route_key = $1",
+            "SELECT count(*), coalesce(max(input_key), 0) \
+             FROM routes JOIN inputs USING (route_key) WHERE routes.id = $1",
         )
-        .bind(route_key)
-        .fetch_one(transaction)
+        .bind(self.0.as_str())
+        .fetch_one(reader)
         .await?;
         Ok(InputsToRepeat {
             count: count.unsigned_abs(),
             last,
         })
+    }
+}
+
+/// Takes in what has been copied since [`Begin`].
+struct GoOn(RouteId);
+
+impl Request for GoOn {
+    type Outcome = ();
+    const QUEUES_JOBS: bool = false;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
+        let route_key = route_key(transaction, &self.0).await?;
+        let newest: i64 =
+            sqlx::query_scalar("SELECT coalesce(max(batch_key), 0) FROM rebuild_batches")
+                .fetch_one(&mut *transaction)
+                .await?;
+        queue_anew(transaction, route_key, newest).await?;
+        sqlx::query(
+            "INSERT INTO rebuild_batches SELECT batches.*, 0 FROM batches WHERE batch_key > $1",
+        )
+        .bind(newest)
+        .execute(transaction)
+        .await?;
+        Ok(())
     }
 }
 

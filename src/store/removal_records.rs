@@ -38,7 +38,7 @@ pub struct RemovalRequest {
 }
 
 /// What was removed, or would be.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RemovalResult {
     /// Uploads.
     pub batches: u64,
@@ -50,6 +50,12 @@ pub struct RemovalResult {
     pub alerts: u64,
     /// How far the rest of the map moves, at most, metres.
     pub moved_m: f64,
+    /// Whether the map was made anew as if the uploads had never come.
+    #[serde(default)]
+    pub rebuilt: bool,
+    /// Why it was not, for people.
+    #[serde(default)]
+    pub not_rebuilt_because: Option<String>,
 }
 
 /// The uploads that a request means, with what they hold of the graph.
@@ -88,6 +94,8 @@ pub struct Removal {
     pub erase: bool,
     /// What the operation's result says.
     pub result: RemovalResult,
+    /// Whether the operation ends with it; otherwise the map is made anew first.
+    pub ends: bool,
     /// When.
     pub at: Timestamp,
 }

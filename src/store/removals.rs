@@ -1,5 +1,7 @@
 //! Taking uploads out of a route: what they hold, and their removal in one transaction.
 
+use std::collections::BTreeSet;
+
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
@@ -26,6 +28,18 @@ impl Store {
     /// [`StoreError`].
     pub async fn removable(&self, route: &RouteId, meant: &Meant) -> Result<Removable, StoreError> {
         self.read(RemovableOf { route, meant }).await
+    }
+
+    /// How many batches in a route's map have no body any more, those that are left out not counted.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn merged_without_body(
+        &self,
+        route: &RouteId,
+        left_out: &BTreeSet<BatchId>,
+    ) -> Result<u64, StoreError> {
+        self.read(MergedWithoutBody { route, left_out }).await
     }
 
     /// Writes a removal, all or nothing; false if the route has moved on since it was computed.
@@ -130,6 +144,28 @@ impl RemovableOf<'_> {
     }
 }
 
+struct MergedWithoutBody<'a> {
+    route: &'a RouteId,
+    left_out: &'a BTreeSet<BatchId>,
+}
+
+impl Query for MergedWithoutBody<'_> {
+    type Answer = u64;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let count: i64 = sqlx::query_scalar(
+            "SELECT count(*) FROM routes JOIN batches USING (route_key) WHERE routes.id = $1 \
+             AND status = 'merged' AND NOT body_kept \
+             AND batches.id NOT IN (SELECT value FROM json_each($2))",
+        )
+        .bind(self.route.as_str())
+        .bind(json_text(self.left_out)?)
+        .fetch_one(reader)
+        .await?;
+        Ok(count.unsigned_abs())
+    }
+}
+
 struct ApplyRemoval(Removal);
 
 impl Request for ApplyRemoval {
@@ -164,9 +200,16 @@ impl Request for ApplyRemoval {
             batches: removal.removable.batches.clone(),
         };
         inputs::note(transaction, route_key, removal.at, &input).await?;
-        let outcome = Ok(OperationResult::Removal(removal.result));
-        if !operations::end(transaction, removal.operation, &outcome, removal.at).await? {
-            let what = format!("operation {} has ended already", removal.operation);
+        let (id, result) = (removal.operation, &removal.result);
+        let noted = match removal.ends {
+            true => {
+                let outcome = Ok(OperationResult::Removal(result.clone()));
+                operations::end(transaction, id, &outcome, removal.at).await?
+            }
+            false => operations::note_removed(transaction, id, result).await?,
+        };
+        if !noted {
+            let what = format!("operation {id} has ended already");
             return Err(StoreError::InvalidResult(what));
         }
         Ok(true)

@@ -1,6 +1,7 @@
 //! Writes on their way to the writer, and back as answers.
 
 use std::future::Future;
+use std::path::Path;
 use std::pin::Pin;
 
 use sqlx::SqliteConnection;
@@ -17,6 +18,12 @@ pub(super) trait Request: Send + Sync + 'static {
     const QUEUES_JOBS: bool;
     /// Whether it is written on a full disk, in the reserve: what deletes, or notes a state.
     const WHILE_FULL: bool = false;
+
+    /// Another database that it reads, which is there as `other` while it is executed; no other
+    /// request shares its transaction.
+    fn other_database(&self) -> Option<&Path> {
+        None
+    }
 
     /// Writes. An error rolls everything back that this request wrote.
     fn execute(
@@ -42,6 +49,8 @@ pub(super) trait Write: Send {
         &'a mut self,
         transaction: &'a mut SqliteConnection,
     ) -> Pin<Box<dyn Future<Output = Result<(), StoreError>> + Send + 'a>>;
+    /// See [`Request::other_database`].
+    fn other_database(&self) -> Option<&Path>;
     /// See [`Request::QUEUES_JOBS`].
     fn queues_jobs(&self) -> bool;
     /// See [`Request::WHILE_FULL`].
@@ -62,6 +71,10 @@ impl<R: Request> Write for Pending<R> {
             self.outcome = Some(self.request.execute(transaction).await?);
             Ok(())
         })
+    }
+
+    fn other_database(&self) -> Option<&Path> {
+        self.request.other_database()
     }
 
     fn queues_jobs(&self) -> bool {

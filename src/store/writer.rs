@@ -12,7 +12,7 @@ use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::connection::{Database, WAL_BYTES_MAX, truncate_wal};
+use super::connection::{Database, WAL_BYTES_MAX, detach, truncate_wal};
 use super::error::{Corruption, Severity, StoreError};
 use super::inbox::Inbox;
 use super::lock::DirectoryLock;
@@ -136,6 +136,9 @@ impl Writer {
             let refused = group.extract_if(.., |write| !write.runs_while_full());
             refuse_all(refused.collect(), || StoreError::Full);
         }
+        if group.len() > 1 && group.iter().any(|write| write.other_database().is_some()) {
+            return self.write_one_by_one(group).await;
+        }
         if group.is_empty() {
             return;
         }
@@ -162,7 +165,7 @@ impl Writer {
         }
     }
 
-    /// After one write made a group fail: only that one is refused.
+    /// After one write made a group fail: only that one is refused. Also where one needs another database.
     async fn write_one_by_one(&mut self, group: Vec<Box<dyn Write>>) {
         for write in group {
             Box::pin(self.write(vec![write])).await;
@@ -267,9 +270,25 @@ impl Writer {
     }
 }
 
-/// Executes a group in one transaction. Returns how many commits there are with it, if it has
-/// changed anything.
+/// Executes a group in one transaction, beside the other database that it reads. Returns how many
+/// commits there are with it, if it has changed anything.
 async fn execute(
+    connection: &mut SqliteConnection,
+    group: &mut [Box<dyn Write>],
+) -> Result<Option<i64>, StoreError> {
+    let other = group.iter().find_map(|write| write.other_database());
+    let Some(other) = other.map(Database::at) else {
+        return execute_in_one(connection, group).await;
+    };
+    other.attach_to(connection).await?;
+    let executed = execute_in_one(connection, group).await;
+    let detached = detach(connection).await;
+    let commits = executed?;
+    detached?;
+    Ok(commits)
+}
+
+async fn execute_in_one(
     connection: &mut SqliteConnection,
     group: &mut [Box<dyn Write>],
 ) -> Result<Option<i64>, StoreError> {

@@ -10,7 +10,7 @@ use crate::drives::Batch;
 
 /// What is not settled by then is stuck, and the test fails.
 const PATIENCE: Duration = Duration::from_secs(120);
-const POLL: Duration = Duration::from_millis(20);
+pub const POLL: Duration = Duration::from_millis(20);
 
 /// A client of one service.
 #[derive(Clone)]
@@ -124,11 +124,11 @@ impl Client {
         self.ended_operation(&at).await
     }
 
-    /// Waits for the end of an operation, and hands it back.
-    pub async fn ended_operation(&self, path: &str) -> Value {
+    /// An operation once it has ended, by its path.
+    pub async fn ended_operation(&self, operation: &str) -> Value {
         let give_up = Instant::now() + PATIENCE;
         loop {
-            let operation = self.json(path).await;
+            let operation = self.json(operation).await;
             if operation["status"] != "queued" {
                 return operation;
             }

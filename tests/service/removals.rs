@@ -1,9 +1,9 @@
 //! What was bad is taken out again, and the map is as if it had never been there.
 
-use mapshift::geometry::wrap_angle;
 use serde_json::{Value, json};
+use tempfile::TempDir;
 
-use crate::client::Client;
+use crate::client::{Client, POLL};
 use crate::drives::{Drive, HALL, first_vehicle, second_vehicle, two_vehicles};
 use crate::odd_trips::ended;
 use crate::running::Running;
@@ -21,32 +21,6 @@ fn lap(k: usize, scans: usize) -> Drive {
     };
     let trip = format!("lap-{k}");
     Drive::through(&HALL, &vehicle, (name, &trip), scans, 1 + k as u64)
-}
-
-/// Tries the batches again that were kept out, unless an earlier retry freed them; returns how many were queued,
-/// and those that cannot be, because later batches of their trips are in the map.
-async fn retry_quarantined(client: &Client, route: &str) -> (usize, Vec<String>) {
-    let batches = client.settled(route, true).await;
-    let kept_out = batches
-        .iter()
-        .filter(|batch| batch["status"] == "quarantined");
-    let (mut tried, mut overtaken) = (0, Vec::new());
-    for id in kept_out.map(|batch| batch["id"].as_str().unwrap()) {
-        if client.batch(route, id).await["status"] != "quarantined" {
-            continue;
-        }
-        let (status, answer) = client.retry(route, id).await;
-        if status == 409 {
-            let detail = answer["detail"].as_str().unwrap();
-            assert!(detail.contains("has gone on without it"), "{id}: {detail}");
-            overtaken.push(id.to_owned());
-            continue;
-        }
-        assert_eq!(status, 202, "{id}: {answer}");
-        client.settled(route, true).await;
-        tried += 1;
-    }
-    (tried, overtaken)
 }
 
 async fn driven(drives: &[Drive], without: Option<&str>) -> Running {
@@ -93,8 +67,12 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
         (&json!("succeeded"), &json!(1.0)),
         "{done}"
     );
-    assert_eq!(done["result"], trial["result"]);
+    for what in ["batches", "nodes", "edges"] {
+        assert_eq!(done["result"][what], trial["result"][what]);
+    }
     assert_eq!(done["result"]["batches"], 4);
+    let rebuilt = [&trial, &done].map(|operation| &operation["result"]["rebuilt"]);
+    assert_eq!(rebuilt, [&json!(false), &json!(true)], "{done}");
 
     let after = State::of(client, "line").await;
     let is_gone = |node: &Value| node["trip_id"] == "lap-2";
@@ -115,23 +93,10 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
 
     let never = driven(&drives, Some("lap-2")).await;
     let expected = State::of(&never.client, "line").await;
-    let (own, others) = (after.poses(), expected.poses());
-    // Which of a trip's scans become keyframes depends a little on the map.
-    let both = own
-        .iter()
-        .filter_map(|(key, pose)| Some((pose, others.get(key)?)));
-    let apart = both.map(|(a, b)| {
-        let apart_m = (a.translation() - b.translation()).norm();
-        (apart_m, wrap_angle(a.theta - b.theta).abs())
-    });
-    let (mut apart_m, apart_rad): (Vec<f64>, Vec<f64>) = apart.unzip();
-    apart_m.sort_by(f64::total_cmp);
-    assert!(apart_m.len() > 100);
-    let (median_m, most_m) = (apart_m[apart_m.len() / 2], apart_m[apart_m.len() - 1]);
-    // Laps after it were matched with a map that had it in it.
-    println!("apart by {median_m:.5} m, {most_m:.5} m at most");
-    assert!(median_m < 1e-3 && most_m < 3e-3, "{median_m} {most_m}");
-    assert!(apart_rad.iter().all(|apart_rad| *apart_rad < 1e-3));
+    assert!(after.nodes.len() > 100);
+    let (apart_m, apart_rad) = after.distance_to(&expected);
+    println!("apart by {apart_m:e} m and {apart_rad:e} rad at most");
+    assert!(apart_m < 1e-9 && apart_rad < 1e-9, "{apart_m} {apart_rad}");
     assert_eq!(alerts(client).await, alerts(&never.client).await);
     never.stop().await;
 
@@ -149,6 +114,37 @@ async fn a_map_without_a_trip_is_as_if_the_trip_had_never_been_driven() {
     service.stop().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_removal_that_a_restart_cuts_off_is_carried_on() {
+    let directory = TempDir::new().unwrap();
+    let service = Running::start_in(directory.path()).await;
+    let client = &service.client;
+    client.put_route("line", Value::Null).await;
+    for drive in laps() {
+        client.put_all("line", &drive.batches(24)).await;
+        client.settled("line", true).await;
+    }
+    let removals = "/v1/routes/line/removals".to_owned();
+    let (status, asked) = client.post(removals, json!({"trips": ["lap-2"]})).await;
+    assert_eq!(status, 202, "{asked}");
+    while client.batch("line", "lap-2-000").await["status"] != "removed" {
+        tokio::time::sleep(POLL).await;
+    }
+    service.stop().await;
+
+    let service = Running::start_in(directory.path()).await;
+    let client = &service.client;
+    let operation = format!("/v1/operations/{}", asked["id"].as_str().unwrap());
+    let done = client.ended_operation(&operation).await;
+    assert_eq!(done["status"], "succeeded", "{done}");
+    let result = &done["result"];
+    assert_eq!(
+        (&result["batches"], &result["rebuilt"]),
+        (&json!(4), &json!(true))
+    );
+    service.stop().await;
+}
+
 /// `cargo test --release --test service -- --ignored --nocapture one_of_fifty`
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "takes minutes"]
@@ -162,39 +158,26 @@ async fn one_of_fifty_laps_is_taken_out() {
         let trip = format!("lap-{bad}");
         let service = driven(&drives, None).await;
         let client = &service.client;
-        let reported = client.batch("line", &format!("{trip}-003")).await;
+        let kept_out = |batches: &[Value]| {
+            let quarantined = batches.iter().filter(|b| b["status"] == "quarantined");
+            quarantined.count()
+        };
+        let before = kept_out(&client.settled("line", true).await);
         let begun = std::time::Instant::now();
         let done = client.remove("line", json!({"trips": [&trip]})).await;
         let took = begun.elapsed();
-        let (retried, overtaken) = retry_quarantined(client, "line").await;
-        for batch in client.settled("line", true).await {
-            let id = batch["id"].as_str().unwrap().to_owned();
-            let expected = match batch["trip_id"] == trip.as_str() {
-                true => "removed",
-                false if overtaken.contains(&id) => "quarantined",
-                false => "merged",
-            };
-            assert_eq!(batch["status"], expected, "{batch}");
-        }
+        assert_eq!(done["result"]["rebuilt"], true, "{done}");
+        let after = client.settled("line", true).await;
+        assert_eq!(kept_out(&after), 0);
         let never = driven(&drives, Some(&trip)).await;
-        let own = State::of(client, "line").await.poses();
-        let others = State::of(&never.client, "line").await.poses();
-        let both = own
-            .iter()
-            .filter_map(|(key, pose)| Some((pose, others.get(key)?)));
-        let apart = both.map(|(a, b)| (a.translation() - b.translation()).norm());
-        let mut apart_m: Vec<f64> = apart.collect();
-        apart_m.sort_by(f64::total_cmp);
+        let state = State::of(client, "line").await;
+        let (apart_m, _) = state.distance_to(&State::of(&never.client, "line").await);
         println!(
-            "lap {bad} ({}): {} in {took:.1?}, {retried} batches tried again, {} too late; {} nodes, {} in both, apart by {:.5} m (median), {:.5} m (most)",
-            reported["status"],
+            "lap {bad}: {} in {took:.1?}, {before} batches had been kept out; {} poses, apart by {apart_m:e} m at most",
             done["result"],
-            overtaken.len(),
-            own.len(),
-            apart_m.len(),
-            apart_m[apart_m.len() / 2],
-            apart_m[apart_m.len() - 1],
+            state.nodes.len(),
         );
+        assert!(apart_m < 1e-9);
         assert_eq!(alerts(client).await, alerts(&never.client).await);
         never.stop().await;
         service.stop().await;

@@ -27,6 +27,8 @@ const RESULT: RemovalResult = RemovalResult {
     edges: 0,
     alerts: 0,
     moved_m: 0.0,
+    rebuilt: false,
+    not_rebuilt_because: None,
 };
 
 fn alert_id() -> AlertId {
@@ -77,6 +79,7 @@ async fn computed(fixture: &Fixture, operation: u128) -> Removal {
         reason: "its lidar was loose".to_owned(),
         erase: false,
         result: RESULT,
+        ends: true,
         at: at(30),
     }
 }
@@ -437,7 +440,8 @@ async fn a_removal_is_noted_when_it_is_asked_for_and_when_it_has_ended() {
         })
         .collect();
     assert_eq!(rows.len(), 1, "the request in between");
-    let result = json!({"batches": 1, "nodes": 0, "edges": 0, "alerts": 0, "moved_m": 0.0});
+    let result = json!({"batches": 1, "nodes": 0, "edges": 0, "alerts": 0, "moved_m": 0.0,
+        "rebuilt": false, "not_rebuilt_because": null});
     let reason = json!({"reason": "out of luck"});
     assert_eq!(
         by_system,

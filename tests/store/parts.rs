@@ -1,7 +1,7 @@
 //! Lists that are read in pages: the pages follow each other without gap or repetition.
 
 use mapshift::ids::{KeyId, OperationId, RouteId, TripId, WebhookId};
-use mapshift::model::{Role, WebhookTopic};
+use mapshift::model::{OperationKind, Role, WebhookTopic};
 use mapshift::store::{
     Meant, NewKey, NewWebhook, OperationRequest, RemovalRequest, Secret, WebhookSecret,
 };
@@ -140,7 +140,11 @@ async fn operations_have_their_turn_one_after_the_other() {
     }
     for number in [3, 1, 2] {
         for _ in 0..2 {
-            let next = store.next_operation().await.unwrap().unwrap();
+            let next = store
+                .next_operation(OperationKind::Removal)
+                .await
+                .unwrap()
+                .unwrap();
             assert_eq!(next.id, operation_id(number));
         }
         let failed = Err("out of luck".to_owned());
@@ -149,5 +153,8 @@ async fn operations_have_their_turn_one_after_the_other() {
             .await
             .unwrap();
     }
-    assert_eq!(store.next_operation().await.unwrap(), None);
+    assert_eq!(
+        store.next_operation(OperationKind::Removal).await.unwrap(),
+        None
+    );
 }

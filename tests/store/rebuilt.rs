@@ -1,13 +1,16 @@
 //! The journal of inputs, and a map that is rebuilt from it.
 
-use mapshift::ids::BatchId;
+use std::collections::BTreeSet;
+
+use mapshift::ids::{BatchId, NodeId, OperationId};
 use mapshift::model::BatchStatus;
 use mapshift::store::{
-    Applied, ClaimedJob, Comparison, Input, InputRecord, RouteSettings, RouteUpdate,
-    SettingsUpdate, Store, compare, copy,
+    Adoption, Applied, ClaimedJob, Comparison, Input, InputRecord, Meant, NodeRecord,
+    OperationRequest, OperationResult, Removal, RemovalRequest, RemovalResult, RouteSettings,
+    RouteUpdate, SettingsUpdate, Store, compare, copy, fsck,
 };
 
-use crate::support::{Fixture, at, by, route, upload};
+use crate::support::{Fixture, at, batch_id, by, open, route, upload};
 
 /// A result that depends on nothing but the job.
 async fn process(fixture: &Fixture, job: &ClaimedJob) {
@@ -107,7 +110,10 @@ async fn repeat(fixture: &Fixture, record: InputRecord, hold_s: Option<u32>) {
                 .unwrap();
         }
         Input::Job(job) => {
-            let job = store.claim_again(&route(), &job, record.at).await.unwrap();
+            let job = store
+                .claim_again(&route(), &job, None, record.at)
+                .await
+                .unwrap();
             process(fixture, &job.unwrap()).await;
         }
         Input::KeptOut {
@@ -164,4 +170,142 @@ async fn a_map_rebuilt_from_other_inputs_differs() {
     let (_fixture, comparison) = rebuilt(Some(8)).await;
     assert!(!comparison.same);
     assert!(comparison.tables.contains_key("routes"), "{comparison:?}");
+}
+
+/// Repeats, in a copy of the route, what it does not have yet, as if the batches had never come.
+async fn make_in(copy: &Fixture, inputs: &[InputRecord], left_out: &BTreeSet<BatchId>) {
+    let route = route();
+    for record in inputs {
+        let Input::Job(job) = &record.input else {
+            continue;
+        };
+        let claimed = copy
+            .store
+            .claim_again(&route, job, Some(left_out), record.at);
+        if let Some(job) = claimed.await.unwrap() {
+            process(copy, &job).await;
+        }
+    }
+}
+
+/// Takes a batch out, by an operation that goes on.
+async fn removed(fixture: &Fixture, batch: &str) -> OperationId {
+    let (store, operation) = (&fixture.store, OperationId(uuid::Uuid::from_u128(7)));
+    let meant = Meant::Batches(vec![batch_id(batch)]);
+    let request = RemovalRequest {
+        meant: meant.clone(),
+        dry_run: false,
+        erase: false,
+        note: None,
+    };
+    let request = OperationRequest::Removal(request);
+    let route = route();
+    let asked = store.ask_for(operation, Some(&route), request, by(), at(51));
+    asked.await.unwrap();
+    let result = RemovalResult {
+        batches: 1,
+        ..RemovalResult::default()
+    };
+    let removal = Removal {
+        operation,
+        route_id: route.clone(),
+        base_revision: fixture.revision(&route).await,
+        removable: store.removable(&route, &meant).await.unwrap(),
+        changed_nodes: Vec::new(),
+        changed_edges: Vec::new(),
+        alerts: Vec::new(),
+        reason: "bad".to_owned(),
+        erase: false,
+        result: result.clone(),
+        ends: false,
+        at: at(52),
+    };
+    assert!(store.apply_removal(removal).await.unwrap());
+    let going_on = store.operation(operation).await.unwrap().unwrap();
+    assert_eq!((going_on.removed, going_on.result), (Some(result), None));
+    operation
+}
+
+#[tokio::test]
+async fn a_map_is_made_anew_in_a_copy_of_the_route_while_uploads_go_on_and_adopted_whole() {
+    let fixture = shaped().await;
+    let (store, left_out) = (&fixture.store, BTreeSet::from([batch_id("b1")]));
+    let none = BTreeSet::new();
+    assert_eq!(store.merged_without_body(&route(), &none).await.unwrap(), 0);
+    let operation = removed(&fixture, "b1").await;
+    let was_removed = fixture.status("b1").await;
+    assert_eq!(was_removed, BatchStatus::Removed);
+    let directory = store.copy_directory().unwrap();
+    assert!(directory.path().starts_with(fixture.directory.path()));
+    let copy = Fixture {
+        store: open(&directory).await,
+        directory,
+    };
+    store.copy_route(&route(), &copy.store).await.unwrap();
+    let journal = inputs(store).await;
+    let begun = store.inputs_to_repeat(&route()).await.unwrap();
+    assert_eq!(begun.count, journal.len() as u64);
+    assert_eq!(begun.last, journal.last().unwrap().key);
+    copy.store.begin_rebuild(&route()).await.unwrap();
+    assert!(copy.store.nodes(&route()).await.unwrap().is_empty());
+    make_in(&copy, &journal, &left_out).await;
+
+    // Meanwhile the route goes on.
+    fixture.journal(upload("b3", "t", 2)).await;
+    let job = fixture.claim(60).await.unwrap();
+    process(&fixture, &job).await;
+    store.copy_route(&route(), &copy.store).await.unwrap();
+    copy.store.go_on_with_rebuild(&route()).await.unwrap();
+    let late = inputs(store).await.split_off(journal.len());
+    assert_eq!(late.len(), 1);
+    make_in(&copy, &late, &left_out).await;
+    let made = copy.store.nodes(&route()).await.unwrap();
+    let was = store.nodes(&route()).await.unwrap();
+    let ids = |nodes: &[NodeRecord]| nodes.iter().map(|node| node.id).collect::<Vec<NodeId>>();
+    assert_eq!(ids(&made), ids(&was), "nodes keep their ids");
+
+    let Fixture {
+        store: copied,
+        directory,
+    } = copy;
+    let adoption = Adoption {
+        operation,
+        route_id: route(),
+        base_revision: fixture.revision(&route()).await,
+        made_in: copied.database_path().to_path_buf(),
+        alerts: Vec::new(),
+        result: RemovalResult::default(),
+        at: at(70),
+    };
+    copied.close().await.unwrap();
+    let stale = Adoption {
+        base_revision: adoption.base_revision - 1,
+        ..adoption.clone()
+    };
+    assert!(!store.adopt(stale).await.unwrap());
+    assert_eq!(store.nodes(&route()).await.unwrap(), was);
+    assert!(store.adopt(adoption.clone()).await.unwrap());
+    drop(directory);
+    assert_eq!(store.nodes(&route()).await.unwrap(), made);
+    assert_eq!(fixture.revision(&route()).await, adoption.base_revision + 1);
+    let counted = store.route(&route()).await.unwrap().unwrap().counts.nodes;
+    assert_eq!(counted, made.len() as i64);
+    assert_eq!(fixture.status("waits").await, BatchStatus::Held);
+    assert_eq!(fixture.status("bad").await, BatchStatus::Quarantined);
+    let last = inputs(store).await.pop().unwrap();
+    let rebuilt = Input::Rebuilt {
+        operation: adoption.operation,
+    };
+    assert_eq!((last.input, last.at), (rebuilt, at(70)));
+    let report = fsck(fixture.directory.path(), true, &|_, _| {}).await;
+    let report = report.unwrap();
+    assert!(report.sound, "{:?}", report.faults);
+    let ended = store.operation(operation).await.unwrap().unwrap();
+    let result = Some(OperationResult::Removal(RemovalResult::default()));
+    assert_eq!((ended.removed, ended.result), (None, result));
+    // Ids are never used again, and work goes on.
+    fixture.journal(upload("b4", "t", 3)).await;
+    let job = fixture.claim(80).await.unwrap();
+    let first = fixture.chain(&job, 1).await.nodes[0].node.id;
+    assert!(was.iter().all(|node| node.id < first));
 }

@@ -65,19 +65,33 @@ async fn refusals(database: &mut SqliteConnection, files: &BTreeMap<String, Text
     found
 }
 
-/// A fresh database, with the second one that comparisons attach.
+/// A fresh database, with those that comparisons, copies and adoptions attach.
 async fn database(fixture: &Fixture) -> SqliteConnection {
     let mut database = fixture.raw().await;
-    let attach = "ATTACH ':memory:' AS before";
-    sqlx::query(attach).execute(&mut database).await.unwrap();
-    let schema = "SELECT replace(sql, 'CREATE TABLE ', 'CREATE TABLE before.') FROM sqlite_schema \
+    let schema = "SELECT sql FROM sqlite_schema \
                   WHERE type = 'table' AND name NOT LIKE 'sqlite_%'";
     let tables: Vec<String> = sqlx::query_scalar(schema)
         .fetch_all(&mut database)
         .await
         .unwrap();
-    for table in tables {
-        let made = sqlx::raw_sql(AssertSqlSafe(table)).execute(&mut database);
+    let mut make = Vec::new();
+    for attached in ["before", "other"] {
+        make.push(format!("ATTACH ':memory:' AS {attached}"));
+        let within = format!("CREATE TABLE {attached}.");
+        make.extend(
+            tables
+                .iter()
+                .map(|sql| sql.replace("CREATE TABLE ", &within)),
+        );
+    }
+    for made_by_rebuilding in [
+        "CREATE TABLE rebuild_ids (batch_key INTEGER PRIMARY KEY, node_id INTEGER, edge_id INTEGER)",
+        "CREATE TABLE other.rebuild_batches AS SELECT *, 0 AS touched FROM other.batches",
+    ] {
+        make.push(made_by_rebuilding.to_owned());
+    }
+    for sql in make {
+        let made = sqlx::raw_sql(AssertSqlSafe(sql)).execute(&mut database);
         made.await.unwrap();
     }
     database

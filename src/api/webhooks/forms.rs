@@ -36,7 +36,7 @@ impl Forms for EventForms {
     }
 
     fn operation(&self, operation: OperationRecord) -> Result<String, serde_json::Error> {
-        serde_json::to_string(&OperationBody::from(operation))
+        serde_json::to_string(&OperationBody::of(operation, 1.0))
     }
 
     /// The addresses of `page/address.js`. Names of routes need no escaping; the console does not show operations.

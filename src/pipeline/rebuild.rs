@@ -1,0 +1,196 @@
+//! Makes a route's map anew without everything that was removed from it, as if that had never come: the
+//! journal is repeated in a copy of the route while the service goes on, and the map that comes of it is put
+//! in the place of the present one.
+
+mod silence;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use anyhow::bail;
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use jiff::Timestamp;
+
+use super::engine::{Engine, now};
+use super::options::PipelineOptions;
+use super::rebuilt_alerts::rebuilt_alerts;
+use super::replay::Replay;
+use super::workspace::Workspace;
+use crate::geometry::Vector2;
+use crate::ids::{BatchId, OperationId, RouteId, StampNs, TripId};
+use crate::store::{Adoption, Input, InputsToRepeat, RemovalResult, Store, StoreOptions};
+pub(super) use silence::hushed;
+use silence::silently;
+
+/// Inputs of one read.
+const PAGE: u32 = 256;
+/// As long as more inputs than these have come meanwhile, they are repeated while the route goes on, …
+const INPUTS_LEFT_MAX: u64 = 4;
+/// … but not more often than this: uploads may come faster than they are repeated.
+const ROUNDS_MAX: usize = 32;
+/// How often it is tried to put the map in its place, because somebody changed a setting meanwhile.
+const ADOPTIONS_MAX: usize = 4;
+
+/// What learns how much is done, from 0 to 1; its error ends the work.
+pub(super) type OnShare = Box<dyn Fn(f64) -> anyhow::Result<()> + Send + Sync>;
+
+/// A map that is to be made anew.
+pub(super) struct Rebuild {
+    pub engine: Engine,
+    pub route: RouteId,
+    /// The removal that asked for it.
+    pub operation: OperationId,
+    /// Up to the input with this key; `None` for all of them.
+    pub until: Option<i64>,
+    /// What was removed, for the result.
+    pub removed: RemovalResult,
+    /// When it happens; `None` for when it is done.
+    pub at: Option<Timestamp>,
+}
+
+impl Rebuild {
+    /// Makes the map anew and puts it in the place of the present one.
+    ///
+    /// # Errors
+    /// If the journal cannot be repeated; the map is left as it is then.
+    pub fn carry_out(self, on_share: OnShare) -> BoxFuture<'static, anyhow::Result<()>> {
+        // What happens in the copy is no news: it has happened before.
+        silently(|| self.make_and_adopt(on_share)).boxed()
+    }
+
+    async fn make_and_adopt(self, on_share: OnShare) -> anyhow::Result<()> {
+        let store = &self.engine.store;
+        let left_out = self.removed_batches().await?;
+        let directory = store.copy_directory()?;
+        let data_dir = directory.path().to_path_buf();
+        let copy = Store::open(StoreOptions { data_dir }).await?;
+        let mut inputs = store.inputs_to_repeat(&self.route).await?;
+        store.copy_route(&self.route, &copy).await?;
+        copy.begin_rebuild(&self.route).await?;
+        let options = PipelineOptions {
+            keep_bodies: None,
+            keep_trajectories: None,
+            ..self.engine.options
+        };
+        let engine = Engine::of_one_thread(&copy, options)?;
+        let mut replay = Replay::new(engine, store, &self.route, Some(&left_out));
+        for _ in 0..ROUNDS_MAX {
+            let count = inputs.count.max(1) as f64;
+            let repeated = replay.repeat_until(self.until.unwrap_or(inputs.last), |done| {
+                on_share(done as f64 / count)
+            });
+            repeated.await?;
+            if self.until.is_some() {
+                break;
+            }
+            inputs = self.copy_more(&copy).await?;
+            if inputs.count <= replay.replayed.inputs + INPUTS_LEFT_MAX {
+                break;
+            }
+        }
+
+        // Until here the route went on; now nothing is computed for it but this.
+        let _turn = match self.until {
+            Some(_) => None,
+            None => Some(self.engine.turn(&self.route).await),
+        };
+        for _ in 0..ADOPTIONS_MAX {
+            if self.until.is_none() {
+                inputs = self.copy_more(&copy).await?;
+                replay.repeat_until(inputs.last, |_| Ok(())).await?;
+            }
+            if self.adopt(&copy, &replay.engine).await? {
+                drop(replay);
+                return Ok(copy.close().await?);
+            }
+        }
+        bail!("the route kept changing while its map was made anew")
+    }
+
+    /// Copies into a store what has come meanwhile.
+    async fn copy_more(&self, store: &Store) -> anyhow::Result<InputsToRepeat> {
+        let present = &self.engine.store;
+        // Before their batches are copied, so that none of them is missing.
+        let inputs = present.inputs_to_repeat(&self.route).await?;
+        present.copy_route(&self.route, store).await?;
+        store.go_on_with_rebuild(&self.route).await?;
+        Ok(inputs)
+    }
+
+    /// Everything that was ever removed.
+    ///
+    /// # Errors
+    /// If the map cannot be made anew, because something that shaped it is not kept.
+    async fn removed_batches(&self) -> anyhow::Result<BTreeSet<BatchId>> {
+        let store = &self.engine.store;
+        let mut removed = BTreeSet::new();
+        let mut after = 0;
+        loop {
+            let page = store.inputs(&self.route, after, PAGE).await?;
+            if let Some(first) = page.first().filter(|_| after == 0)
+                && !matches!(first.input, Input::Settings(_))
+            {
+                bail!(
+                    "its journal begins after its first batches, which an earlier version processed"
+                );
+            }
+            let Some(last) = page.last() else { break };
+            after = last.key;
+            let before = |key: i64| self.until.is_none_or(|until| key < until);
+            for record in page {
+                if let Input::Removal { batches, .. } = record.input
+                    && before(record.key)
+                {
+                    removed.extend(batches);
+                }
+            }
+        }
+        let missing = store.merged_without_body(&self.route, &removed).await?;
+        if missing > 0 && self.until.is_none() {
+            bail!("the bodies of {missing} other batches in its map are not kept any more");
+        }
+        Ok(removed)
+    }
+
+    /// Puts what was made in a copy in the place of the present map; false if the route has changed meanwhile.
+    async fn adopt(&self, copy: &Store, engine: &Engine) -> anyhow::Result<bool> {
+        let made = engine.workspaces.take(copy, &self.route).await?;
+        let Engine {
+            store, workspaces, ..
+        } = &self.engine;
+        let present = workspaces.take(store, &self.route).await?;
+        let at = self.at.unwrap_or_else(now);
+        let alerts = rebuilt_alerts(&present.alerts, &made.alerts, at);
+        let adoption = Adoption {
+            operation: self.operation,
+            route_id: self.route.clone(),
+            base_revision: present.revision,
+            made_in: copy.database_path().to_path_buf(),
+            result: RemovalResult {
+                alerts: self.removed.alerts.max(alerts.len() as u64),
+                moved_m: self.removed.moved_m + farthest_m(&present, &made),
+                rebuilt: true,
+                ..self.removed.clone()
+            },
+            alerts,
+            at,
+        };
+        Ok(store.adopt(adoption).await?)
+    }
+}
+
+/// The largest distance between the places of a scan in two maps, metres.
+fn farthest_m(before: &Workspace, after: &Workspace) -> f64 {
+    let before: BTreeMap<_, _> = places(before).collect();
+    let moved = places(after).filter_map(|(scan, place)| Some((before.get(&scan)? - place).norm()));
+    moved.fold(0.0, f64::max)
+}
+
+fn places(workspace: &Workspace) -> impl Iterator<Item = ((&TripId, StampNs), Vector2<f64>)> {
+    let keyframes = workspace.map.keyframes().iter();
+    let nodes = keyframes.zip(workspace.map.graph().nodes());
+    nodes.map(|(keyframe, node)| {
+        let scan = (&keyframe.trip, keyframe.stamp);
+        (scan, node.pose.translation())
+    })
+}
