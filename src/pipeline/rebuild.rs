@@ -5,6 +5,7 @@
 mod silence;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 use anyhow::bail;
 use futures::FutureExt;
@@ -14,11 +15,14 @@ use jiff::Timestamp;
 use super::engine::{Engine, now};
 use super::options::PipelineOptions;
 use super::rebuilt_alerts::rebuilt_alerts;
-use super::replay::Replay;
+use super::replay::{Replay, Replayed};
 use super::workspace::Workspace;
 use crate::geometry::Vector2;
 use crate::ids::{BatchId, OperationId, RouteId, StampNs, TripId};
-use crate::store::{Adoption, Input, InputsToRepeat, RemovalResult, Store, StoreOptions};
+use crate::model::AlertStatus;
+use crate::store::{
+    Adoption, Input, InputsToRepeat, RemovalResult, Store, StoreError, StoreOptions,
+};
 pub(super) use silence::hushed;
 use silence::silently;
 
@@ -28,8 +32,13 @@ const PAGE: u32 = 256;
 const INPUTS_LEFT_MAX: u64 = 4;
 /// … but not more often than this: uploads may come faster than they are repeated.
 const ROUNDS_MAX: usize = 32;
-/// How often it is tried to put the map in its place, because somebody changed a setting meanwhile.
-const ADOPTIONS_MAX: usize = 4;
+/// How often it is tried to put the map in its place: somebody may change a setting meanwhile, and the store
+/// may be busy.
+const ADOPTIONS_MAX: usize = 16;
+/// Between two tries.
+const PAUSE: Duration = Duration::from_secs(1);
+/// As often as this a map is begun to be made anew, by one removal: the process may be lost meanwhile.
+const BEGUN_MAX: i64 = 4;
 
 /// What learns how much is done, from 0 to 1; its error ends the work.
 pub(super) type OnShare = Box<dyn Fn(f64) -> anyhow::Result<()> + Send + Sync>;
@@ -61,6 +70,14 @@ impl Rebuild {
     async fn make_and_adopt(self, on_share: OnShare) -> anyhow::Result<()> {
         let store = &self.engine.store;
         let left_out = self.removed_batches().await?;
+        if self.until.is_none() {
+            if store.begin_rebuilding(self.operation).await? > BEGUN_MAX {
+                bail!("the process was lost {BEGUN_MAX} times while the route was processed again");
+            }
+            if !store.has_room_for_copy(&self.route).await? {
+                bail!("there is no room on the disk for a copy of the route");
+            }
+        }
         let directory = store.copy_directory()?;
         let data_dir = directory.path().to_path_buf();
         let copy = Store::open(StoreOptions { data_dir }).await?;
@@ -89,6 +106,10 @@ impl Rebuild {
             }
         }
 
+        if self.until.is_none() && inputs.count > replay.replayed.inputs + INPUTS_LEFT_MAX {
+            bail!("uploads come faster than they can be processed again");
+        }
+
         // Until here the route went on; now nothing is computed for it but this.
         let _turn = match self.until {
             Some(_) => None,
@@ -97,14 +118,56 @@ impl Rebuild {
         for _ in 0..ADOPTIONS_MAX {
             if self.until.is_none() {
                 inputs = self.copy_more(&copy).await?;
-                replay.repeat_until(inputs.last, |_| Ok(())).await?;
+                replay.repeat_until(inputs.last, |_| on_share(1.0)).await?;
+                self.check_decisions(&replay.replayed, &left_out).await?;
             }
-            if self.adopt(&copy, &replay.engine).await? {
-                drop(replay);
-                return Ok(copy.close().await?);
+            match self.adopt(&copy, &replay.engine).await {
+                Ok(true) => {
+                    drop(replay);
+                    return Ok(copy.close().await?);
+                }
+                Ok(false) => {}
+                Err(error) if is_passing(&error) => {}
+                Err(error) => return Err(error),
             }
+            on_share(1.0)?;
+            tokio::time::sleep(PAUSE).await;
         }
         bail!("the route kept changing while its map was made anew")
+    }
+
+    /// Looks for decisions that could not be repeated although what they are about did not rest on what was
+    /// removed alone: they would be lost.
+    async fn check_decisions(
+        &self,
+        replayed: &Replayed,
+        left_out: &BTreeSet<BatchId>,
+    ) -> anyhow::Result<()> {
+        let store = &self.engine.store;
+        if replayed.decisions_left_out.is_empty() {
+            return Ok(());
+        }
+        let mut removed_trips = BTreeSet::new();
+        for batch in left_out {
+            let batch = store.batch(&self.route, batch).await?;
+            removed_trips.extend(batch.map(|batch| batch.trip_id));
+        }
+        for &id in &replayed.decisions_left_out {
+            let Some(alert) = store.alert(id).await? else {
+                continue;
+            };
+            let is_decided =
+                [AlertStatus::Accepted, AlertStatus::Dismissed].contains(&alert.status);
+            let rests_on_others = alert
+                .evidence
+                .trips
+                .iter()
+                .any(|t| !removed_trips.contains(t));
+            if is_decided && rests_on_others {
+                bail!("the decision about alert {id} would be lost");
+            }
+        }
+        Ok(())
     }
 
     /// Copies into a store what has come meanwhile.
@@ -166,6 +229,7 @@ impl Rebuild {
             route_id: self.route.clone(),
             base_revision: present.revision,
             made_in: copy.database_path().to_path_buf(),
+            is_whole: self.until.is_none(),
             result: RemovalResult {
                 alerts: self.removed.alerts.max(alerts.len() as u64),
                 moved_m: self.removed.moved_m + farthest_m(&present, &made),
@@ -177,6 +241,11 @@ impl Rebuild {
         };
         Ok(store.adopt(adoption).await?)
     }
+}
+
+fn is_passing(error: &anyhow::Error) -> bool {
+    let of_store = error.downcast_ref::<StoreError>();
+    of_store.is_some_and(StoreError::is_passing)
 }
 
 /// The largest distance between the places of a scan in two maps, metres.

@@ -214,8 +214,10 @@ impl<'a> Replay<'a> {
         let Engine {
             store, workspaces, ..
         } = &self.engine;
-        let claimed = store.claim_again(self.route, input, self.left_out, at);
-        let job = claimed.await?;
+        let job = match self.left_out {
+            Some(left_out) => store.claim_without(self.route, input, left_out, at).await?,
+            None => store.claim_again(self.route, input, at).await?,
+        };
         let entries = job.as_ref().map_or(0, |job| job.entries.len());
         self.replayed.batches += entries as u64;
         if self.left_out.is_none() {

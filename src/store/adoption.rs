@@ -18,13 +18,20 @@ use super::vehicle_states::note_state;
 use super::{news, operations};
 use crate::ids::{OperationId, RouteId, VehicleId};
 
-/// What becomes of the uploads: those that were repeated, and do not wait for another try.
-const BATCHES: &str = "UPDATE batches SET (status, reason, flags, nodes_added, loop_closures, \
-     nodes_at_try, processed_at_us) = (SELECT status, reason, flags, nodes_added, loop_closures, \
-     nodes_at_try, processed_at_us FROM other.batches AS made \
-     WHERE made.batch_key = batches.batch_key) \
-     WHERE route_key = $1 AND status NOT IN ('queued', 'processing', 'held', 'removed') \
-     AND batch_key IN (SELECT batch_key FROM other.rebuild_batches WHERE touched)";
+/// What becomes of the uploads that were repeated. Those that wait for another try wait on, unless they are
+/// merged now; those that would be tried again in the copy wait for what comes next.
+const BATCHES: [&str; 2] = [
+    "UPDATE batches SET status = iif(made.status IN ('queued', 'processing'), 'unanchored', made.status), \
+         reason = made.reason, flags = made.flags, nodes_added = made.nodes_added, \
+         loop_closures = made.loop_closures, nodes_at_try = made.nodes_at_try, \
+         processed_at_us = made.processed_at_us \
+     FROM other.batches AS made WHERE made.batch_key = batches.batch_key AND batches.route_key = $1 \
+     AND batches.batch_key IN (SELECT batch_key FROM other.rebuild_batches WHERE touched) \
+     AND batches.status NOT IN ('held', 'removed') \
+     AND (batches.status NOT IN ('queued', 'processing') OR made.status = 'merged')",
+    "DELETE FROM jobs WHERE route_key = $1 \
+     AND batch_key IN (SELECT batch_key FROM batches WHERE route_key = $1 AND status = 'merged')",
+];
 
 /// The map as it is goes …
 const CLEAR: [&str; 6] = [
@@ -77,6 +84,8 @@ pub struct Adoption {
     pub base_revision: i64,
     /// The database that holds the map.
     pub made_in: PathBuf,
+    /// Whether everything in the route's map was repeated, or it is not adopted.
+    pub is_whole: bool,
     /// Alerts that are new or change.
     pub alerts: Vec<AlertRecord>,
     /// What the operation's result says.
@@ -121,7 +130,10 @@ impl Request for Adoption {
         let Some(route_key) = route_key else {
             return Ok(false);
         };
-        for statement in [BATCHES].into_iter().chain(CLEAR).chain(TAKE_OVER) {
+        if self.is_whole {
+            check_whole(transaction, route_key).await?;
+        }
+        for statement in BATCHES.into_iter().chain(CLEAR).chain(TAKE_OVER) {
             sqlx::query(statement)
                 .bind(route_key)
                 .execute(&mut *transaction)
@@ -147,6 +159,23 @@ impl Request for Adoption {
         if *is_adopted {
             news::alerts_written(&self.alerts);
         }
+    }
+}
+
+/// A body may have been deleted before it was copied.
+async fn check_whole(transaction: &mut SqliteConnection, route_key: i64) -> Result<(), StoreError> {
+    let missing: i64 = sqlx::query_scalar(
+        "SELECT count(*) FROM batches WHERE route_key = $1 AND status = 'merged' \
+         AND batch_key NOT IN (SELECT batch_key FROM other.rebuild_batches WHERE touched)",
+    )
+    .bind(route_key)
+    .fetch_one(transaction)
+    .await?;
+    match missing {
+        0 => Ok(()),
+        _ => Err(StoreError::InvalidResult(format!(
+            "{missing} batches in the map could not be repeated"
+        ))),
     }
 }
 

@@ -22,6 +22,7 @@ mod backup;
 mod batch_ends;
 mod body;
 mod checkup;
+mod claim_without;
 mod claims;
 mod client_nodes;
 mod clock_faults;

@@ -62,6 +62,14 @@ impl Store {
         self.read(NextOperation(kind)).await
     }
 
+    /// Notes that a removal begins to make a map anew; returns how often it has begun.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn begin_rebuilding(&self, id: OperationId) -> Result<i64, StoreError> {
+        self.work(BeginRebuilding(id)).await
+    }
+
     /// Ends an operation: with a result, or the reason why there is none. A removal that takes something
     /// out ends in [`Store::apply_removal`].
     ///
@@ -194,6 +202,25 @@ impl Ask {
     }
 }
 
+struct BeginRebuilding(OperationId);
+
+impl Request for BeginRebuilding {
+    type Outcome = i64;
+    const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
+
+    async fn execute(&self, transaction: &mut SqliteConnection) -> Result<i64, StoreError> {
+        let begun = sqlx::query_scalar(
+            "UPDATE operations SET rebuilds_begun = rebuilds_begun + 1 WHERE id = $1 \
+             RETURNING rebuilds_begun",
+        )
+        .bind(self.0.to_string())
+        .fetch_optional(transaction)
+        .await?;
+        Ok(begun.unwrap_or_default())
+    }
+}
+
 struct End {
     id: OperationId,
     outcome: Result<OperationResult, String>,
@@ -203,6 +230,7 @@ struct End {
 impl Request for End {
     type Outcome = ();
     const QUEUES_JOBS: bool = false;
+    const WHILE_FULL: bool = true;
 
     async fn execute(&self, transaction: &mut SqliteConnection) -> Result<(), StoreError> {
         end(transaction, self.id, &self.outcome, self.now).await?;

@@ -1,7 +1,5 @@
 //! The inputs of a route, repeated on a copy of its database: each writes what it once wrote.
 
-use std::collections::BTreeSet;
-
 use jiff::Timestamp;
 use sqlx::{Row, SqliteConnection};
 
@@ -20,23 +18,17 @@ impl Store {
     /// The job that an input names, claimed; `None` if none of its bodies are kept any more. Its
     /// entries are those of its batches that have a body.
     ///
-    /// With batches `left_out`, as if these had never come: neither they nor what is merged already are
-    /// among the entries, and nodes and edges get the ids that they had, as far as these are free. Only
-    /// in a copy of one route ([`Store::copy_route`]).
-    ///
     /// # Errors
     /// [`StoreError`].
     pub async fn claim_again(
         &self,
         route: &RouteId,
         input: &JobInput,
-        left_out: Option<&BTreeSet<BatchId>>,
         at: Timestamp,
     ) -> Result<Option<ClaimedJob>, StoreError> {
         let request = ClaimAgain {
             route: route.clone(),
             input: input.clone(),
-            left_out: left_out.map(json_text).transpose()?,
             at,
         };
         match self.work(request).await? {
@@ -101,8 +93,6 @@ pub(super) async fn route_key(
 struct ClaimAgain {
     route: RouteId,
     input: JobInput,
-    /// As JSON.
-    left_out: Option<String>,
     at: Timestamp,
 }
 
@@ -115,27 +105,20 @@ impl Request for ClaimAgain {
         transaction: &mut SqliteConnection,
     ) -> Result<Option<Claim>, StoreError> {
         let route_key = route_key(transaction, &self.route).await?;
+        let batches = json_text(&self.input.batches)?;
+        touch(transaction, route_key, &batches).await?;
         let rows = sqlx::query(
-            "SELECT batch_key, batches.id, trip_id, sequence, \
-             EXISTS (SELECT 1 FROM batches AS before WHERE before.route_key = $2 \
-                 AND before.trip_id = batches.trip_id AND before.sequence = batches.sequence - 1 \
-                 AND before.id IN (SELECT value FROM json_each($3))) AS follows_left_out \
+            "SELECT batch_key, batches.id, trip_id, sequence \
              FROM json_each($1) CROSS JOIN batches ON route_key = $2 AND batches.id = value \
-             WHERE body_kept AND ($3 IS NULL OR (status <> 'merged' \
-                 AND batches.id NOT IN (SELECT value FROM json_each($3)))) ORDER BY key",
+             WHERE body_kept ORDER BY key",
         )
-        .bind(json_text(&self.input.batches)?)
+        .bind(&batches)
         .bind(route_key)
-        .bind(self.left_out.as_deref())
         .fetch_all(&mut *transaction)
         .await?;
-        let (Some(first), Some(own)) = (rows.first(), rows.last()) else {
-            if self.left_out.is_none() {
-                touch(transaction, route_key, &json_text(&self.input.batches)?).await?;
-            }
+        let Some(own) = rows.last() else {
             return Ok(None);
         };
-        let follows_left_out: bool = first.try_get("follows_left_out")?;
         let place = Place {
             batch_key: own.try_get("batch_key")?,
             route_key,
@@ -144,14 +127,6 @@ impl Request for ClaimAgain {
         };
         let ids = rows.iter().map(|row| name::<BatchId>(row, "id"));
         let batch_ids: Vec<BatchId> = ids.collect::<Result<_, _>>()?;
-        let batches = match self.left_out {
-            Some(_) => json_text(&batch_ids)?,
-            None => json_text(&self.input.batches)?,
-        };
-        touch(transaction, route_key, &batches).await?;
-        if self.left_out.is_some() {
-            keep_ids(transaction, route_key, &batches).await?;
-        }
         let job_id = hold(transaction, &place, &json_text(&batch_ids)?).await?;
         Ok(Some(Claim {
             job_id,
@@ -159,7 +134,7 @@ impl Request for ClaimAgain {
             attempts: 1,
             route_id: self.route.clone(),
             batch_ids,
-            after_gap: self.input.after_gap || follows_left_out,
+            after_gap: self.input.after_gap,
             apart: self.input.apart,
             at: self.at,
         }))
@@ -167,7 +142,7 @@ impl Request for ClaimAgain {
 }
 
 /// Marks batches as named by an input: they are not put back as they were.
-async fn touch(
+pub(super) async fn touch(
     transaction: &mut SqliteConnection,
     route_key: i64,
     batches: &str,
@@ -183,30 +158,8 @@ async fn touch(
     Ok(())
 }
 
-/// Lets nodes and edges begin with the ids that those of the batches once had, if these are free: edges
-/// that a vehicle sent name nodes by their ids.
-async fn keep_ids(
-    transaction: &mut SqliteConnection,
-    route_key: i64,
-    batches: &str,
-) -> Result<(), StoreError> {
-    sqlx::query(
-        "UPDATE routes SET next_node_id = max(next_node_id, had.node_id), \
-             next_edge_id = max(next_edge_id, had.edge_id), revision = revision + 1 \
-         FROM (SELECT coalesce(min(node_id), 0) AS node_id, coalesce(min(edge_id), 0) AS edge_id \
-             FROM rebuild_ids JOIN batches USING (batch_key) WHERE batches.route_key = $1 \
-             AND batches.id IN (SELECT value FROM json_each($2))) AS had \
-         WHERE route_key = $1 AND (next_node_id < had.node_id OR next_edge_id < had.edge_id)",
-    )
-    .bind(route_key)
-    .bind(batches)
-    .execute(transaction)
-    .await?;
-    Ok(())
-}
-
 /// Makes a claimed job of the batch at a place; `batches`, as JSON, are those it takes along and itself.
-async fn hold(
+pub(super) async fn hold(
     transaction: &mut SqliteConnection,
     place: &Place,
     batches: &str,

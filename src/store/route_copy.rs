@@ -3,11 +3,12 @@
 
 use std::path::Path;
 
-use sqlx::Connection;
+use sqlx::{Connection, SqliteConnection};
 
 use super::Store;
 use super::connection::detach;
 use super::error::StoreError;
+use super::query::Query;
 use crate::ids::RouteId;
 
 /// How the directories of such copies begin, within the data directory.
@@ -61,6 +62,15 @@ impl Store {
         copied.map_err(StoreError::named)
     }
 
+    /// Whether there is room on the disk for a copy of a route, and for a map of about that length.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn has_room_for_copy(&self, route: &RouteId) -> Result<bool, StoreError> {
+        let bytes = self.read(BodyBytes(route)).await?;
+        Ok(self.shared.space.has_room_for(bytes.saturating_mul(2)))
+    }
+
     async fn copy_route_unnamed(&self, route: &RouteId, into: &Store) -> Result<(), StoreError> {
         let mut connection = self.shared.database.open_copier().await?;
         into.shared.database.attach_to(&mut connection).await?;
@@ -81,6 +91,24 @@ impl Store {
         transaction.commit().await?;
         detach(&mut connection).await?;
         Ok(connection.close().await?)
+    }
+}
+
+/// How long a route's kept bodies are together.
+struct BodyBytes<'a>(&'a RouteId);
+
+impl Query for BodyBytes<'_> {
+    type Answer = u64;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT coalesce(sum(length(body)), 0) FROM routes JOIN batches USING (route_key) \
+             JOIN batch_bodies USING (batch_key) WHERE routes.id = $1",
+        )
+        .bind(self.0.as_str())
+        .fetch_one(reader)
+        .await?;
+        Ok(bytes.unsigned_abs())
     }
 }
 

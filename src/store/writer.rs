@@ -145,7 +145,12 @@ impl Writer {
         let Err((mut group, error)) = self.commit(group).await else {
             return;
         };
-        let severity = error.severity();
+        let reads_other = group.iter().any(|write| write.other_database().is_some());
+        let severity = match error.severity() {
+            // It may be the other database's.
+            Severity::Corrupt | Severity::Io if reads_other => Severity::Statement,
+            severity => severity,
+        };
         if severity != Severity::Write {
             tracing::warn!(?severity, %error, cause = ?error, "a group of writes failed");
             self.reopen_after(severity).await;
@@ -282,10 +287,9 @@ async fn execute(
     };
     other.attach_to(connection).await?;
     let executed = execute_in_one(connection, group).await;
-    let detached = detach(connection).await;
-    let commits = executed?;
-    detached?;
-    Ok(commits)
+    // If it stays attached, the next one cannot be, and the connection is opened anew.
+    let _ = detach(connection).await;
+    executed
 }
 
 async fn execute_in_one(

@@ -110,10 +110,7 @@ async fn repeat(fixture: &Fixture, record: InputRecord, hold_s: Option<u32>) {
                 .unwrap();
         }
         Input::Job(job) => {
-            let job = store
-                .claim_again(&route(), &job, None, record.at)
-                .await
-                .unwrap();
+            let job = store.claim_again(&route(), &job, record.at).await.unwrap();
             process(fixture, &job.unwrap()).await;
         }
         Input::KeptOut {
@@ -179,9 +176,7 @@ async fn make_in(copy: &Fixture, inputs: &[InputRecord], left_out: &BTreeSet<Bat
         let Input::Job(job) = &record.input else {
             continue;
         };
-        let claimed = copy
-            .store
-            .claim_again(&route, job, Some(left_out), record.at);
+        let claimed = copy.store.claim_without(&route, job, left_out, record.at);
         if let Some(job) = claimed.await.unwrap() {
             process(copy, &job).await;
         }
@@ -273,6 +268,7 @@ async fn a_map_is_made_anew_in_a_copy_of_the_route_while_uploads_go_on_and_adopt
         route_id: route(),
         base_revision: fixture.revision(&route()).await,
         made_in: copied.database_path().to_path_buf(),
+        is_whole: true,
         alerts: Vec::new(),
         result: RemovalResult::default(),
         at: at(70),
