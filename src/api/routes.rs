@@ -162,7 +162,10 @@ pub(super) async fn delete_route(
         .store
         .delete_route(&id, expected, &by, Timestamp::now());
     match deletion.await? {
-        Deleted::Done => Ok(StatusCode::NO_CONTENT),
+        Deleted::Done => {
+            state.decisions.forget_map(&id);
+            Ok(StatusCode::NO_CONTENT)
+        }
         Deleted::NotThere => Err(Problem::unknown_route()),
         Deleted::Stale => Err(stale("route")),
     }

@@ -9,7 +9,7 @@ use super::decision_revision;
 use super::engine::{Engine, as_kept};
 use super::workspace::Workspace;
 use crate::change::{AlertAction, AlertStatus};
-use crate::ids::{AlertId, EdgeId, NodeId};
+use crate::ids::{AlertId, EdgeId, NodeId, RouteId};
 use crate::model::{Actor, DismissReason};
 use crate::store::{AlertRecord, Decided, Decision, HistoryEntry, StoreError};
 
@@ -83,6 +83,11 @@ pub(super) struct ChangedMap {
 impl Decisions {
     pub(super) fn new(engine: Engine) -> Self {
         Self { engine }
+    }
+
+    /// Forgets the map in memory of a route that was deleted.
+    pub fn forget_map(&self, route: &RouteId) {
+        self.engine.workspaces.forget(route);
     }
 
     /// Carries out an order and returns the alert after it. It is finished even if the caller goes away.

@@ -333,6 +333,11 @@ impl Workspaces {
         update_gauges(&kept);
     }
 
+    /// Forgets the map of a route that is gone.
+    pub fn forget(&self, route: &RouteId) {
+        drop(self.remove(route));
+    }
+
     /// The routes whose maps are in memory, the least recently used first.
     #[cfg(test)]
     pub fn held(&self) -> Vec<String> {

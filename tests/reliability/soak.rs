@@ -67,6 +67,10 @@ async fn soak(form: Form) -> Finding {
         ..Finding::default()
     };
     finding.faults.extend(judged(form, &samples));
+    let maps = maps_in_memory(&client).await;
+    finding.expect(maps == 0.0, || {
+        format!("{maps} maps of deleted routes are in memory")
+    });
     finding.faults.extend(fsck::faults(directory.path()));
     let (first, last) = (samples[samples.len() / 4], samples[samples.len() - 1]);
     finding.figure(format!(
@@ -89,6 +93,15 @@ async fn soak(form: Form) -> Finding {
     });
     finding.control = judged(form, &leaky.collect::<Vec<_>>());
     finding
+}
+
+/// How many routes' maps the service says that it holds.
+async fn maps_in_memory(client: &Client) -> f64 {
+    let metrics = client.text("/metrics").await;
+    let value = metrics
+        .lines()
+        .find_map(|line| line.strip_prefix("mapshift_maps_in_memory "));
+    value.map_or(f64::NAN, |value| value.parse().unwrap())
 }
 
 /// Two hours, or as many seconds as `MAPSHIFT_SOAK_S` says.
