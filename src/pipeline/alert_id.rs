@@ -16,6 +16,8 @@ const PLACE_M: f64 = 0.5;
 pub(super) struct Raised<'a> {
     pub route: &'a RouteId,
     pub at: Timestamp,
+    /// How many alerts of the same time there are before it.
+    pub rank: usize,
     pub kind: ChangeKind,
     /// In the map frame, metres.
     pub location: Vector2<f64>,
@@ -23,8 +25,8 @@ pub(super) struct Raised<'a> {
 
 impl Raised<'_> {
     /// The first id that is not `taken`: a UUID of version 7 of the time, with the microsecond (RFC 9562,
-    /// section 6.2, method 3), and a digest instead of random bits. It does not depend on what else is
-    /// raised, before or at once.
+    /// section 6.2, method 3), and a digest instead of random bits. It does not depend on what was raised
+    /// before.
     pub fn id(&self, taken: impl Fn(AlertId) -> bool) -> AlertId {
         let mut attempt: u64 = 0;
         loop {
@@ -50,7 +52,9 @@ impl Raised<'_> {
         let fraction = (microsecond % 1_000 * 4_096 / 1_000) as u16;
         let mut rest = [0; 10];
         rest[..2].copy_from_slice(&fraction.to_be_bytes());
-        rest[2..].copy_from_slice(&digest[..8]);
+        // Alerts of one job sort as they were raised.
+        rest[2..4].copy_from_slice(&((self.rank % 0x4000) as u16).to_be_bytes());
+        rest[4..].copy_from_slice(&digest[..6]);
         let uuid: Uuid =
             Builder::from_unix_timestamp_millis(microsecond / 1_000, &rest).into_uuid();
         AlertId(uuid)
@@ -67,6 +71,7 @@ mod tests {
         let raised = Raised {
             route: &RouteId::new(route).unwrap(),
             at: Timestamp::from_microsecond(at).unwrap(),
+            rank: 0,
             kind,
             location: Vector2::new(x_m, 2.0),
         };
@@ -98,10 +103,25 @@ mod tests {
         let raised = Raised {
             route: &route,
             at: Timestamp::from_microsecond(BEGUN).unwrap(),
+            rank: 0,
             kind: ChangeKind::Appeared,
             location: Vector2::new(7.1, 2.0),
         };
         let first = raised.id(|_| false);
         assert_ne!(raised.id(|id| id == first), first);
+    }
+
+    #[test]
+    fn alerts_of_one_job_sort_as_they_were_raised() {
+        let route = RouteId::new("line").unwrap();
+        let of_rank = |rank: usize| Raised {
+            route: &route,
+            at: Timestamp::from_microsecond(BEGUN).unwrap(),
+            rank,
+            kind: ChangeKind::Appeared,
+            location: Vector2::new(7.1 - 3.0 * rank as f64, 2.0),
+        };
+        let ids: Vec<AlertId> = (0..300).map(|rank| of_rank(rank).id(|_| false)).collect();
+        assert!(ids.is_sorted_by(|a, b| a < b));
     }
 }

@@ -124,9 +124,14 @@ fn take(
                 let mut known = workspace.alerts.iter().chain(&raised_now);
                 known.any(|alert: &AlertRecord| alert.id == id)
             };
+            let at_once = workspace
+                .alerts
+                .iter()
+                .filter(|alert| alert.raised_at == at);
             let by = Raised {
                 route,
                 at,
+                rank: at_once.count() + raised_now.len(),
                 kind: update.state.evidence.kind,
                 location: update.state.evidence.location,
             };
