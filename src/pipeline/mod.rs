@@ -32,6 +32,7 @@ mod rebuilt_alerts;
 mod refusal;
 mod release;
 mod remove;
+mod repeat;
 mod replay;
 mod residual_findings;
 mod residuals;
@@ -55,7 +56,8 @@ pub use operations::Operations;
 pub use options::PipelineOptions;
 pub use preview::Preview;
 pub use release::{ReleaseError, ReleaseOrder};
-pub use replay::{Replayed, replay};
+pub use repeat::Replayed;
+pub use replay::replay;
 pub use residuals::{ResidualReading, Residuals};
 
 use tokio::task::JoinHandle;

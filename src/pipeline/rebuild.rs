@@ -15,7 +15,7 @@ use jiff::Timestamp;
 use super::engine::{Engine, now};
 use super::options::PipelineOptions;
 use super::rebuilt_alerts::rebuilt_alerts;
-use super::replay::{Replay, Replayed};
+use super::repeat::{Manner, Repeat, Replayed};
 use super::workspace::Workspace;
 use crate::geometry::Vector2;
 use crate::ids::{BatchId, OperationId, RouteId, StampNs, TripId};
@@ -90,7 +90,7 @@ impl Rebuild {
             ..self.engine.options
         };
         let engine = Engine::of_one_thread(&copy, options)?;
-        let mut replay = Replay::new(engine, store, &self.route, Some(&left_out));
+        let mut replay = Repeat::new(engine, store, &self.route, Manner::Without(&left_out));
         for _ in 0..ROUNDS_MAX {
             let count = inputs.count.max(1) as f64;
             let repeated = replay.repeat_until(self.until.unwrap_or(inputs.last), |done| {

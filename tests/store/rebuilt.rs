@@ -228,6 +228,10 @@ async fn a_map_is_made_anew_in_a_copy_of_the_route_while_uploads_go_on_and_adopt
     let none = BTreeSet::new();
     assert_eq!(store.merged_without_body(&route(), &none).await.unwrap(), 0);
     let operation = removed(&fixture, "b1").await;
+    for begun in 1..3 {
+        assert_eq!(store.begin_rebuilding(operation).await.unwrap(), begun);
+    }
+    assert!(store.has_room_for_copy(&route()).await.unwrap());
     let was_removed = fixture.status("b1").await;
     assert_eq!(was_removed, BatchStatus::Removed);
     let directory = store.copy_directory().unwrap();
