@@ -8,7 +8,8 @@ use super::map_cache::{MapFiles, MapKey, Shown};
 use super::problem::Problem;
 use crate::change::PendingChange;
 use crate::model::MapLayer;
-use crate::render::{Decided, MapImageError, MapPicture, MapRaster, PosedScan, untied_trips};
+use crate::pipeline::DrawnScans;
+use crate::render::{Decided, MapImageError, MapPicture, MapRaster};
 use crate::scan::CodecError;
 use crate::store::{AcceptedChange, NodeWithScan, RouteRecord};
 
@@ -95,21 +96,7 @@ fn draw(
     accepted: &[AcceptedChange],
     pending: &[PendingChange],
 ) -> Result<MapPicture, DrawError> {
-    let localised = || nodes.iter().filter(|node| node.node.is_localised());
-    let untied = untied_trips(localised().map(|node| (&node.node.trip_id, node.node.drift_m)));
-    let mut scans = Vec::with_capacity(nodes.len());
-    for node in localised() {
-        let untied = untied.get(&node.node.trip_id).copied();
-        let decoded = node.decoded_scans()?.into_iter();
-        scans.extend(decoded.map(|taken| (untied, taken)));
-    }
-    let observations = scans.iter();
-    let observations = observations.map(|(untied, (stamp, map_from_base, scan))| PosedScan {
-        stamp: *stamp,
-        map_from_base: *map_from_base,
-        scan,
-        untied: *untied,
-    });
+    let scans = DrawnScans::of(nodes)?;
     let decided = Decided { accepted, pending };
-    Ok(MapPicture::draw(observations, decided)?)
+    Ok(MapPicture::draw(scans.posed(), decided)?)
 }

@@ -12,7 +12,7 @@ use super::options::PipelineOptions;
 use super::rebuild::hushed;
 use super::workspace::Workspaces;
 use crate::ids::RouteId;
-use crate::store::Store;
+use crate::store::{Store, StoreError};
 
 /// Store, maps in memory, threads and locks; cheap to clone.
 #[derive(Clone)]
@@ -101,6 +101,12 @@ pub(super) fn now() -> Timestamp {
 /// A time in the store's precision (microseconds): the same before and after it was stored.
 pub(super) fn as_kept(time: Timestamp) -> Timestamp {
     Timestamp::from_microsecond(time.as_microsecond()).unwrap_or(time)
+}
+
+/// Whether the store failed, and the same may succeed later.
+pub(super) fn is_passing(error: &anyhow::Error) -> bool {
+    let of_store = error.downcast_ref::<StoreError>();
+    of_store.is_some_and(StoreError::is_passing)
 }
 
 /// One lock for each route.

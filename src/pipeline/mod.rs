@@ -20,6 +20,7 @@ mod decide;
 mod decision_details;
 mod decision_revision;
 mod drawn_map;
+mod drawn_scans;
 mod edges;
 mod engine;
 mod findings;
@@ -52,6 +53,7 @@ mod zones;
 
 pub use decide::{DecisionError, Decisions, Order, is_allowed};
 pub use drawn_map::drawn_map;
+pub use drawn_scans::DrawnScans;
 pub use operations::Operations;
 pub use options::PipelineOptions;
 pub use preview::Preview;

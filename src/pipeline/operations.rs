@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::decide::Decisions;
-use super::engine::now;
+use super::engine::{is_passing, now};
 use super::rebuild::Rebuild;
 use super::remove::{Then, remove};
 use crate::ids::{OperationId, RouteId};
@@ -154,8 +154,7 @@ impl CarryingOut {
         }
         let reason = format!("{error:#}");
         tracing::error!(kind, route, operation = %id, reason, "an operation failed");
-        let of_store = error.downcast_ref::<StoreError>();
-        let is_passing = of_store.is_some_and(StoreError::is_passing);
+        let is_passing = is_passing(&error);
         let ended = match is_passing {
             true => Ok(()),
             false => {
@@ -189,9 +188,8 @@ impl CarryingOut {
             engine: engine.clone(),
             route: route.clone(),
             operation: operation.id,
-            until: None,
             removed: removed.clone(),
-            at: None,
+            once: None,
         };
         let (lane, stopping, id) = (self.lane.clone(), self.stopping.clone(), operation.id);
         let rebuilt = rebuild.carry_out(Box::new(move |share| {

@@ -12,22 +12,18 @@ use futures::FutureExt;
 use futures::future::BoxFuture;
 use jiff::Timestamp;
 
-use super::engine::{Engine, now};
+use super::engine::{Engine, is_passing, now};
 use super::options::PipelineOptions;
 use super::rebuilt_alerts::rebuilt_alerts;
-use super::repeat::{Manner, Repeat, Replayed};
+use super::repeat::{Manner, Repeat, Replayed, is_whole};
 use super::workspace::Workspace;
 use crate::geometry::Vector2;
 use crate::ids::{BatchId, OperationId, RouteId, StampNs, TripId};
 use crate::model::AlertStatus;
-use crate::store::{
-    Adoption, Input, InputsToRepeat, RemovalResult, Store, StoreError, StoreOptions,
-};
+use crate::store::{Adoption, InputsToRepeat, RemovalResult, Store, StoreOptions};
 pub(super) use silence::hushed;
 use silence::silently;
 
-/// Inputs of one read.
-const PAGE: u32 = 256;
 /// As long as more inputs than these have come meanwhile, they are repeated while the route goes on, …
 const INPUTS_LEFT_MAX: u64 = 4;
 /// … but not more often than this: uploads may come faster than they are repeated.
@@ -49,12 +45,19 @@ pub(super) struct Rebuild {
     pub route: RouteId,
     /// The removal that asked for it.
     pub operation: OperationId,
-    /// Up to the input with this key; `None` for all of them.
-    pub until: Option<i64>,
     /// What was removed, for the result.
     pub removed: RemovalResult,
-    /// When it happens; `None` for when it is done.
-    pub at: Option<Timestamp>,
+    /// When it happened, where a journal is repeated; `None` if it happens now.
+    pub once: Option<Once>,
+}
+
+/// When a map was made anew.
+#[derive(Clone, Copy)]
+pub(super) struct Once {
+    /// The key of the input that says so; later ones are none of it.
+    pub key: i64,
+    /// The time that its result is stamped with.
+    pub at: Timestamp,
 }
 
 impl Rebuild {
@@ -69,19 +72,15 @@ impl Rebuild {
 
     async fn make_and_adopt(self, on_share: OnShare) -> anyhow::Result<()> {
         let store = &self.engine.store;
-        let left_out = self.removed_batches().await?;
-        if self.until.is_none() {
-            if store.begin_rebuilding(self.operation).await? > BEGUN_MAX {
-                bail!("the process was lost {BEGUN_MAX} times while the route was processed again");
-            }
-            if !store.has_room_for_copy(&self.route).await? {
-                bail!("there is no room on the disk for a copy of the route");
-            }
+        if self.once.is_none() {
+            self.check_before().await?;
         }
+        let removed = store.removed_batches(&self.route).await?;
+        let (left_out, trips): (BTreeSet<BatchId>, BTreeSet<TripId>) = removed.into_iter().unzip();
         let directory = store.copy_directory()?;
         let data_dir = directory.path().to_path_buf();
         let copy = Store::open(StoreOptions { data_dir }).await?;
-        let mut inputs = store.inputs_to_repeat(&self.route).await?;
+        let inputs = store.inputs_to_repeat(&self.route).await?;
         store.copy_route(&self.route, &copy).await?;
         copy.begin_rebuild(&self.route).await?;
         let options = PipelineOptions {
@@ -90,42 +89,81 @@ impl Rebuild {
             ..self.engine.options
         };
         let engine = Engine::of_one_thread(&copy, options)?;
-        let mut replay = Repeat::new(engine, store, &self.route, Manner::Without(&left_out));
+        let mut repeat = Repeat::new(engine, store, &self.route, Manner::Without(&left_out));
+        match self.once {
+            Some(Once { key, .. }) => {
+                repeat.repeat_until(key, |_| Ok(())).await?;
+                if !self.adopt(&copy, &repeat.engine).await? {
+                    bail!("somebody else writes to the copy");
+                }
+            }
+            None => {
+                self.catch_up(&copy, &mut repeat, inputs, &on_share).await?;
+                self.put_in_place(&copy, &mut repeat, &trips, &on_share)
+                    .await?;
+            }
+        }
+        drop(repeat);
+        Ok(copy.close().await?)
+    }
+
+    /// # Errors
+    /// If the map cannot be made anew: something that shaped it is not kept, or there is no room, or it was
+    /// tried too often.
+    async fn check_before(&self) -> anyhow::Result<()> {
+        let store = &self.engine.store;
+        if !is_whole(store, &self.route).await? {
+            bail!("its journal begins after its first batches, which an earlier version processed");
+        }
+        let missing = store.merged_without_body(&self.route).await?;
+        if missing > 0 {
+            bail!("the bodies of {missing} other batches in its map are not kept any more");
+        }
+        if store.begin_rebuilding(self.operation).await? > BEGUN_MAX {
+            bail!("the process was lost {BEGUN_MAX} times while the route was processed again");
+        }
+        if !store.has_room_for_copy(&self.route).await? {
+            bail!("there is no room on the disk for a copy of the route");
+        }
+        Ok(())
+    }
+
+    /// Repeats the inputs that there are, and those that come meanwhile, until few are left.
+    async fn catch_up(
+        &self,
+        copy: &Store,
+        repeat: &mut Repeat<'_>,
+        mut inputs: InputsToRepeat,
+        on_share: &OnShare,
+    ) -> anyhow::Result<()> {
         for _ in 0..ROUNDS_MAX {
             let count = inputs.count.max(1) as f64;
-            let repeated = replay.repeat_until(self.until.unwrap_or(inputs.last), |done| {
-                on_share(done as f64 / count)
-            });
+            let repeated = repeat.repeat_until(inputs.last, |done| on_share(done as f64 / count));
             repeated.await?;
-            if self.until.is_some() {
-                break;
-            }
-            inputs = self.copy_more(&copy).await?;
-            if inputs.count <= replay.replayed.inputs + INPUTS_LEFT_MAX {
-                break;
+            inputs = self.copy_more(copy).await?;
+            if inputs.count <= repeat.replayed.inputs + INPUTS_LEFT_MAX {
+                return Ok(());
             }
         }
+        bail!("uploads come faster than they can be processed again")
+    }
 
-        if self.until.is_none() && inputs.count > replay.replayed.inputs + INPUTS_LEFT_MAX {
-            bail!("uploads come faster than they can be processed again");
-        }
-
-        // Until here the route went on; now nothing is computed for it but this.
-        let _turn = match self.until {
-            Some(_) => None,
-            None => Some(self.engine.turn(&self.route).await),
-        };
+    /// Repeats what is left, while nothing else is computed for the route, and puts the map in its place.
+    async fn put_in_place(
+        &self,
+        copy: &Store,
+        repeat: &mut Repeat<'_>,
+        removed_trips: &BTreeSet<TripId>,
+        on_share: &OnShare,
+    ) -> anyhow::Result<()> {
+        let _turn = self.engine.turn(&self.route).await;
         for _ in 0..ADOPTIONS_MAX {
-            if self.until.is_none() {
-                inputs = self.copy_more(&copy).await?;
-                replay.repeat_until(inputs.last, |_| on_share(1.0)).await?;
-                self.check_decisions(&replay.replayed, &left_out).await?;
-            }
-            match self.adopt(&copy, &replay.engine).await {
-                Ok(true) => {
-                    drop(replay);
-                    return Ok(copy.close().await?);
-                }
+            let inputs = self.copy_more(copy).await?;
+            repeat.repeat_until(inputs.last, |_| on_share(1.0)).await?;
+            self.check_decisions(&repeat.replayed, removed_trips)
+                .await?;
+            match self.adopt(copy, &repeat.engine).await {
+                Ok(true) => return Ok(()),
                 Ok(false) => {}
                 Err(error) if is_passing(&error) => {}
                 Err(error) => return Err(error),
@@ -141,17 +179,9 @@ impl Rebuild {
     async fn check_decisions(
         &self,
         replayed: &Replayed,
-        left_out: &BTreeSet<BatchId>,
+        removed_trips: &BTreeSet<TripId>,
     ) -> anyhow::Result<()> {
         let store = &self.engine.store;
-        if replayed.decisions_left_out.is_empty() {
-            return Ok(());
-        }
-        let mut removed_trips = BTreeSet::new();
-        for batch in left_out {
-            let batch = store.batch(&self.route, batch).await?;
-            removed_trips.extend(batch.map(|batch| batch.trip_id));
-        }
         for &id in &replayed.decisions_left_out {
             let Some(alert) = store.alert(id).await? else {
                 continue;
@@ -180,41 +210,6 @@ impl Rebuild {
         Ok(inputs)
     }
 
-    /// Everything that was ever removed.
-    ///
-    /// # Errors
-    /// If the map cannot be made anew, because something that shaped it is not kept.
-    async fn removed_batches(&self) -> anyhow::Result<BTreeSet<BatchId>> {
-        let store = &self.engine.store;
-        let mut removed = BTreeSet::new();
-        let mut after = 0;
-        loop {
-            let page = store.inputs(&self.route, after, PAGE).await?;
-            if let Some(first) = page.first().filter(|_| after == 0)
-                && !matches!(first.input, Input::Settings(_))
-            {
-                bail!(
-                    "its journal begins after its first batches, which an earlier version processed"
-                );
-            }
-            let Some(last) = page.last() else { break };
-            after = last.key;
-            let before = |key: i64| self.until.is_none_or(|until| key < until);
-            for record in page {
-                if let Input::Removal { batches, .. } = record.input
-                    && before(record.key)
-                {
-                    removed.extend(batches);
-                }
-            }
-        }
-        let missing = store.merged_without_body(&self.route, &removed).await?;
-        if missing > 0 && self.until.is_none() {
-            bail!("the bodies of {missing} other batches in its map are not kept any more");
-        }
-        Ok(removed)
-    }
-
     /// Puts what was made in a copy in the place of the present map; false if the route has changed meanwhile.
     async fn adopt(&self, copy: &Store, engine: &Engine) -> anyhow::Result<bool> {
         let made = engine.workspaces.take(copy, &self.route).await?;
@@ -222,14 +217,14 @@ impl Rebuild {
             store, workspaces, ..
         } = &self.engine;
         let present = workspaces.take(store, &self.route).await?;
-        let at = self.at.unwrap_or_else(now);
+        let at = self.once.map_or_else(now, |once| once.at);
         let alerts = rebuilt_alerts(&present.alerts, &made.alerts, at);
         let adoption = Adoption {
             operation: self.operation,
             route_id: self.route.clone(),
             base_revision: present.revision,
             made_in: copy.database_path().to_path_buf(),
-            is_whole: self.until.is_none(),
+            is_whole: self.once.is_none(),
             result: RemovalResult {
                 alerts: self.removed.alerts.max(alerts.len() as u64),
                 moved_m: self.removed.moved_m + farthest_m(&present, &made),
@@ -241,11 +236,6 @@ impl Rebuild {
         };
         Ok(store.adopt(adoption).await?)
     }
-}
-
-fn is_passing(error: &anyhow::Error) -> bool {
-    let of_store = error.downcast_ref::<StoreError>();
-    of_store.is_some_and(StoreError::is_passing)
 }
 
 /// The largest distance between the places of a scan in two maps, metres.

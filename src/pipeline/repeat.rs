@@ -52,6 +52,12 @@ pub struct Replayed {
     pub versions_left_out: Vec<i64>,
 }
 
+/// Whether a route's journal begins with the route, and not after batches that an earlier version processed.
+pub(super) async fn is_whole(store: &Store, route: &RouteId) -> anyhow::Result<bool> {
+    let first = store.inputs(route, 0, 1).await?;
+    Ok(matches!(first.first(), Some(first) if matches!(first.input, Input::Settings(_))))
+}
+
 /// A route's inputs on their way into its map once more.
 pub(super) struct Repeat<'a> {
     pub engine: Engine,
@@ -143,7 +149,7 @@ impl<'a> Repeat<'a> {
                 self.decide(alert, order).await?;
             }
             Input::AcceptedTogether { alerts } => self.accept_together(alerts, at).await?,
-            Input::Removal { .. } | Input::Rebuilt { .. } if self.left_out().is_some() => {}
+            Input::Removal { .. } if self.left_out().is_some() => {}
             Input::Removal { operation, batches } => self.remove(operation, batches, at).await?,
             Input::Rebuilt { operation } => self.rebuild(operation, record.key, at).await?,
             Input::VehicleQuarantined { vehicle, note } => {
@@ -281,7 +287,8 @@ impl<'a> Repeat<'a> {
         remove(&self.engine, &operation, &request, Then::Ends, at).await
     }
 
-    /// Repeats that the map was made anew, as of the input with a key.
+    /// Repeats that the map was made anew, as of the input with a key; nothing is new where what was removed
+    /// is left out from the beginning.
     async fn rebuild(&self, operation: OperationId, key: i64, at: Timestamp) -> anyhow::Result<()> {
         match self.manner {
             Manner::AsItWas(rebuild) => {

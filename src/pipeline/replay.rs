@@ -5,10 +5,10 @@ use jiff::Timestamp;
 
 use super::engine::Engine;
 use super::options::PipelineOptions;
-use super::rebuild::Rebuild;
-use super::repeat::{Manner, Repeat, Replayed};
+use super::rebuild::{Once, Rebuild};
+use super::repeat::{Manner, Repeat, Replayed, is_whole};
 use crate::ids::{OperationId, RouteId};
-use crate::store::{Input, RemovalResult, Store};
+use crate::store::{RemovalResult, Store};
 
 /// Rebuilds a route's map. The store is a copy on which no pipeline runs; `on_progress` learns
 /// after each input how many of how many were repeated. `None`: the route's journal begins after
@@ -22,8 +22,7 @@ pub async fn replay(
     options: PipelineOptions,
     on_progress: &(dyn Fn(u64, u64) + Sync),
 ) -> anyhow::Result<Option<Replayed>> {
-    let first = store.inputs(route, 0, 1).await?;
-    if !matches!(first.first(), Some(first) if matches!(first.input, Input::Settings(_))) {
+    if !is_whole(store, route).await? {
         return Ok(None);
     }
     let engine = Engine::new(store, options)?;
@@ -49,9 +48,8 @@ fn rebuild_again(
         engine,
         route,
         operation,
-        until: Some(key),
         removed: RemovalResult::default(),
-        at: Some(at),
+        once: Some(Once { key, at }),
     };
     rebuild.carry_out(Box::new(|_| Ok(())))
 }

@@ -11,7 +11,7 @@ use tokio_util::task::AbortOnDropHandle;
 
 use super::archive::{archive, reactivate_named, reactivate_trip, solve_reactivated};
 use super::edges::{EdgeJob, process_edges};
-use super::engine::{Engine, now};
+use super::engine::{Engine, is_passing, now};
 use super::process::process;
 use super::refusal::{Processed, of_quarantine, refuse};
 use super::retention::{delete_bodies, delete_trajectories, redact_names};
@@ -247,8 +247,7 @@ enum Failure {
 
 impl Failure {
     fn of(error: &anyhow::Error) -> Self {
-        let of_store = error.downcast_ref::<StoreError>();
-        match of_store.is_some_and(StoreError::is_passing) {
+        match is_passing(error) {
             true => Self::OfStore,
             false if error.is::<TookTooLong>() => Self::ForGood,
             false => Self::OfBatch,

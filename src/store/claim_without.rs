@@ -118,12 +118,7 @@ impl ClaimWithout {
             .map(|row| row.try_get("id"))
             .collect::<Result<_, _>>()?;
         touch(transaction, route_key, &json_text(&ids)?).await?;
-        Ok(Some(Place {
-            batch_key: own.try_get("batch_key")?,
-            route_key,
-            trip_id: own.try_get("trip_id")?,
-            sequence: own.try_get("sequence")?,
-        }))
+        Place::of(own, route_key).map(Some)
     }
 }
 

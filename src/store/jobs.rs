@@ -36,12 +36,7 @@ pub(super) fn job_of(row: &SqliteRow) -> Result<Job, StoreError> {
         job_id: row.try_get("job_id")?,
         attempts: row.try_get("attempts")?,
         orphaned: row.try_get("orphaned")?,
-        place: Place {
-            batch_key: row.try_get("batch_key")?,
-            route_key: row.try_get("route_key")?,
-            trip_id: row.try_get("trip_id")?,
-            sequence: row.try_get("sequence")?,
-        },
+        place: Place::of(row, row.try_get("route_key")?)?,
     })
 }
 

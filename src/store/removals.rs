@@ -1,7 +1,5 @@
 //! Taking uploads out of a route: what they hold, and their removal in one transaction.
 
-use std::collections::BTreeSet;
-
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
@@ -30,16 +28,23 @@ impl Store {
         self.read(RemovableOf { route, meant }).await
     }
 
-    /// How many batches in a route's map have no body any more, those that are left out not counted.
+    /// The batches that were removed from a route, each with its trip.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn merged_without_body(
+    pub async fn removed_batches(
         &self,
         route: &RouteId,
-        left_out: &BTreeSet<BatchId>,
-    ) -> Result<u64, StoreError> {
-        self.read(MergedWithoutBody { route, left_out }).await
+    ) -> Result<Vec<(BatchId, TripId)>, StoreError> {
+        self.read(RemovedBatches(route)).await
+    }
+
+    /// How many batches in a route's map have no body any more.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn merged_without_body(&self, route: &RouteId) -> Result<u64, StoreError> {
+        self.read(MergedWithoutBody(route)).await
     }
 
     /// Writes a removal, all or nothing; false if the route has moved on since it was computed.
@@ -144,10 +149,27 @@ impl RemovableOf<'_> {
     }
 }
 
-struct MergedWithoutBody<'a> {
-    route: &'a RouteId,
-    left_out: &'a BTreeSet<BatchId>,
+/// The batches that were removed from a route, each with its trip.
+struct RemovedBatches<'a>(&'a RouteId);
+
+impl Query for RemovedBatches<'_> {
+    type Answer = Vec<(BatchId, TripId)>;
+
+    async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
+        let rows = sqlx::query(
+            "SELECT batches.id, trip_id FROM routes JOIN batches USING (route_key) \
+             WHERE routes.id = $1 AND status = 'removed' ORDER BY batch_key",
+        )
+        .bind(self.0.as_str())
+        .fetch_all(reader)
+        .await?;
+        let removed = |row: &SqliteRow| Ok((name(row, "id")?, name(row, "trip_id")?));
+        rows.iter().map(removed).collect()
+    }
 }
+
+/// How many batches in a route's map have no body any more.
+struct MergedWithoutBody<'a>(&'a RouteId);
 
 impl Query for MergedWithoutBody<'_> {
     type Answer = u64;
@@ -155,11 +177,9 @@ impl Query for MergedWithoutBody<'_> {
     async fn answer(&self, reader: &mut SqliteConnection) -> Result<Self::Answer, StoreError> {
         let count: i64 = sqlx::query_scalar(
             "SELECT count(*) FROM routes JOIN batches USING (route_key) WHERE routes.id = $1 \
-             AND status = 'merged' AND NOT body_kept \
-             AND batches.id NOT IN (SELECT value FROM json_each($2))",
+             AND status = 'merged' AND NOT body_kept",
         )
-        .bind(self.route.as_str())
-        .bind(json_text(self.left_out)?)
+        .bind(self.0.as_str())
         .fetch_one(reader)
         .await?;
         Ok(count.unsigned_abs())
@@ -246,15 +266,8 @@ impl ApplyRemoval {
         .bind(json_text(&removal.removable.batches)?)
         .fetch_all(&mut *transaction)
         .await?;
-        let place = |row: &SqliteRow| {
-            Ok::<_, StoreError>(Place {
-                batch_key: row.try_get("batch_key")?,
-                route_key,
-                trip_id: row.try_get("trip_id")?,
-                sequence: row.try_get("sequence")?,
-            })
-        };
-        let mut places: Vec<Place> = rows.iter().map(place).collect::<Result<_, _>>()?;
+        let places = rows.iter().map(|row| Place::of(row, route_key));
+        let mut places: Vec<Place> = places.collect::<Result<_, _>>()?;
         places.sort_unstable_by_key(|place| place.batch_key);
         Ok(places)
     }

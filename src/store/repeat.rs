@@ -1,7 +1,7 @@
 //! The inputs of a route, repeated on a copy of its database: each writes what it once wrote.
 
 use jiff::Timestamp;
-use sqlx::{Row, SqliteConnection};
+use sqlx::SqliteConnection;
 
 use super::Store;
 use super::claims::Claim;
@@ -119,12 +119,7 @@ impl Request for ClaimAgain {
         let Some(own) = rows.last() else {
             return Ok(None);
         };
-        let place = Place {
-            batch_key: own.try_get("batch_key")?,
-            route_key,
-            trip_id: own.try_get("trip_id")?,
-            sequence: own.try_get("sequence")?,
-        };
+        let place = Place::of(own, route_key)?;
         let ids = rows.iter().map(|row| name::<BatchId>(row, "id"));
         let batch_ids: Vec<BatchId> = ids.collect::<Result<_, _>>()?;
         let job_id = hold(transaction, &place, &json_text(&batch_ids)?).await?;

@@ -4,7 +4,8 @@
 //! ones are held. When the turn of a batch ends, with whatever status, the next one is due. Batches of
 //! edges are numbered as they arrive, so that each is due at once.
 
-use sqlx::SqliteConnection;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection};
 
 use super::error::StoreError;
 use super::records::{BatchContent, NewBatch};
@@ -28,6 +29,18 @@ pub(super) struct Place {
     pub(super) route_key: i64,
     pub(super) trip_id: String,
     pub(super) sequence: i64,
+}
+
+impl Place {
+    /// Of a row of a batch or a job.
+    pub(super) fn of(row: &SqliteRow, route_key: i64) -> Result<Self, StoreError> {
+        Ok(Self {
+            batch_key: row.try_get("batch_key")?,
+            route_key,
+            trip_id: row.try_get("trip_id")?,
+            sequence: row.try_get("sequence")?,
+        })
+    }
 }
 
 /// Decides the status of a new batch; makes its trip if it is the first.

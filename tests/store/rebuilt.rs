@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use mapshift::ids::{BatchId, NodeId, OperationId};
+use mapshift::ids::{BatchId, NodeId, OperationId, TripId};
 use mapshift::model::BatchStatus;
 use mapshift::store::{
     Adoption, Applied, ClaimedJob, Comparison, Input, InputRecord, Meant, NodeRecord,
@@ -225,8 +225,8 @@ async fn removed(fixture: &Fixture, batch: &str) -> OperationId {
 async fn a_map_is_made_anew_in_a_copy_of_the_route_while_uploads_go_on_and_adopted_whole() {
     let fixture = shaped().await;
     let (store, left_out) = (&fixture.store, BTreeSet::from([batch_id("b1")]));
-    let none = BTreeSet::new();
-    assert_eq!(store.merged_without_body(&route(), &none).await.unwrap(), 0);
+    assert_eq!(store.merged_without_body(&route()).await.unwrap(), 0);
+    assert_eq!(store.removed_batches(&route()).await.unwrap(), []);
     let operation = removed(&fixture, "b1").await;
     for begun in 1..3 {
         assert_eq!(store.begin_rebuilding(operation).await.unwrap(), begun);
@@ -234,6 +234,8 @@ async fn a_map_is_made_anew_in_a_copy_of_the_route_while_uploads_go_on_and_adopt
     assert!(store.has_room_for_copy(&route()).await.unwrap());
     let was_removed = fixture.status("b1").await;
     assert_eq!(was_removed, BatchStatus::Removed);
+    let removed = (batch_id("b1"), TripId::new("t").unwrap());
+    assert_eq!(store.removed_batches(&route()).await.unwrap(), [removed]);
     let directory = store.copy_directory().unwrap();
     assert!(directory.path().starts_with(fixture.directory.path()));
     let copy = Fixture {
