@@ -321,6 +321,15 @@ mod tests {
     }
 
     #[test]
+    fn nobody_who_was_carried_to_a_place_that_looks_the_same_reports_changes() {
+        for (trip, seed) in [(FaultyTrip::Second, 2), (FaultyTrip::First, 4)] {
+            let carried = run(Fault::Carried, trip, WorldKind::Rooms, seed).unwrap();
+            assert_eq!(carried.others_right, carried.others);
+            assert_eq!((carried.false_alerts, carried.batches_not_merged), (0, 0));
+        }
+    }
+
+    #[test]
     fn faults_strike_where_they_should() {
         let condition = Condition {
             changes: 0,

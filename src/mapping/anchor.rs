@@ -59,8 +59,8 @@ pub(super) struct Confirmation {
     resolution_m: f64,
     /// … and points that are compared.
     points_max: usize,
-    /// Whether the rival that is named is the best one: any is found sooner.
-    wants_best_rival: bool,
+    /// Least share of the points' score that a place must reach.
+    score_min: f64,
     /// Another place is one like it if it reaches this share of its score.
     rival_share: f64,
     slack: Slack,
@@ -75,7 +75,7 @@ pub(super) struct Confirmation {
 const TRUSTING: Confirmation = Confirmation {
     resolution_m: 0.1,
     points_max: POINTS_MAX,
-    wants_best_rival: true,
+    score_min: 0.4,
     rival_share: 0.9,
     slack: Slack {
         distance_m: 0.8,
@@ -92,7 +92,7 @@ const TRUSTING: Confirmation = Confirmation {
 pub(super) const STRICT: Confirmation = Confirmation {
     resolution_m: 0.2,
     points_max: 150,
-    wants_best_rival: false,
+    score_min: TRUSTING.score_min,
     rival_share: 0.8,
     slack: Slack {
         well_known: false,
@@ -103,12 +103,22 @@ pub(super) const STRICT: Confirmation = Confirmation {
     agreeing_share_min: 0.9,
 };
 
+/// For a lost trip of few keyframes: a short part of a corridor fits well in many places, so it must
+/// fit nearly everywhere.
+pub(super) const BRIEF: Confirmation = Confirmation {
+    score_min: 0.92,
+    ..STRICT
+};
+
 /// For a trip that comes from afar, by what it saw on its last metres: a lap may end where it only
 /// touches what it saw first.
 pub(super) const FROM_AFAR: Confirmation = Confirmation {
     agreeing_min: 2,
     ..STRICT
 };
+
+/// The scans do not show a place that so few of them agree with, as a share.
+const REFUTED_SHARE_MAX: f64 = 0.3;
 
 const EVERYWHERE: SearchParams = SearchParams {
     score_min: 0.4,
@@ -150,16 +160,55 @@ pub(super) fn locate(
     if own.len() < KEYFRAMES_MIN {
         return Err(AnchorError::TooShort(own.len()));
     }
-    let map_from_own = search_everywhere(references, own, confirmation)?;
-    confirm(references, own, &map_from_own, confirmation)?;
-    Ok(map_from_own)
+    let (best, rival) = search_everywhere(references, own, confirmation)?;
+    let Some(rival) = rival else {
+        confirm(references, own, &best, confirmation)?;
+        return Ok(best);
+    };
+    told_apart(references, own, [&best, &rival]).ok_or_else(|| {
+        let first = own[0].pose;
+        AnchorError::Ambiguous(best.compose(&first), rival.compose(&first))
+    })
 }
 
+/// Which of two places that look alike from afar the scans show, one by one: nearly all agree with
+/// it, and few with the other.
+fn told_apart(references: &[Placed<'_>], own: &[Placed<'_>], places: [&Pose2; 2]) -> Option<Pose2> {
+    let counts = places.map(|place| agreeing(references, own, place, &STRICT));
+    let is_shown = |count: &Count| count.confirms(own.len(), &STRICT);
+    let is_refuted = |count: &Count| {
+        count.compared > 0 && count.agreeing as f64 <= REFUTED_SHARE_MAX * count.compared as f64
+    };
+    match &counts {
+        [here, there] if is_shown(here) && is_refuted(there) => Some(*places[0]),
+        [there, here] if is_shown(here) && is_refuted(there) => Some(*places[1]),
+        _ => None,
+    }
+}
+
+/// How many scans agree with a place.
+#[derive(Debug, Default)]
+struct Count {
+    /// Scans that were compared …
+    compared: usize,
+    /// … and those of them that a closer match confirms.
+    agreeing: usize,
+}
+
+impl Count {
+    /// Whether they confirm the place of so many keyframes.
+    fn confirms(&self, keyframes: usize, confirmation: &Confirmation) -> bool {
+        self.agreeing >= confirmation.agreeing_min.min(keyframes)
+            && self.agreeing as f64 >= confirmation.agreeing_share_min * self.compared as f64
+    }
+}
+
+/// The place that looks most like the scans, and another that looks like them too.
 fn search_everywhere(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     confirmation: &Confirmation,
-) -> Result<Pose2, AnchorError> {
+) -> Result<(Pose2, Option<Pose2>), AnchorError> {
     let resolution_m = confirmation.resolution_m;
     let reference_map = placed_map(references);
     let grid = reference_map
@@ -174,23 +223,18 @@ fn search_everywhere(
         &centred,
         &SearchWindow::everywhere(&grid),
         &SearchParams {
+            score_min: confirmation.score_min,
             rival_share: confirmation.rival_share,
-            wants_best_rival: confirmation.wants_best_rival,
             ..EVERYWHERE
         },
     )
     .ok_or(AnchorError::Unknown)?;
     let own_from_centred = Pose2::new(middle.x, middle.y, 0.0);
     let to_map_from_own = |pose: &Pose2| pose.compose(&own_from_centred.inverse());
-    let best = to_map_from_own(&hit.pose);
-    if let Some((rival, _)) = hit.rival {
-        let first = own[0].pose;
-        return Err(AnchorError::Ambiguous(
-            best.compose(&first),
-            to_map_from_own(&rival).compose(&first),
-        ));
-    }
-    Ok(best)
+    Ok((
+        to_map_from_own(&hit.pose),
+        hit.rival.map(|(rival, _)| to_map_from_own(&rival)),
+    ))
 }
 
 fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
@@ -200,30 +244,39 @@ fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
     LocalMap::new(scans.collect())
 }
 
-/// Compares each of the trip's scans with its partners at the place found.
+/// Whether the trip's scans show the place found.
 pub(super) fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     map_from_own: &Pose2,
     confirmation: &Confirmation,
 ) -> Result<(), AnchorError> {
-    let (mut compared, mut agreeing) = (0, 0);
-    for keyframe in own {
-        if let Some(agrees) = agrees(references, keyframe, map_from_own, confirmation) {
-            compared += 1;
-            agreeing += usize::from(agrees);
-        }
-    }
-    let enough = agreeing >= confirmation.agreeing_min.min(own.len())
-        && agreeing as f64 >= confirmation.agreeing_share_min * compared as f64;
-    if enough {
+    let count = agreeing(references, own, map_from_own, confirmation);
+    if count.confirms(own.len(), confirmation) {
         return Ok(());
     }
     Err(AnchorError::Contradicted {
         place: map_from_own.compose(&own[0].pose),
-        agreeing,
-        compared,
+        agreeing: count.agreeing,
+        compared: count.compared,
     })
+}
+
+/// Compares each of the trip's scans with its partners at a place.
+fn agreeing(
+    references: &[Placed<'_>],
+    own: &[Placed<'_>],
+    map_from_own: &Pose2,
+    confirmation: &Confirmation,
+) -> Count {
+    let mut count = Count::default();
+    for keyframe in own {
+        if let Some(agrees) = agrees(references, keyframe, map_from_own, confirmation) {
+            count.compared += 1;
+            count.agreeing += usize::from(agrees);
+        }
+    }
+    count
 }
 
 /// Whether a scan shows what its partners at a place do; `None` if it has none.

@@ -22,13 +22,16 @@ use crate::ids::EdgeId;
 
 /// So many of a segment's newest keyframes say where it is.
 const KEYFRAMES_MAX: usize = 24;
+/// A segment of fewer must fit nearly everywhere.
+const BRIEF_KEYFRAMES: usize = 12;
 /// A segment is searched for when it has grown by this share: sparingly, …
 const SEARCH_GROWTH: f64 = 0.25;
 /// … but at least after so many keyframes.
 const SEARCH_STEP_MAX: usize = 40;
-/// A segment of so many keyframes is where its odometry has it …
-const EXPECTED_KEYFRAMES_MIN: usize = 8;
-/// … if what is left of the place fits in this share of the comparisons.
+/// Fewer keyframes fit in many places.
+const KEYFRAMES_MIN: usize = 8;
+/// A segment is where its odometry has it if what is left of the place fits in this share of the
+/// comparisons.
 const EXPECTED_SHARE_MIN: f64 = 0.6;
 /// A trip that has driven so far past what the map knows may have gone astray, metres.
 const ASTRAY_DRIFT_M: f64 = 12.0;
@@ -53,14 +56,21 @@ impl RouteMap {
             return Ok(());
         }
         let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
-        if newest.len() >= EXPECTED_KEYFRAMES_MIN && self.are_where_expected(newest) {
+        let is_expected = match self.was_cut_before(segment[0]) {
+            true => self.agree_as_placed(newest),
+            false => self.are_where_expected(newest),
+        };
+        if is_expected {
             return self.rejoin(&segment, added);
         }
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let layer = self.keyframes[index].layer();
-        let Ok(map_from_own) =
-            anchor::locate(&self.placed_references(layer), &own, &anchor::STRICT)
-        else {
+        let confirmation = match newest.len() < BRIEF_KEYFRAMES {
+            true => &anchor::BRIEF,
+            false => &anchor::STRICT,
+        };
+        let located = anchor::locate(&self.placed_references(layer), &own, confirmation);
+        let Ok(map_from_own) = located else {
             return Ok(());
         };
         self.move_segment(&segment, &map_from_own, added)
@@ -72,6 +82,15 @@ impl RouteMap {
         let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
         let share = self.fitting_share(keyframes, self.placed_references(layer));
         share.is_some_and(|share| share >= EXPECTED_SHARE_MIN)
+    }
+
+    /// Whether keyframes after a step that is not believed agree with the map where they lie: the
+    /// step was right after all.
+    fn agree_as_placed(&self, keyframes: &[usize]) -> bool {
+        let own: Vec<Placed<'_>> = keyframes.iter().map(|&k| self.placed(k)).collect();
+        let layer = own.first().and_then(|own| own.keyframe.layer());
+        let references = self.placed_references(layer);
+        anchor::confirm(&references, &own, &Pose2::IDENTITY, &anchor::STRICT).is_ok()
     }
 
     /// In how many of the comparisons of keyframes with references what is left of the place fits, as
@@ -185,6 +204,16 @@ impl RouteMap {
         }
     }
 
+    /// Whether the odometry that led a trip to a keyframe is not believed.
+    fn was_cut_before(&self, first: usize) -> bool {
+        self.graph.incident(first).iter().any(|&edge| {
+            let Edge { kind, status, .. } = self.graph.edges()[edge];
+            self.graph.ends()[edge].1 == first
+                && kind == EdgeKind::Odometry
+                && status == EdgeStatus::Quarantined
+        })
+    }
+
     fn may_be_astray(&self, index: usize) -> bool {
         let drift_m = self.keyframes[index].drift_m;
         let before_m = match self.trip_up_to(index) {
@@ -289,7 +318,7 @@ impl RouteMap {
 
 fn is_search_due(keyframes: usize) -> bool {
     let number = |keyframes: usize| (keyframes as f64).ln() / SEARCH_GROWTH.ln_1p();
-    keyframes >= anchor::KEYFRAMES_MIN
+    keyframes >= KEYFRAMES_MIN
         && (number(keyframes).floor() != number(keyframes - 1).floor()
             || keyframes.is_multiple_of(SEARCH_STEP_MAX))
 }
@@ -447,7 +476,7 @@ mod tests {
     #[test]
     fn searches_become_rarer_up_to_a_step() {
         let due: Vec<usize> = (0..400).filter(|n| is_search_due(*n)).collect();
-        assert_eq!(due[0], anchor::KEYFRAMES_MIN);
+        assert_eq!(due[0], KEYFRAMES_MIN);
         assert!(due.len() < 40, "{due:?}");
         assert!(due.windows(2).all(|w| w[1] - w[0] <= SEARCH_STEP_MAX));
     }

@@ -6,6 +6,7 @@
 
 mod anchor;
 mod attach;
+mod carried;
 mod clearance;
 mod clock;
 mod closure;
