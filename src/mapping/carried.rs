@@ -7,7 +7,6 @@
 
 use super::closure::contradiction_share;
 use super::drift::LOST_DRIFT_M;
-use super::extend::Extension;
 use super::route_map::{RouteMap, Weighting};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::EdgeId;
@@ -24,7 +23,7 @@ const CONTRAST_MIN: f64 = 4.0;
 impl RouteMap {
     /// Takes a trip that ends at `index` for lost since the step before its last [`SIDE`]
     /// keyframes, if it was carried there: what tied them to the map is quarantined.
-    pub(super) fn lose_if_carried(&mut self, index: usize, added: &mut Extension) {
+    pub(super) fn lose_if_carried(&mut self, index: usize) {
         let Some(since) = self.set_down(index) else {
             return;
         };
@@ -39,9 +38,6 @@ impl RouteMap {
             .map(|&edge| (self.graph.edges()[edge].id, EdgeStatus::Quarantined))
             .collect();
         self.restate_edges(&ties);
-        added
-            .closures
-            .retain(|closure| !ties.iter().any(|(edge, _)| *edge == closure.edge));
         for &k in &since {
             let keyframe = &mut self.keyframes[k];
             (keyframe.drift_m, keyframe.reference) = (LOST_DRIFT_M, false);
@@ -84,9 +80,40 @@ impl RouteMap {
 mod tests {
     use std::sync::Arc;
 
-    use super::super::testing::{BEAMS, SCANS, drive_through, rooms, truth};
+    use super::super::testing::{BEAMS, EVERY_S, SCANS, drive_through, rooms, truth};
     use super::*;
     use crate::observation::testing::all_round;
+
+    #[test]
+    fn a_vehicle_beside_which_a_load_is_set_down_is_found_where_it_is() {
+        let mut map = RouteMap::new(Weighting::Robust);
+        let known = drive_through(&rooms(), "known", 0.0, 0..SCANS, |_, motion| motion);
+        map.extend(&known).unwrap();
+        let mut loaded = drive_through(&rooms(), "loaded", 1e4, 0..SCANS, |_, motion| motion);
+        let (lidar, beside) = (Arc::new(all_round(BEAMS)), truth(60));
+        let low = [beside.x - 0.8, beside.y - 1.6];
+        let world = rooms().with_rectangle(low, [low[0] + 1.6, low[1] + 0.8]);
+        for k in 60..SCANS {
+            loaded.scans[k as usize].scan = world.scan(&lidar, BEAMS, &truth(k), || 0.0);
+        }
+        let mut was_lost = false;
+        for scan in loaded.scans.clone() {
+            loaded.scans = vec![scan];
+            map.extend(&loaded).unwrap();
+            was_lost |= map.keyframes.iter().any(|keyframe| keyframe.is_lost());
+        }
+        assert!(was_lost, "the load is too small to be mistaken");
+        for (keyframe, node) in map.keyframes.iter().zip(map.graph.nodes()) {
+            let start_s = if keyframe.trip == loaded.trip {
+                1e4
+            } else {
+                0.0
+            };
+            let scan = ((keyframe.stamp.seconds() - start_s) / EVERY_S).round() as i64;
+            let off_m = (node.pose.translation() - truth(scan).translation()).norm();
+            assert!(off_m < 0.05 && !keyframe.is_lost(), "{scan}: {off_m}");
+        }
+    }
 
     #[test]
     fn a_vehicle_past_which_something_moves_has_not_been_carried() {

@@ -216,7 +216,7 @@ impl RouteMap {
         let pose = last_pose.compose(moved);
         let index = self.insert_new(keyframe, pose, added)?;
         self.add_odometry(last_node, index, &motion, added)?;
-        self.lose_if_carried(index, added);
+        self.lose_if_carried(index);
         self.close_loops(index, added)
     }
 

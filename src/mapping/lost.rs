@@ -85,9 +85,11 @@ impl RouteMap {
     }
 
     /// Whether keyframes after a step that is not believed agree with the map where they lie: the
-    /// step was right after all.
+    /// step was right after all, and something beside the vehicle was moved. The newest say so, which
+    /// have left that behind.
     fn agree_as_placed(&self, keyframes: &[usize]) -> bool {
-        let own: Vec<Placed<'_>> = keyframes.iter().map(|&k| self.placed(k)).collect();
+        let newest = &keyframes[keyframes.len().saturating_sub(KEYFRAMES_MIN)..];
+        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let layer = own.first().and_then(|own| own.keyframe.layer());
         let references = self.placed_references(layer);
         anchor::confirm(&references, &own, &Pose2::IDENTITY, &anchor::STRICT).is_ok()
