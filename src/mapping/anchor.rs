@@ -165,7 +165,7 @@ pub(super) fn locate(
         confirm(references, own, &best, confirmation)?;
         return Ok(best);
     };
-    told_apart(references, own, [&best, &rival]).ok_or_else(|| {
+    distinguished(references, own, [&best, &rival]).ok_or_else(|| {
         let first = own[0].pose;
         AnchorError::Ambiguous(best.compose(&first), rival.compose(&first))
     })
@@ -173,7 +173,11 @@ pub(super) fn locate(
 
 /// Which of two places that look alike from afar the scans show, one by one: nearly all agree with
 /// it, and few with the other.
-fn told_apart(references: &[Placed<'_>], own: &[Placed<'_>], places: [&Pose2; 2]) -> Option<Pose2> {
+fn distinguished(
+    references: &[Placed<'_>],
+    own: &[Placed<'_>],
+    places: [&Pose2; 2],
+) -> Option<Pose2> {
     let counts = places.map(|place| agreeing(references, own, place, &STRICT));
     let is_shown = |count: &Count| count.confirms(own.len(), &STRICT);
     let is_refuted = |count: &Count| {
