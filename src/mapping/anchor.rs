@@ -49,7 +49,7 @@ pub enum AnchorError {
 }
 
 /// Fewest keyframes that a place is told from.
-pub(super) const KEYFRAMES_MIN: usize = 4;
+const KEYFRAMES_MIN: usize = 4;
 const GRID_LEVELS: usize = 7;
 const POINTS_MAX: usize = 300;
 
@@ -120,13 +120,10 @@ pub(super) const FROM_AFAR: Confirmation = Confirmation {
 /// The scans do not show a place that so few of them agree with, as a share.
 const REFUTED_SHARE_MAX: f64 = 0.3;
 
-const EVERYWHERE: SearchParams = SearchParams {
-    score_min: 0.4,
-    distinct_distance_m: 0.7,
-    distinct_turn_rad: 0.35,
-    rival_share: 0.9,
-    wants_best_rival: true,
-};
+/// Another place is farther away than this, metres, …
+const DISTINCT_DISTANCE_M: f64 = 0.7;
+/// … or turned by more, radians.
+const DISTINCT_TURN_RAD: f64 = 0.35;
 
 /// The pose of the drive's first scan in the map.
 pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorError> {
@@ -229,7 +226,9 @@ fn search_everywhere(
         &SearchParams {
             score_min: confirmation.score_min,
             rival_share: confirmation.rival_share,
-            ..EVERYWHERE
+            distinct_distance_m: DISTINCT_DISTANCE_M,
+            distinct_turn_rad: DISTINCT_TURN_RAD,
+            wants_best_rival: true,
         },
     )
     .ok_or(AnchorError::Unknown)?;

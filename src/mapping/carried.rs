@@ -6,7 +6,6 @@
 //! after it do, and each contradicts those of the other side.
 
 use super::closure::contradiction_share;
-use super::drift::LOST_DRIFT_M;
 use super::route_map::{RouteMap, Weighting};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::EdgeId;
@@ -38,10 +37,7 @@ impl RouteMap {
             .map(|&edge| (self.graph.edges()[edge].id, EdgeStatus::Quarantined))
             .collect();
         self.restate_edges(&ties);
-        for &k in &since {
-            let keyframe = &mut self.keyframes[k];
-            (keyframe.drift_m, keyframe.reference) = (LOST_DRIFT_M, false);
-        }
+        self.lose(&since);
     }
 
     /// The keyframes of a trip since it was set down; `None` if it was not just [`SIDE`] keyframes ago.

@@ -170,7 +170,8 @@ impl RouteMap {
                 .then(|| self.fitting_share(&newest, others))
                 .flatten();
             if share.is_some_and(|share| share < EXPECTED_SHARE_MIN) {
-                self.doubt_start(&untied);
+                // It was said to start where nothing looks like what it sees.
+                self.lose(&untied);
             }
             return Ok(());
         };
@@ -198,8 +199,8 @@ impl RouteMap {
         self.move_segment(&segment, &map_from_own, added)
     }
 
-    /// Takes a trip for lost that was said to start where nothing looks like what it sees.
-    fn doubt_start(&mut self, keyframes: &[usize]) {
+    /// Takes keyframes for lost: nothing is tied to them any more.
+    pub(super) fn lose(&mut self, keyframes: &[usize]) {
         for &k in keyframes {
             let keyframe = &mut self.keyframes[k];
             (keyframe.drift_m, keyframe.reference) = (LOST_DRIFT_M, false);
@@ -208,12 +209,16 @@ impl RouteMap {
 
     /// Whether the odometry that led a trip to a keyframe is not believed.
     fn was_cut_before(&self, first: usize) -> bool {
-        self.graph.incident(first).iter().any(|&edge| {
-            let Edge { kind, status, .. } = self.graph.edges()[edge];
-            self.graph.ends()[edge].1 == first
-                && kind == EdgeKind::Odometry
-                && status == EdgeStatus::Quarantined
-        })
+        let mut led = self.odometry_to(first);
+        led.any(|edge| edge.status == EdgeStatus::Quarantined)
+    }
+
+    /// The odometry edges that end at a keyframe.
+    fn odometry_to(&self, k: usize) -> impl Iterator<Item = &Edge> {
+        let incident = self.graph.incident(k).iter();
+        let to = incident.filter(move |&&edge| self.graph.ends()[edge].1 == k);
+        let to = to.map(|&edge| &self.graph.edges()[edge]);
+        to.filter(|edge| edge.kind == EdgeKind::Odometry)
     }
 
     fn may_be_astray(&self, index: usize) -> bool {
@@ -236,12 +241,7 @@ impl RouteMap {
         let Some(&first) = segment.first() else {
             return;
         };
-        let edges = self.graph.incident(first).iter();
-        let ties = edges.filter(|&&edge| {
-            self.graph.edges()[edge].kind == EdgeKind::Odometry
-                && self.graph.ends()[edge].1 == first
-        });
-        let ties: Vec<EdgeId> = ties.map(|&edge| self.graph.edges()[edge].id).collect();
+        let ties: Vec<EdgeId> = self.odometry_to(first).map(|edge| edge.id).collect();
         for edge in ties {
             self.graph.set_edge_status(edge, EdgeStatus::Quarantined);
         }
