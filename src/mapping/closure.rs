@@ -4,7 +4,9 @@ use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
 use crate::ids::EdgeId;
-use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination, agreement};
+use crate::matching::{
+    Alignment, BESIDE_A_PLACE_M, Estimate, IcpParams, ReferenceCloud, Termination, agreement,
+};
 
 /// Both measurements of one closure.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,6 +15,9 @@ pub(super) struct ClosureMeasurement {
     pub robust: Estimate,
     /// What is watched: the estimate from all points.
     pub all_points: Estimate,
+    /// How far the scans fix even the direction that they fix least, from 0 (not at all) to 1. The
+    /// robust estimate's information is held to it.
+    pub fixed_share: f64,
 }
 
 /// A closure that was added to the graph.
@@ -144,8 +149,16 @@ pub(super) fn measure(
     if !plausible || contradiction_share(old.keyframe, new.keyframe, &robust.pose)? > share_max {
         return None;
     }
+    let contrast = alignment.contrast(&robust.pose, &IcpParams::ROBUST, BESIDE_A_PLACE_M);
     let all_points = alignment.align_from(&robust.pose, sigma_m, None, &IcpParams::ALL_POINTS);
-    Some(ClosureMeasurement { robust, all_points })
+    Some(ClosureMeasurement {
+        robust: Estimate {
+            information: contrast.held_to(&robust.information),
+            ..robust
+        },
+        all_points,
+        fixed_share: contrast.fixed_share,
+    })
 }
 
 /// Whether two scans agree on what both show, exactly where they are expected, however much of the
@@ -169,21 +182,9 @@ pub(super) fn what_is_left_fits(old: &Placed<'_>, new: &Placed<'_>) -> bool {
         && moved.translation().norm() <= EXPECTED_WITHIN_M
         && angle_difference_rad(moved.theta, 0.0) <= EXPECTED_WITHIN_RAD;
     fits && alignment
-        .contrast(&matched.pose, &IcpParams::ROBUST)
+        .contrast(&matched.pose, &IcpParams::ROBUST, BESIDE_A_PLACE_M)
         .fixed_share
         >= LEFT_FIXED_SHARE_MIN
-}
-
-/// How far two scans, matched at `old_from_new`, fix even the direction that they fix least: 0 not
-/// at all, 1 plainly. `None` if the old one has no points.
-pub(super) fn fixed_share(old: &Placed<'_>, new: &Placed<'_>, old_from_new: &Pose2) -> Option<f64> {
-    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
-    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
-    Some(
-        alignment
-            .contrast(old_from_new, &IcpParams::ROBUST)
-            .fixed_share,
-    )
 }
 
 /// The robust estimate of `old_from_new` that a match ends at which begins there, whatever it is
@@ -221,7 +222,11 @@ pub(super) fn measure_by_score(
         return None;
     }
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
-    Some(ClosureMeasurement { robust, all_points })
+    Some(ClosureMeasurement {
+        robust,
+        all_points,
+        fixed_share: 1.0,
+    })
 }
 
 /// The larger noise of two scans' ranges, metres; `None` without scans.

@@ -2,12 +2,12 @@
 //!
 //! What one scan shows of a corridor fits in many places along it: door frames are alike. What the
 //! trip saw on its last metres fits in fewer. So the trip's local map is laid along the corridor onto
-//! what references show, and closures keep to where it fits.
+//! what references show, and closures begin where it fits.
 
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::{self, Placed};
-use crate::geometry::{Matrix2, Pose2, Vector2, Vector3};
-use crate::matching::{Alignment, Estimate, IcpParams, ReferenceCloud, Termination};
+use crate::geometry::{Matrix2, Pose2, Vector2};
+use crate::matching::{Alignment, IcpParams, ReferenceCloud, Termination};
 use crate::scan::SurfacePoint;
 
 /// A scan is of a corridor if its surfaces face one direction by no more than this share …
@@ -23,71 +23,42 @@ const POINTS_MAX: usize = 500;
 /// Least share of the local map that must fit.
 const SUPPORT_MIN: f64 = 0.5;
 
-/// A place along a corridor.
-pub(super) struct AlongCorridor {
-    /// `map_from_base` of the trip's newest keyframe: where it was expected, moved along.
-    pub pose: Pose2,
-    /// Along the corridor: unit vector, base frame.
-    axis: Vector2<f64>,
-    /// How far what is seen fixes the place along it, from 0 to 1.
-    fixed_share: f64,
-}
-
-impl AlongCorridor {
-    /// Of the trip whose newest keyframe, with these points, is expected at `expected`
-    /// (`map_from_base`); `local_map` makes one in its base frame, if it is needed.
-    ///
-    /// `None` where there is no corridor, or where the references show another place.
-    pub fn of<'a>(
-        newest: &[SurfacePoint],
-        local_map: impl FnOnce() -> LocalMap<'a>,
-        references: &[Placed<'a>],
-        expected: &Pose2,
-        range_sigma_m: f64,
-    ) -> Option<Self> {
-        // Of the newest scan alone first: most are of no corridor.
-        if least_faced(newest)?.0 >= FACING_SHARE_MAX {
-            return None;
-        }
-        let points = local_map().points_within(SEARCH_REACH_M, POINTS_MAX);
-        let (share, along) = least_faced(&points)?;
-        if share >= LOCAL_FACING_SHARE_MAX || length_m(&points, &along) < SEEN_MIN_M {
-            return None;
-        }
-        let nearest = partners::nearest_first(expected, references.iter().copied());
-        let apart = partners::spaced(nearest, usize::MAX);
-        let scans = apart
-            .iter()
-            .map(|placed| (placed.pose, placed.keyframe.points.as_slice()));
-        let cloud = ReferenceCloud::new(scans)?;
-        let mut alignment = Alignment::new(&cloud, &points);
-        let params = &IcpParams::ROBUST;
-        let axis = alignment.contrast(expected, params).axis;
-        let start = alignment.best_along(expected, &axis, ALONG_MAX_M, params);
-        let found = alignment.align_from(&start, range_sigma_m, None, params);
-        if found.termination == Termination::TooFewPoints || found.explained_share() < SUPPORT_MIN {
-            return None;
-        }
-        let fixed = alignment.contrast(&found.pose, params);
-        Some(Self {
-            pose: moved_along(&axis, expected, &found.pose),
-            axis: fixed.axis,
-            fixed_share: fixed.fixed_share,
-        })
+/// Where a trip is (`map_from_base` of its newest keyframe, which has these points) that is expected
+/// at `expected`, moved along the corridor that it is in; `local_map` makes one in the keyframe's
+/// base frame, if it is needed.
+///
+/// `None` where there is no corridor, or where the references show another place.
+pub(super) fn find_along<'a>(
+    newest: &[SurfacePoint],
+    local_map: impl FnOnce() -> LocalMap<'a>,
+    references: &[Placed<'a>],
+    expected: &Pose2,
+    range_sigma_m: f64,
+) -> Option<Pose2> {
+    // Of the newest scan alone first: most are of no corridor.
+    if least_faced(newest)?.0 >= FACING_SHARE_MAX {
+        return None;
     }
-
-    /// A match of the newest scan alone, moved along the corridor to where the local map fits;
-    /// `old_from_new` is that place in the match's frame.
-    pub fn hold(&self, alone: &Estimate, old_from_new: &Pose2) -> Estimate {
-        let direction = Vector3::new(self.axis.x, self.axis.y, 0.0);
-        Estimate {
-            pose: moved_along(&self.axis, &alone.pose, old_from_new),
-            information: alone
-                .information
-                .with_share_along(&direction, self.fixed_share),
-            ..*alone
-        }
+    let points = local_map().points_within(SEARCH_REACH_M, POINTS_MAX);
+    let (share, along) = least_faced(&points)?;
+    if share >= LOCAL_FACING_SHARE_MAX || length_m(&points, &along) < SEEN_MIN_M {
+        return None;
     }
+    let nearest = partners::nearest_first(expected, references.iter().copied());
+    let apart = partners::spaced(nearest, usize::MAX);
+    let scans = apart
+        .iter()
+        .map(|placed| (placed.pose, placed.keyframe.points.as_slice()));
+    let cloud = ReferenceCloud::new(scans)?;
+    let mut alignment = Alignment::new(&cloud, &points);
+    let params = &IcpParams::ROBUST;
+    let axis = alignment.contrast(expected, params, &[]).axis;
+    let start = alignment.best_along(expected, &axis, ALONG_MAX_M, params);
+    let found = alignment.align_from(&start, range_sigma_m, None, params);
+    if found.termination == Termination::TooFewPoints || found.explained_share() < SUPPORT_MIN {
+        return None;
+    }
+    Some(moved_along(&axis, expected, &found.pose))
 }
 
 /// A pose moved along an axis of its own frame to beside another one.
@@ -166,7 +137,7 @@ mod tests {
     }
 
     /// Where a drive is found that is expected `off_m` too far along.
-    fn found(world: &World, off_m: f64) -> Option<AlongCorridor> {
+    fn found(world: &World, off_m: f64) -> Option<Pose2> {
         let keyframes = drive(world);
         let placed = |k: &'_ usize| Placed {
             pose: keyframes[*k].odom_from_base,
@@ -178,7 +149,7 @@ mod tests {
             .map(|keyframe| (keyframe.odom_from_base, keyframe.points.as_slice()));
         let local_map = LocalMap::new(scans.collect());
         let expected = Pose2::new(off_m, 0.0, 0.0);
-        AlongCorridor::of(
+        find_along(
             &keyframes[7].points,
             || local_map,
             &references,
@@ -192,17 +163,15 @@ mod tests {
         let world = corridor(&[-6.0, -3.3, -1.1, 2.7, 4.0]);
         for off_m in [-0.6, -0.4, 0.4, 0.6] {
             let found = found(&world, off_m).unwrap();
-            assert!(found.pose.x.abs() < 0.03, "{off_m}: {}", found.pose.x);
-            assert_eq!(found.fixed_share, 1.0);
-            assert!(found.pose.y.abs() < 0.01 && found.pose.theta.abs() < 0.01);
+            assert!(found.x.abs() < 0.03, "{off_m}: {}", found.x);
+            assert!(found.y.abs() < 0.01 && found.theta.abs() < 0.01);
         }
     }
 
     #[test]
-    fn a_bare_corridor_says_nothing_along_it() {
+    fn along_a_bare_corridor_it_is_where_it_was_expected() {
         let found = found(&corridor(&[]), 0.4).unwrap();
-        assert_eq!(found.fixed_share, 0.0);
-        assert!(found.axis.x.abs() > 0.99);
+        assert!((found.x - 0.4).abs() < 0.01, "{}", found.x);
     }
 
     #[test]
@@ -210,22 +179,5 @@ mod tests {
         let corners = [(-9.0, -4.0), (5.0, -4.0), (5.0, 4.0), (-9.0, 4.0)];
         let corners = corners.map(|(x, y)| Vector2::new(x, y));
         assert!(found(&World::new([Shape::Outline(corners.into())]), 0.2).is_none());
-    }
-
-    #[test]
-    fn a_match_is_held_along_the_corridor_and_nowhere_else() {
-        let along = found(&corridor(&[-6.0, -3.3, -1.1, 2.7, 4.0]), 0.4).unwrap();
-        let alone = Estimate {
-            pose: Pose2::new(0.4, 0.03, 0.002),
-            information: crate::geometry::Information::from_sigmas(0.02, 0.01),
-            observable_directions: 3,
-            overlap: 1.0,
-            inlier_share: 1.0,
-            rmse_m: 0.01,
-            termination: Termination::Converged,
-        };
-        let held = along.hold(&alone, &along.pose);
-        assert!((held.pose.x - along.pose.x).abs() < 1e-3, "{:?}", held.pose);
-        assert!((held.pose.y - 0.03).abs() < 2e-3 && held.pose.theta == 0.002);
     }
 }

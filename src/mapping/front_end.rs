@@ -2,10 +2,10 @@
 
 use super::local_map::{LocalCloud, LocalMap, SEARCH_REACH_M};
 use super::odometry::{OdometryMotion, OdometrySigmas};
-use crate::geometry::{Information, Pose2, Vector3};
+use crate::geometry::{Information, Pose2};
 use crate::matching::{
-    Alignment, Contrast, Estimate, IcpParams, Prior, ReferenceCloud, SearchHit, SearchParams,
-    SearchWindow, Termination, search,
+    Alignment, BESIDE_A_STEP_M, Contrast, Estimate, IcpParams, Prior, ReferenceCloud, SearchHit,
+    SearchParams, SearchWindow, Termination, search,
 };
 use crate::scan::SurfacePoint;
 
@@ -95,7 +95,7 @@ pub(super) fn measure_motion(
     if !plausible(&best) {
         return by_odometry;
     }
-    let contrast = alignment.contrast(&best.pose, &IcpParams::ROBUST);
+    let contrast = alignment.contrast(&best.pose, &IcpParams::ROBUST, BESIDE_A_STEP_M);
     let (measurement, information) = with_wheels_along(&best, &contrast, last_from_base);
     Motion {
         measurement,
@@ -177,7 +177,7 @@ fn motion_alone(
     if !is_plausible_alone(matched) {
         return None;
     }
-    let contrast = alignment.contrast(&matched.pose, &IcpParams::ROBUST);
+    let contrast = alignment.contrast(&matched.pose, &IcpParams::ROBUST, BESIDE_A_STEP_M);
     let (measurement, information) = with_wheels_along(matched, &contrast, expected);
     let weak = Information::from_sigmas(ALONE_SIGMA_M, ALONE_HALF_TURN_RAD);
     Some(Motion {
@@ -198,11 +198,10 @@ fn with_wheels_along(
     let to_odometry = matched.pose.between(by_odometry).translation();
     let by_m = (1.0 - fixed_share) * axis.dot(&to_odometry);
     let moved = Pose2::new(by_m * axis.x, by_m * axis.y, 0.0);
-    let direction = Vector3::new(axis.x, axis.y, 0.0);
-    let information = matched
-        .information
-        .with_share_along(&direction, *fixed_share);
-    (matched.pose.compose(&moved), information)
+    (
+        matched.pose.compose(&moved),
+        contrast.held_to(&matched.information),
+    )
 }
 
 /// Matches a scan with the one before it, with all points of both, as the paper does (section 2:

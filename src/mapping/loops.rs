@@ -2,7 +2,7 @@
 
 use super::anchor;
 use super::closure::{self, ClosureMeasurement, Slack};
-use super::corridor::AlongCorridor;
+use super::corridor;
 use super::drift::{DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_small};
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::{RouteMap, Weighting};
@@ -38,10 +38,8 @@ impl RouteMap {
             }
         };
         let along = self.along_corridor(index, &nearby, &pose);
-        let along = along.filter(|along| {
-            (along.pose.translation() - pose.translation()).norm() <= slack.distance_m
-        });
-        let pose = along.as_ref().map_or(pose, |along| along.pose);
+        let along = along.filter(|along| partners::way_m(along, &pose) <= slack.distance_m);
+        let pose = along.unwrap_or(pose);
         let expected = Placed { pose, ..new };
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
@@ -57,11 +55,6 @@ impl RouteMap {
                 }
                 Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
             }?;
-            let robust = match &along {
-                Some(along) => along.hold(&found.robust, &old_from_new),
-                None => found.robust,
-            };
-            let found = ClosureMeasurement { robust, ..found };
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()
@@ -133,14 +126,14 @@ impl RouteMap {
         index: usize,
         references: &[Placed<'_>],
         pose: &Pose2,
-    ) -> Option<AlongCorridor> {
+    ) -> Option<Pose2> {
         if self.weighting != Weighting::Robust {
             return None;
         }
         let keyframe = &self.keyframes[index];
         let sigma_m = keyframe.range_sigma_m()?;
         let local_map = || self.local_map(index);
-        AlongCorridor::of(&keyframe.points, local_map, references, pose, sigma_m)
+        corridor::find_along(&keyframe.points, local_map, references, pose, sigma_m)
     }
 
     /// Reference nodes around a pose that are not the trip's newest; of the layer of the one at

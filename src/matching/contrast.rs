@@ -8,13 +8,16 @@
 use super::icp::Alignment;
 use super::icp_params::IcpParams;
 use super::normal_equations::{NormalEquations, cauchy_weight};
-use crate::geometry::{Pose2, Vector2};
+use crate::geometry::{Information, Pose2, Vector2, Vector3};
 
 /// Where the points weigh along their weakest direction at least this share of what they weigh in
 /// all, nothing need be asked.
 const WEIGHT_SHARE_STRONG: f64 = 0.2;
-/// What is compared with, metres along the weakest direction.
-const BESIDE_M: [f64; 4] = [-0.3, -0.15, 0.15, 0.3];
+/// What a step of a vehicle is compared with, whose wheels say about where it ends: metres along the
+/// weakest direction.
+pub const BESIDE_A_STEP_M: &[f64] = &[-0.3, -0.15, 0.15, 0.3];
+/// What a place on the map is compared with: door frames are alike, and the next one may fit too.
+pub const BESIDE_A_PLACE_M: &[f64] = &[-0.8, -0.6, -0.45, -0.3, -0.15, 0.15, 0.3, 0.45, 0.6, 0.8];
 /// A point as far off its counterpart's line as this fits half, metres; …
 const FIT_SCALE_M: f64 = 0.05;
 /// … and one with a counterpart no nearer than this not at all.
@@ -37,9 +40,18 @@ pub struct Contrast {
     pub fixed_share: f64,
 }
 
+impl Contrast {
+    /// The information of an estimate, less what the points only seem to say.
+    pub fn held_to(&self, information: &Information) -> Information {
+        let direction = Vector3::new(self.axis.x, self.axis.y, 0.0);
+        information.with_share_along(&direction, self.fixed_share)
+    }
+}
+
 impl Alignment<'_> {
-    /// Of the scan at a pose `reference_from_base` that it was aligned to.
-    pub fn contrast(&mut self, pose: &Pose2, params: &IcpParams) -> Contrast {
+    /// Of the scan at a pose `reference_from_base` that it was aligned to, compared with poses
+    /// beside it: metres along the direction that the points fix least.
+    pub fn contrast(&mut self, pose: &Pose2, params: &IcpParams, beside_m: &[f64]) -> Contrast {
         self.pairing.look_up(pose, params.gate_end_m, params, 1);
         let equations = NormalEquations::of(self.pairing.pairs(), pose, params.cauchy_scale_m);
         let xy = equations.hessian.fixed_view::<2, 2>(0, 0).into_owned();
@@ -55,8 +67,8 @@ impl Alignment<'_> {
             self.fit(&pose.compose(&beside), params)
         };
         let here = fit_at(0.0);
-        let beside = BESIDE_M.map(&mut fit_at).into_iter().fold(0.0, f64::max);
-        let gain = here - beside;
+        let beside = beside_m.iter().map(|along_m| fit_at(*along_m));
+        let gain = here - beside.fold(0.0, f64::max);
         Contrast {
             axis,
             fixed_share: ((gain - GAIN_NONE) / (GAIN_SURE - GAIN_NONE)).clamp(0.0, 1.0),
@@ -123,7 +135,7 @@ mod tests {
         let old = look(world, &Pose2::IDENTITY, 0);
         let new = look(world, &moved, 3);
         let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.as_slice())]).unwrap();
-        Alignment::new(&cloud, &new).contrast(&moved, &IcpParams::ROBUST)
+        Alignment::new(&cloud, &new).contrast(&moved, &IcpParams::ROBUST, BESIDE_A_PLACE_M)
     }
 
     #[test]
@@ -138,6 +150,20 @@ mod tests {
         let pillars = contrast_in(&corridor(&[-3.0, 1.5, 4.0]));
         assert_eq!(pillars.fixed_share, 1.0);
         assert!(pillars.axis.x.abs() > 0.99, "{}", pillars.axis);
+    }
+
+    #[test]
+    fn an_estimate_keeps_what_is_fixed() {
+        let sure = Information::from_sigmas(0.01, 0.002);
+        let along = |fixed_share| {
+            let axis = Vector2::new(1.0, 0.0);
+            Contrast { axis, fixed_share }.held_to(&sure)
+        };
+        assert_eq!(along(1.0), sure);
+        let none = along(0.0).squared_norm(&Vector3::new(1.0, 0.0, 0.0));
+        assert!(none < 1e-9, "{none}");
+        let across = Vector3::new(0.0, 1.0, 1.0);
+        assert_eq!(along(0.0).squared_norm(&across), sure.squared_norm(&across));
     }
 
     #[test]

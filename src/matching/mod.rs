@@ -21,7 +21,7 @@ mod testing;
 mod visibility;
 
 pub use cloud::ReferenceCloud;
-pub use contrast::Contrast;
+pub use contrast::{BESIDE_A_PLACE_M, BESIDE_A_STEP_M, Contrast};
 pub use estimate::{Estimate, Termination};
 pub use icp::{Alignment, align};
 pub use icp_params::IcpParams;

@@ -99,11 +99,10 @@ impl RouteMap {
     fn matched(&self, old: &Placed<'_>, new: &Placed<'_>, found: &Pose2) -> Option<Match> {
         let old_from_new = old.pose.between(found);
         let measured = closure::measure(old, new, &old_from_new, &SLACK, &self.closure_rule)?;
-        let there = measured.robust.pose;
-        let fixed_share = closure::fixed_share(old, new, &there)?;
-        if fixed_share < FIXED_SHARE_MIN {
+        if measured.fixed_share < FIXED_SHARE_MIN {
             return None;
         }
+        let there = measured.robust.pose;
         let here = closure::aligned_from(old, new, &old.pose.between(&new.pose))?;
         let gain = match is_same_place(&here.pose, &there) {
             true => f64::INFINITY,
