@@ -1,5 +1,6 @@
 //! A loop closure: two scans of one place, matched twice.
 
+use super::corridor;
 use super::keyframe::Keyframe;
 use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
@@ -16,7 +17,7 @@ pub(super) struct ClosureMeasurement {
     /// What is watched: the estimate from all points.
     pub all_points: Estimate,
     /// How far the scans fix even the direction that they fix least, from 0 (not at all) to 1. The
-    /// robust estimate's information is held to it.
+    /// robust estimate's information is held to it where the new scan sees far.
     pub fixed_share: f64,
 }
 
@@ -150,10 +151,16 @@ pub(super) fn measure(
         return None;
     }
     let contrast = alignment.contrast(&robust.pose, &IcpParams::ROBUST, BESIDE_A_PLACE_M);
+    // The map of a short-sighted lidar, to which every wall is bare, would fall apart.
+    let sees_far = corridor::length_m(points, &contrast.axis) >= corridor::SEEN_MIN_M;
+    let information = match sees_far {
+        true => contrast.held_to(&robust.information),
+        false => robust.information,
+    };
     let all_points = alignment.align_from(&robust.pose, sigma_m, None, &IcpParams::ALL_POINTS);
     Some(ClosureMeasurement {
         robust: Estimate {
-            information: contrast.held_to(&robust.information),
+            information,
             ..robust
         },
         all_points,

@@ -15,7 +15,7 @@ const FACING_SHARE_MAX: f64 = 0.2;
 /// … and the local map by no more than this.
 const LOCAL_FACING_SHARE_MAX: f64 = 0.3;
 /// So long it is at least, as far as the trip has seen it, metres: a single wall is none.
-const SEEN_MIN_M: f64 = 6.0;
+pub(super) const SEEN_MIN_M: f64 = 6.0;
 /// How far along the corridor it is looked for, metres.
 const ALONG_MAX_M: f64 = 0.8;
 /// So many points of the local map say as much as all.
@@ -83,7 +83,7 @@ fn least_faced(points: &[SurfacePoint]) -> Option<(f64, Vector2<f64>)> {
 }
 
 /// How far points reach along a direction, metres.
-fn length_m(points: &[SurfacePoint], along: &Vector2<f64>) -> f64 {
+pub(super) fn length_m(points: &[SurfacePoint], along: &Vector2<f64>) -> f64 {
     let (first, last) = points
         .iter()
         .map(|point| along.dot(&point.position))
