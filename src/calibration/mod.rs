@@ -31,6 +31,7 @@ mod trip_corrections;
 mod trip_scans;
 mod vehicle;
 mod vehicle_fault;
+mod way_scale;
 
 pub use crate::model::Quantity;
 pub use clock_offset::{DrivenPose, clock_offset_s};
@@ -50,3 +51,4 @@ pub use trip_corrections::{AppliedCorrection, TripCorrections};
 pub use trip_scans::{TripScan, matched_motions};
 pub use vehicle::{CalibratedTrip, Change, TRIPS_MAX, VehicleCalibration};
 pub use vehicle_fault::{Displacement, VehicleFault};
+pub use way_scale::way_scale;

@@ -8,7 +8,9 @@ use std::collections::BTreeMap;
 
 use super::drive::{Drive, DriveScan};
 use super::route_map::RouteMap;
-use crate::calibration::{Corrections, DrivenPose, OdometryTrack, clock_offset_s};
+use crate::calibration::{
+    Corrections, DrivenPose, OdometryTrack, Quantity, clock_offset_s, way_scale,
+};
 use crate::geometry::Pose2;
 use crate::ids::{LidarId, StampNs, TripId};
 use crate::scan::SweepOrder;
@@ -24,9 +26,14 @@ pub struct TripClock {
     trip: TripId,
     /// As it was sent, of the trip's newest scans and the drive's.
     sent: BTreeMap<ScanKey, Pose2>,
+    /// The same in the order of time.
+    sent_track: OdometryTrack,
+    /// What the vehicle's earlier trips are sure of.
+    known_wheels: Corrections,
+    /// What is corrected: that, and the scale of the way by this trip where they do not say it.
+    wheels: Corrections,
     /// With the wheels corrected.
     track: OdometryTrack,
-    has_wheels_off: bool,
     /// Whether no two scans of a lidar share a stamp: where they do nothing is corrected.
     is_in_order: bool,
     offset_ns: i64,
@@ -45,16 +52,14 @@ impl TripClock {
             .iter()
             .map(|((stamp, _), pose)| (*stamp, *pose))
             .collect();
-        let track = OdometryTrack::through(by_stamp);
-        let has_wheels_off = drive.wheels != Corrections::default();
+        let sent_track = OdometryTrack::through(by_stamp);
         Self {
             trip: drive.trip.clone(),
             is_in_order: sent.len() == scans,
-            track: match has_wheels_off {
-                true => drive.wheels.track(&track),
-                false => track,
-            },
-            has_wheels_off,
+            known_wheels: drive.wheels,
+            wheels: drive.wheels,
+            track: corrected_track(&drive.wheels, &sent_track),
+            sent_track,
             sent,
             offset_ns: 0,
         }
@@ -66,8 +71,13 @@ impl TripClock {
             return;
         }
         self.restore(map);
-        let offset_s = clock_offset_s(&map.driven_poses(&self.trip));
-        self.offset_ns = (1e9 * offset_s).round() as i64;
+        let driven = map.driven_poses(&self.trip);
+        self.offset_ns = (1e9 * clock_offset_s(&driven)).round() as i64;
+        if self.known_wheels.get(Quantity::WayScale) == 0.0 {
+            let scale = way_scale(&driven);
+            self.wheels = self.known_wheels.with(Quantity::WayScale, scale);
+            self.track = corrected_track(&self.wheels, &self.sent_track);
+        }
         if self.corrects() {
             map.set_odometry(&self.trip, |(stamp, _)| self.at(*stamp));
         }
@@ -120,11 +130,18 @@ impl TripClock {
 
     /// Whether odometry is other than it was sent.
     fn corrects(&self) -> bool {
-        self.is_in_order && (self.offset_ns != 0 || self.has_wheels_off)
+        self.is_in_order && (self.offset_ns != 0 || self.wheels != Corrections::default())
     }
 
     fn at(&self, stamp: StampNs) -> Option<Pose2> {
         self.track.at(stamp.0.saturating_sub(self.offset_ns))
+    }
+}
+
+fn corrected_track(wheels: &Corrections, sent: &OdometryTrack) -> OdometryTrack {
+    match *wheels == Corrections::default() {
+        true => sent.clone(),
+        false => wheels.track(sent),
     }
 }
 

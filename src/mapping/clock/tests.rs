@@ -1,3 +1,4 @@
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use super::super::drive::InitialPose;
@@ -7,6 +8,7 @@ use crate::calibration::Quantity;
 use crate::geometry::{Vector3, angle_difference_rad};
 use crate::observation::testing::{World, all_round};
 use crate::scan::LaserScan;
+use crate::sim::{FloorPlan, OdometryError, Rooms, SimLidar, Vehicle};
 
 const BEAMS: usize = 360;
 const SCANS: i64 = 300;
@@ -178,4 +180,56 @@ fn motion_during_a_scan_is_taken_out_where_its_time_is_stated() {
         assert!(stated_m < 0.02, "{stated_m}");
         assert!(not_stated_m > 2.0 * stated_m, "{not_stated_m} {stated_m}");
     }
+}
+
+/// Two laps of a corridor 100 m long, parts of which are bare, with a scan a metre. The wheels have
+/// the way 2 % too long.
+fn round_a_floor() -> Drive {
+    let vehicle = Vehicle {
+        lidar: SimLidar::sector(PI, 181, 30.0, 0.01, Pose2::new(0.2, 0.0, 0.0)),
+        odometry: OdometryError {
+            scale: 0.02,
+            yaw_drift_rad_per_m: 0.0,
+            sigma_xy_m: 0.03,
+            sigma_theta_rad: 0.01,
+        },
+        path_noise_m: 0.1,
+        scan_spacing_m: 1.0,
+        speed_mps: 0.8,
+    };
+    let floor = Rooms::of_plan(&FloorPlan::round(100.0, 2.4), 3).unwrap();
+    let lidar = Arc::new(vehicle.lidar.geometry.clone().validated().unwrap());
+    let scans = floor.scene.drive(&vehicle, 0..2, 3).into_iter();
+    let scans = scans.map(|scan| DriveScan {
+        stamp: StampNs((1e9 * scan.time_s) as i64),
+        odom_from_base: scan.odom_from_base,
+        beam_interval_s: 0.0,
+        lidar: Default::default(),
+        scan: LaserScan::new(lidar.clone(), scan.ranges_m).unwrap(),
+    });
+    Drive {
+        scans: scans.collect(),
+        initial_pose: None,
+        ..drives(0).remove(0)
+    }
+}
+
+#[test]
+fn wheels_of_a_first_trip_are_found_to_have_the_way_too_long() {
+    let drive = round_a_floor();
+    let scale_found = |known: Corrections| {
+        let mut map = mapped(std::slice::from_ref(&drive));
+        let next = Drive {
+            scans: Vec::new(),
+            wheels: known,
+            ..drive.clone()
+        };
+        let mut clock = TripClock::new(&map, &next);
+        clock.adjust(&mut map);
+        clock.wheels.get(Quantity::WayScale)
+    };
+    let found = scale_found(Corrections::default());
+    assert!((found + 0.02).abs() < 0.005, "{found}");
+    let known = Corrections::default().with(Quantity::WayScale, -0.012);
+    assert_eq!(scale_found(known), -0.012, "earlier trips know it better");
 }

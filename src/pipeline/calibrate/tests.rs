@@ -116,7 +116,10 @@ fn what_is_corrected_changes_no_word_on_the_vehicle_as_stated() {
     };
     let (stated, nodes) = said(&TripCorrections::default());
     let (corrected, nodes_corrected) = said(&corrections);
-    assert!(nodes.abs_diff(nodes_corrected) < nodes / 10);
+    assert!(
+        nodes.abs_diff(nodes_corrected) < nodes / 5,
+        "{nodes} {nodes_corrected}"
+    );
     assert_eq!(stated.len(), corrected.len());
     for (quantity, stated) in &stated {
         let apart = (corrected[quantity].value - stated.value).abs();
