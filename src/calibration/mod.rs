@@ -51,4 +51,4 @@ pub use trip_corrections::{AppliedCorrection, TripCorrections};
 pub use trip_scans::{TripScan, matched_motions};
 pub use vehicle::{CalibratedTrip, Change, TRIPS_MAX, VehicleCalibration};
 pub use vehicle_fault::{Displacement, VehicleFault};
-pub use way_scale::way_scale;
+pub use way_scale::{DrivenStep, way_scale};

@@ -7,16 +7,21 @@
 use std::collections::BTreeMap;
 
 use super::drive::{Drive, DriveScan};
-use super::route_map::RouteMap;
+use super::route_map::{RouteMap, Weighting};
 use crate::calibration::{
-    Corrections, DrivenPose, OdometryTrack, Quantity, clock_offset_s, way_scale,
+    Corrections, DrivenPose, DrivenStep, OdometryTrack, Quantity, clock_offset_s, way_scale,
 };
 use crate::geometry::Pose2;
+use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::{LidarId, StampNs, TripId};
 use crate::scan::SweepOrder;
 
 /// So many of a trip's newest keyframes say what the offset is.
 const KEYFRAMES_MAX: usize = 400;
+/// The scale of the way is asked for anew after so many keyframes, …
+const KEYFRAMES_PER_SCALE: u32 = 25;
+/// … of so many of the newest.
+const SCALE_KEYFRAMES_MAX: u32 = 300;
 
 /// What is like no other scan of its trip: when it was taken, and by which lidar.
 type ScanKey = (StampNs, Option<LidarId>);
@@ -37,6 +42,8 @@ pub struct TripClock {
     /// Whether no two scans of a lidar share a stamp: where they do nothing is corrected.
     is_in_order: bool,
     offset_ns: i64,
+    /// The wheels are corrected by so many of the trip's first keyframes.
+    keyframes_asked: u32,
 }
 
 impl TripClock {
@@ -62,6 +69,7 @@ impl TripClock {
             sent_track,
             sent,
             offset_ns: 0,
+            keyframes_asked: 0,
         }
     }
 
@@ -71,10 +79,26 @@ impl TripClock {
             return;
         }
         self.restore(map);
-        let driven = map.driven_poses(&self.trip);
-        self.offset_ns = (1e9 * clock_offset_s(&driven)).round() as i64;
-        if self.known_wheels.get(Quantity::WayScale) == 0.0 {
-            let scale = way_scale(&driven);
+        let offset_s = clock_offset_s(&map.driven_poses(&self.trip));
+        self.offset_ns = (1e9 * offset_s).round() as i64;
+        self.adjust_way(map);
+    }
+
+    /// Asks the map how much too long the wheels have the way, once the trip has so many keyframes
+    /// more: whatever batches it comes in, it is asked at the same ones.
+    pub fn follow(&mut self, map: &mut RouteMap) {
+        if self.is_in_order && self.keyframes_asked != map.keyframes_to_ask(&self.trip) {
+            self.restore(map);
+            self.adjust_way(map);
+        }
+    }
+
+    /// Of a map that has the odometry as it was sent.
+    fn adjust_way(&mut self, map: &mut RouteMap) {
+        self.keyframes_asked = map.keyframes_to_ask(&self.trip);
+        let is_known = self.known_wheels.get(Quantity::WayScale) != 0.0;
+        if !is_known && map.weighting == Weighting::Robust {
+            let scale = way_scale(&map.driven_steps(&self.trip, self.keyframes_asked));
             self.wheels = self.known_wheels.with(Quantity::WayScale, scale);
             self.track = corrected_track(&self.wheels, &self.sent_track);
         }
@@ -171,6 +195,44 @@ impl RouteMap {
             }));
         }
         poses
+    }
+
+    /// The steps between a trip's keyframes up to one of that order, as they were measured: where the
+    /// map has moved them since says the same of wheels, and would differ from batch to batch.
+    fn driven_steps(&self, trip: &TripId, before_order: u32) -> Vec<DrivenStep> {
+        let places = self.trips.get(trip).map_or(&[][..], Vec::as_slice);
+        let from_order = before_order.saturating_sub(SCALE_KEYFRAMES_MAX);
+        let is_asked =
+            |k: &&usize| (from_order..before_order).contains(&self.keyframes[**k].trip_order);
+        let newest = &places[places.len().saturating_sub(KEYFRAMES_MAX)..];
+        let asked: Vec<usize> = newest.iter().filter(is_asked).copied().collect();
+        let steps = asked.windows(2).map(|two| {
+            let [from, to] = [two[0], two[1]].map(|k| self.keyframes[k].odom_from_base);
+            DrivenStep {
+                by_scans: self.measured_step(two[0], two[1]),
+                by_wheels: from.between(&to),
+            }
+        });
+        steps.collect()
+    }
+
+    /// What the odometry edge between two keyframes measured; `None` if there is none.
+    fn measured_step(&self, from: usize, to: usize) -> Option<Pose2> {
+        let edges = self.graph.incident(to).iter();
+        let mut edges = edges.map(|&edge| (&self.graph.edges()[edge], self.graph.ends()[edge]));
+        let step = edges.find(|(edge, ends)| {
+            edge.kind == EdgeKind::Odometry
+                && edge.status == EdgeStatus::Active
+                && *ends == (from, to)
+        });
+        Some(step?.0.measurement)
+    }
+
+    /// How many of a trip's first keyframes say how long its way is: a multiple of twenty-five.
+    fn keyframes_to_ask(&self, trip: &TripId) -> u32 {
+        let newest = self.trips.get(trip).and_then(|trip| trip.last());
+        let driven = newest.map_or(0, |&k| self.keyframes[k].trip_order + 1);
+        driven - driven % KEYFRAMES_PER_SCALE
     }
 
     /// The odometry of the newest scans of a trip, of all its lidars.

@@ -91,6 +91,7 @@ impl RouteMap {
                 if self.interrupt.is_raised() {
                     return Err(NotExtended::Interrupted);
                 }
+                clock.follow(self);
                 let seen = match moment {
                     Moment::Primary { scan, lent } => Seen::corrected(&clock, scan, lent),
                     Moment::Companion(scan) => {
