@@ -4,6 +4,7 @@
 //! fleet make the map and have nobody before them. Scans fix most motions by themselves; the few
 //! that they do not, along bare corridors, are as long as the others show them to be.
 
+use super::Quantity;
 use crate::geometry::Pose2;
 
 /// A motion from one of a trip's keyframes to the next.
@@ -17,6 +18,8 @@ pub struct DrivenStep {
 
 /// What is known of wheels without any drive, standard deviation.
 const PRIOR_SIGMA: f64 = 0.02;
+/// Matches of the scans may be off by so much themselves, and differ by it from run to run.
+const SCALE_NONE: f64 = 0.004;
 /// Ways as long as this are compared, metres, …
 const WAY_MIN_M: f64 = 1.0;
 /// … unless they are longer, metres: something is missing in between.
@@ -43,8 +46,8 @@ impl Way {
     }
 }
 
-/// The true way over the one by odometry, less 1, weighed against wheels being right to 2 %; 0 if
-/// nothing says so. The steps are a trip's, in the order of the drive.
+/// The true way over the one by odometry, less 1, weighed against wheels being right to 2 %; less,
+/// down to 0, where it is not worth a correction, and 0 if nothing says so. The steps are a trip's, in the order of the drive.
 pub fn way_scale(steps: &[DrivenStep]) -> f64 {
     let mut ways = ways(steps);
     let Some((middle, usual)) = middle_and_usual_distance(&ways) else {
@@ -60,7 +63,9 @@ pub fn way_scale(steps: &[DrivenStep]) -> f64 {
         .map(|way| (way.by_scans_m - ratio * way.by_wheels_m).powi(2));
     let variance = left_m2.sum::<f64>() / by_wheels_m.powi(2);
     let weight = PRIOR_SIGMA.powi(2) / (PRIOR_SIGMA.powi(2) + variance);
-    weight * (ratio - 1.0)
+    let scale = weight * (ratio - 1.0);
+    let worth = Quantity::WayScale.applied_min();
+    scale * ((scale.abs() - SCALE_NONE) / (worth - SCALE_NONE)).clamp(0.0, 1.0)
 }
 
 fn ways(steps: &[DrivenStep]) -> Vec<Way> {
@@ -162,6 +167,8 @@ mod tests {
             step.by_wheels.x += 0.8;
         }
         assert!((way_scale(&steps) - alone).abs() < 0.004);
+        let right = way_scale(&driven(straight(400, 1.0), 1.001, 5));
+        assert_eq!(right, 0.0, "not worth a correction");
         let turning = std::iter::repeat_n(Pose2::new(0.5, 0.0, 0.3), 200);
         assert_eq!(way_scale(&driven(turning, 1.05, 5)), 0.0);
     }

@@ -12,6 +12,9 @@ use crate::geometry::Pose2;
 pub(super) const RECENT_KEYFRAMES: usize = 20;
 /// A trip that comes from afar is found by what it saw on so much of its way, metres.
 const STRETCH_M: f64 = 10.0;
+/// A place found farther than this from where the trip is expected is another one, metres: if its
+/// last metres look like both, it is tied to neither.
+const RIVAL_FROM_M: f64 = 1.5;
 
 impl RouteMap {
     /// The closures of the keyframe at `index` with reference nodes, each with its partner's place.
@@ -70,13 +73,23 @@ impl RouteMap {
             return Some(found);
         }
         let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m + STRETCH_M;
-        let references = self.references_near(index, &new.pose, within_m);
-        let references = self.held_by(&new, &found, &references);
+        let around = self.references_near(index, &new.pose, within_m);
         let stretch = self.stretch_before(index);
         let stretch: Vec<Placed<'_>> = stretch.iter().map(|&k| self.placed(k)).collect();
-        let map_from_own = found.compose(&new.pose.inverse());
-        let confirmed = anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR);
-        confirmed.is_ok().then_some(found)
+        let is_shown = |place: &Pose2| {
+            let references = self.held_by(&new, place, &around);
+            let map_from_own = place.compose(&new.pose.inverse());
+            anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR).is_ok()
+        };
+        if !is_shown(&found) {
+            return None;
+        }
+        // At the border of what the map shows, the score of a search rises towards what it shows.
+        let is_far = partners::way_m(&found, &new.pose) > RIVAL_FROM_M;
+        if is_far && is_shown(&new.pose) {
+            return None;
+        }
+        Some(found)
     }
 
     /// Of references those that stay where they are if the trip is tied at the place found: of its own
