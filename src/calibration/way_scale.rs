@@ -116,7 +116,6 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::ids::StampNs;
     use crate::sim::normal;
 
     /// The steps of a vehicle, the wheels of which have each so many times as long, and 5 cm off after
