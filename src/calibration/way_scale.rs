@@ -47,7 +47,8 @@ impl Way {
 }
 
 /// The true way over the one by odometry, less 1, weighed against wheels being right to 2 %; less,
-/// down to 0, where it is not worth a correction, and 0 if nothing says so. The steps are a trip's, in the order of the drive.
+/// down to 0, where it is not worth a correction, and 0 if nothing says so. The steps are a trip's, in
+/// the order of the drive.
 pub fn way_scale(steps: &[DrivenStep]) -> f64 {
     let mut ways = ways(steps);
     let Some((middle, usual)) = middle_and_usual_distance(&ways) else {

@@ -298,6 +298,16 @@ mod tests {
         }
     }
 
+    /// The first closures tie this trip across the corridor only, half a metre off along it.
+    #[test]
+    fn a_trip_that_is_tied_across_a_corridor_is_still_looked_for_along_it() {
+        let building = BUILDINGS[3];
+        assert_eq!((building.way_m, building.scan_spacing_m), (200.0, 1.0));
+        let cases = measure_buildings(&[building], 95..96, || ()).unwrap();
+        assert!(cases[0].is_right(), "{cases:?}");
+        assert!(cases[0].worst_m < 0.3, "{cases:?}");
+    }
+
     #[test]
     fn a_closure_is_wrong_if_it_is_off_and_sure_of_it() {
         let truth = [(1, Pose2::IDENTITY), (2, Pose2::new(2.0, 0.0, 0.0))];

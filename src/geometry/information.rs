@@ -61,6 +61,12 @@ impl Information {
         Self::from_matrix(&(self.0 - taken))
     }
 
+    /// What it says along the direction of the plane that it says least of, m⁻².
+    pub fn least_xy(&self) -> f64 {
+        let xy = self.0.fixed_view::<2, 2>(0, 0).into_owned();
+        xy.symmetric_eigenvalues().min()
+    }
+
     /// The same, taken down where it says more: along x and y together to `xy_max` (m⁻²), of the
     /// heading to `theta_max` (rad⁻²).
     pub fn bounded(&self, xy_max: f64, theta_max: f64) -> Self {
@@ -131,6 +137,17 @@ mod tests {
         ] {
             assert!(!definite(flat), "{flat:?}");
         }
+    }
+
+    #[test]
+    fn least_of_the_plane_is_along_the_direction_it_says_least_of() {
+        assert_eq!(
+            Information::from_sigmas(0.1, 1e-3).least_xy().round(),
+            100.0
+        );
+        let direction = nalgebra::Vector3::new(0.6, 0.8, 0.0);
+        let loose = Information::from_sigmas(0.1, 1e-3).with_share_along(&direction, 0.1);
+        assert!((loose.least_xy() - 1.0).abs() < 1e-9, "{loose:?}");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Which older keyframes a new one is tied to, and where it is for that.
 
 use super::anchor;
-use super::closure::{self, ClosureMeasurement, Slack};
+use super::closure::{self, ClosureMeasurement};
 use super::corridor;
 use super::drift::{DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_small};
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::{RouteMap, Weighting};
 use crate::geometry::Pose2;
+use crate::graph::{EdgeKind, EdgeStatus};
 
 /// A trip's newest keyframes are no partners for its next one.
 pub(super) const RECENT_KEYFRAMES: usize = 20;
@@ -15,30 +16,33 @@ const STRETCH_M: f64 = 10.0;
 /// A place found farther than this from where the trip is expected is another one, metres: if its
 /// last metres look like both, it is tied to neither.
 const RIVAL_FROM_M: f64 = 1.5;
+/// A closure fixes a place in all directions if it says it to this in each, standard deviation, metres.
+const FIXED_SIGMA_MAX_M: f64 = 0.1;
 
 impl RouteMap {
     /// The closures of the keyframe at `index` with reference nodes, each with its partner's place.
     pub(super) fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
         let new = self.placed(index);
-        let slack = slack_after(new.keyframe.drift_m);
+        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
+        let drift_m = match is_tied {
+            true => self.drift_along_m(index),
+            false => new.keyframe.drift_m,
+        };
+        let slack = slack_after(drift_m);
         let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m;
         let nearby = self.references_near(index, &new.pose, within_m);
         if nearby.is_empty() {
             return Vec::new();
         }
-        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
-        let pose = if is_tied {
-            new.pose
-        } else if self.weighting != Weighting::Paper && !self.is_search_due(index) {
-            return Vec::new();
-        } else {
-            match self.found_again(index, &nearby, &slack) {
-                Some(pose) => pose,
-                // A search that finds nothing is no gate of the paper's, which trusts the
-                // position (section 3).
-                None if self.weighting == Weighting::Paper => new.pose,
-                None => return Vec::new(),
-            }
+        let is_paper = self.weighting == Weighting::Paper;
+        let is_due = drift_m > DRIFT_SMALL_M && (is_paper || self.is_search_due(index, drift_m));
+        let found = is_due.then(|| self.found_again(index, &nearby, drift_m));
+        let pose = match found.flatten() {
+            Some(found) => found,
+            // A search that finds nothing is no gate of the paper's, which trusts the position
+            // (section 3).
+            None if is_tied || is_paper => new.pose,
+            None => return Vec::new(),
         };
         let along = self.along_corridor(index, &nearby, &pose);
         let along = along.filter(|along| partners::way_m(along, &pose) <= slack.distance_m);
@@ -63,13 +67,13 @@ impl RouteMap {
         measured.collect()
     }
 
-    /// Where the keyframe at `index` is among references, for a trip that has driven a way without
+    /// Where the keyframe at `index` is among references, for a trip that has driven `drift_m` without
     /// being tied to the map. Where it comes from afar, all that its last metres show must agree: the
     /// place that it first looks like may be another one of the kind.
-    fn found_again(&self, index: usize, nearby: &[Placed<'_>], slack: &Slack) -> Option<Pose2> {
-        let new = self.placed(index);
-        let found = anchor::relocate(&self.local_map(index), nearby, &new.pose, slack)?;
-        if new.keyframe.drift_m <= DRIFT_FAR_M || self.weighting == Weighting::Paper {
+    fn found_again(&self, index: usize, nearby: &[Placed<'_>], drift_m: f64) -> Option<Pose2> {
+        let (new, slack) = (self.placed(index), slack_after(drift_m));
+        let found = anchor::relocate(&self.local_map(index), nearby, &new.pose, &slack)?;
+        if drift_m <= DRIFT_FAR_M || self.weighting == Weighting::Paper {
             return Some(found);
         }
         let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m + STRETCH_M;
@@ -119,11 +123,10 @@ impl RouteMap {
 
     /// The keyframes on a trip's last metres up to one of them, the oldest first.
     fn stretch_before(&self, last: usize) -> Vec<usize> {
-        let nodes = self.graph.nodes();
         let trip = self.trip_up_to(last);
         let mut driven_m = 0.0;
         let before = trip.windows(2).rev().take_while(|two| {
-            driven_m += partners::way_m(&nodes[two[0]].pose, &nodes[two[1]].pose);
+            driven_m += self.step_m(two[0], two[1]);
             driven_m <= STRETCH_M && self.is_lost(two[0]) == self.is_lost(last)
         });
         let mut stretch: Vec<usize> = before.map(|two| two[0]).collect();
@@ -171,12 +174,57 @@ impl RouteMap {
         self.of_layer_first(self.keyframes[index].layer(), near)
     }
 
-    /// Whether a trip that has drifted is searched for at its keyframe at `index`.
-    fn is_search_due(&self, index: usize) -> bool {
-        let drift_m = |k: usize| self.keyframes[k].drift_m;
-        match self.trip_up_to(index) {
-            [.., before, _] => is_search_due(drift_m(*before), drift_m(index)),
-            _ => true,
+    /// How far a trip that is tied to the map may have drifted: along a bare corridor closures tie it
+    /// across only. Where that lasts, it is the way since one that fixed its place in all directions.
+    fn drift_along_m(&self, index: usize) -> f64 {
+        let unfixed_m = match self.weighting {
+            Weighting::Robust => self.unfixed_m(index),
+            Weighting::AllPointsIdentity | Weighting::Paper => 0.0,
+        };
+        match unfixed_m > DRIFT_FAR_M {
+            true => unfixed_m,
+            false => self.keyframes[index].drift_m,
         }
+    }
+
+    /// The way of a trip up to its keyframe at `index` since its start, or since a keyframe that a
+    /// closure fixes in all directions, metres.
+    fn unfixed_m(&self, index: usize) -> f64 {
+        let steps = self.trip_up_to(index).windows(2).rev();
+        let mut way_m = 0.0;
+        for two in steps {
+            way_m += self.step_m(two[0], two[1]);
+            if self.is_fixed(two[0]) {
+                break;
+            }
+        }
+        way_m
+    }
+
+    fn is_fixed(&self, k: usize) -> bool {
+        let edges = self.graph.incident(k).iter();
+        let mut edges = edges.map(|&edge| &self.graph.edges()[edge]);
+        edges.any(|edge| {
+            edge.kind == EdgeKind::LoopClosure
+                && edge.status == EdgeStatus::Active
+                && edge.information.least_xy() >= FIXED_SIGMA_MAX_M.powi(-2)
+        })
+    }
+
+    fn step_m(&self, from: usize, to: usize) -> f64 {
+        let nodes = self.graph.nodes();
+        partners::way_m(&nodes[from].pose, &nodes[to].pose)
+    }
+
+    /// Whether a trip that has drifted so far is searched for at its keyframe at `index`.
+    fn is_search_due(&self, index: usize, drift_m: f64) -> bool {
+        let [.., before, _] = *self.trip_up_to(index) else {
+            return true;
+        };
+        let before_m = match self.keyframes[index].drift_m > DRIFT_SMALL_M {
+            true => self.keyframes[before].drift_m,
+            false => drift_m - self.step_m(before, index),
+        };
+        is_search_due(before_m, drift_m)
     }
 }
