@@ -48,6 +48,12 @@ impl RouteMap {
         let along = along.filter(|along| partners::way_m(along, &pose) <= slack.distance_m);
         let pose = along.unwrap_or(pose);
         let expected = Placed { pose, ..new };
+        // A search looks farther than scans have much in common.
+        let within_m = PARTNER_DISTANCE_MAX_M + slack_after(new.keyframe.drift_m).distance_m;
+        let nearby: Vec<Placed<'_>> = nearby
+            .into_iter()
+            .filter(|old| partners::way_m(&old.pose, &pose) <= within_m)
+            .collect();
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
             Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
