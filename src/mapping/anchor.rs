@@ -5,7 +5,7 @@ use super::closure::{
 };
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
-use super::partners::{self, Placed};
+use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use super::route_map::RouteMap;
 use crate::geometry::{Pose2, Vector2};
 use crate::matching::{SearchParams, SearchWindow, search};
@@ -294,7 +294,7 @@ pub(super) fn agrees(
         ..*own
     };
     let (slack, rule) = (&confirmation.slack, ClosureRule::default());
-    let nearby = partners::within_reach(&expected.pose, references);
+    let nearby = partners::within(PARTNER_DISTANCE_MAX_M, &expected.pose, references);
     let chosen = partners::choose(&expected, &nearby);
     let agrees = chosen.iter().any(|old| {
         let old_from_new = old.pose.between(&expected.pose);

@@ -19,58 +19,81 @@ const RIVAL_FROM_M: f64 = 1.5;
 /// A closure fixes a place in all directions if it says it to this in each, standard deviation, metres.
 const FIXED_SIGMA_MAX_M: f64 = 0.1;
 
+/// How far a trip may have drifted when it was at one of its keyframes, metres …
+struct Drift {
+    now_m: f64,
+    /// … and at the keyframe before.
+    before_m: f64,
+}
+
 impl RouteMap {
     /// The closures of the keyframe at `index` with reference nodes, each with its partner's place.
     pub(super) fn find_closures(&self, index: usize) -> Vec<(usize, ClosureMeasurement)> {
         let new = self.placed(index);
-        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
-        let drift_m = match is_tied {
-            true => self.drift_along_m(index),
-            false => new.keyframe.drift_m,
-        };
-        let slack = slack_after(drift_m);
-        let within_m = PARTNER_DISTANCE_MAX_M + slack.distance_m;
+        let drift = self.drift_at(index);
+        let within_m = PARTNER_DISTANCE_MAX_M + slack_after(drift.now_m).distance_m;
         let nearby = self.references_near(index, &new.pose, within_m);
-        if nearby.is_empty() {
+        let Some(pose) = self.expected_among(index, &nearby, &drift) else {
             return Vec::new();
-        }
-        let is_paper = self.weighting == Weighting::Paper;
-        let is_due = drift_m > DRIFT_SMALL_M && (is_paper || self.is_search_due(index, drift_m));
-        let found = is_due.then(|| self.found_again(index, &nearby, drift_m));
-        let pose = match found.flatten() {
-            Some(found) => found,
-            // A search that finds nothing is no gate of the paper's, which trusts the position
-            // (section 3).
-            None if is_tied || is_paper => new.pose,
-            None => return Vec::new(),
         };
-        let along = self.along_corridor(index, &nearby, &pose);
-        let along = along.filter(|along| partners::way_m(along, &pose) <= slack.distance_m);
-        let pose = along.unwrap_or(pose);
         let expected = Placed { pose, ..new };
         // A search looks farther than scans have much in common.
         let within_m = PARTNER_DISTANCE_MAX_M + slack_after(new.keyframe.drift_m).distance_m;
-        let nearby: Vec<Placed<'_>> = nearby
-            .into_iter()
-            .filter(|old| partners::way_m(&old.pose, &pose) <= within_m)
-            .collect();
+        let nearby = partners::within(within_m, &pose, &nearby);
         let chosen = match self.weighting {
             Weighting::Robust => partners::choose(&expected, &nearby),
             Weighting::AllPointsIdentity => Vec::from_iter(partners::nearest(&expected, &nearby)),
             Weighting::Paper => Vec::from_iter(partners::nearest_of_any(&expected, &nearby)),
         };
-        let (slack, rule) = (slack_small(new.keyframe.drift_m), &self.closure_rule);
         let measured = chosen.iter().filter_map(|old| {
-            let old_from_new = old.pose.between(&pose);
-            let found = match self.weighting {
-                Weighting::Robust | Weighting::AllPointsIdentity => {
-                    closure::measure(old, &new, &old_from_new, &slack, rule)
-                }
-                Weighting::Paper => closure::measure_by_score(old, &new, &old_from_new, rule),
-            }?;
+            let found = self.measure_closure(old, &expected)?;
             Some((self.graph.node_position(old.keyframe.node)?, found))
         });
         measured.collect()
+    }
+
+    /// Where the keyframe at `index` is expected among references: where the odometry has it, where a
+    /// search finds it if it has drifted far, and where it fits along the corridor that it is in.
+    ///
+    /// `None` without references, and where a trip that is not tied to the map is not found.
+    fn expected_among(&self, index: usize, nearby: &[Placed<'_>], drift: &Drift) -> Option<Pose2> {
+        if nearby.is_empty() {
+            return None;
+        }
+        let new = self.placed(index);
+        let is_paper = self.weighting == Weighting::Paper;
+        let is_due =
+            drift.now_m > DRIFT_SMALL_M && (is_paper || is_search_due(drift.before_m, drift.now_m));
+        let found = is_due.then(|| self.found_again(index, nearby, drift.now_m));
+        let is_tied = new.keyframe.drift_m <= DRIFT_SMALL_M;
+        let pose = match found.flatten() {
+            Some(found) => found,
+            // A search that finds nothing is no gate of the paper's, which trusts the position
+            // (section 3).
+            None if is_tied || is_paper => new.pose,
+            None => return None,
+        };
+        let far_m = slack_after(drift.now_m).distance_m;
+        let along = self.along_corridor(index, nearby, &pose);
+        let along = along.filter(|along| partners::way_m(along, &pose) <= far_m);
+        Some(along.unwrap_or(pose))
+    }
+
+    /// A closure of an expected keyframe with a reference.
+    fn measure_closure(
+        &self,
+        old: &Placed<'_>,
+        expected: &Placed<'_>,
+    ) -> Option<ClosureMeasurement> {
+        let old_from_new = old.pose.between(&expected.pose);
+        let slack = slack_small(expected.keyframe.drift_m);
+        let rule = &self.closure_rule;
+        match self.weighting {
+            Weighting::Robust | Weighting::AllPointsIdentity => {
+                closure::measure(old, expected, &old_from_new, &slack, rule)
+            }
+            Weighting::Paper => closure::measure_by_score(old, expected, &old_from_new, rule),
+        }
     }
 
     /// Where the keyframe at `index` is among references, for a trip that has driven `drift_m` without
@@ -114,7 +137,10 @@ impl RouteMap {
             pose: *found,
             ..*new
         };
-        let partners = partners::choose(&expected, &partners::within_reach(found, references));
+        let partners = partners::choose(
+            &expected,
+            &partners::within(PARTNER_DISTANCE_MAX_M, found, references),
+        );
         let is_own = |placed: &Placed<'_>| placed.keyframe.trip == new.keyframe.trip;
         let orders = partners.iter().filter(|partner| is_own(partner));
         let orders: Vec<u32> = orders.map(|partner| partner.keyframe.trip_order).collect();
@@ -180,16 +206,28 @@ impl RouteMap {
         self.of_layer_first(self.keyframes[index].layer(), near)
     }
 
-    /// How far a trip that is tied to the map may have drifted: along a bare corridor closures tie it
-    /// across only. Where that lasts, it is the way since one that fixed its place in all directions.
-    fn drift_along_m(&self, index: usize) -> f64 {
-        let unfixed_m = match self.weighting {
-            Weighting::Robust => self.unfixed_m(index),
-            Weighting::AllPointsIdentity | Weighting::Paper => 0.0,
+    /// How far a trip may have drifted at its keyframe at `index` since it was tied to the map. Along
+    /// a bare corridor closures tie it across only: where that lasts, it is the way since one that
+    /// fixed its place in all directions.
+    fn drift_at(&self, index: usize) -> Drift {
+        let before = match *self.trip_up_to(index) {
+            [.., before, _] => Some(before),
+            _ => None,
         };
-        match unfixed_m > DRIFT_FAR_M {
-            true => unfixed_m,
-            false => self.keyframes[index].drift_m,
+        let drift = Drift {
+            now_m: self.keyframes[index].drift_m,
+            before_m: before.map_or(0.0, |before| self.keyframes[before].drift_m),
+        };
+        if drift.now_m > DRIFT_SMALL_M || self.weighting != Weighting::Robust {
+            return drift;
+        }
+        let unfixed_m = self.unfixed_m(index);
+        match before {
+            Some(before) if unfixed_m > DRIFT_FAR_M => Drift {
+                now_m: unfixed_m,
+                before_m: unfixed_m - self.step_m(before, index),
+            },
+            _ => drift,
         }
     }
 
@@ -220,17 +258,5 @@ impl RouteMap {
     fn step_m(&self, from: usize, to: usize) -> f64 {
         let nodes = self.graph.nodes();
         partners::way_m(&nodes[from].pose, &nodes[to].pose)
-    }
-
-    /// Whether a trip that has drifted so far is searched for at its keyframe at `index`.
-    fn is_search_due(&self, index: usize, drift_m: f64) -> bool {
-        let [.., before, _] = *self.trip_up_to(index) else {
-            return true;
-        };
-        let before_m = match self.keyframes[index].drift_m > DRIFT_SMALL_M {
-            true => self.keyframes[before].drift_m,
-            false => drift_m - self.step_m(before, index),
-        };
-        is_search_due(before_m, drift_m)
     }
 }

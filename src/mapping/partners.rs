@@ -124,10 +124,14 @@ pub(super) fn spaced<'a>(
     kept
 }
 
-/// Placed keyframes that may be partners of one at a pose.
-pub(super) fn within_reach<'a>(pose: &Pose2, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
+/// Placed keyframes no farther from a pose than so many metres.
+pub(super) fn within<'a>(
+    distance_max_m: f64,
+    pose: &Pose2,
+    placed: &[Placed<'a>],
+) -> Vec<Placed<'a>> {
     let near = placed.iter().copied();
-    near.filter(|old| way_m(&old.pose, pose) <= PARTNER_DISTANCE_MAX_M)
+    near.filter(|old| way_m(&old.pose, pose) <= distance_max_m)
         .collect()
 }
 
