@@ -170,9 +170,7 @@ pub(super) fn nearest_of_any<'a>(
 
 /// The candidates within [`NEAREST_MAX_M`], the nearest first.
 fn by_distance<'a>(new: &Placed<'a>, candidates: &[Placed<'a>]) -> Vec<Placed<'a>> {
-    let near =
-        (candidates.iter().copied()).filter(|old| way_m(&old.pose, &new.pose) <= NEAREST_MAX_M);
-    nearest_first(&new.pose, near)
+    nearest_first(&new.pose, within(NEAREST_MAX_M, &new.pose, candidates))
 }
 
 #[cfg(test)]
