@@ -321,9 +321,17 @@ mod tests {
     }
 
     #[test]
-    fn nobody_who_was_carried_to_a_place_that_looks_the_same_reports_changes() {
-        for (trip, seed) in [(FaultyTrip::Second, 2), (FaultyTrip::First, 4)] {
+    fn who_was_carried_to_a_place_that_looks_the_same_is_found_and_reports_no_changes() {
+        for (trip, seed) in [
+            (FaultyTrip::Second, 2),
+            (FaultyTrip::First, 4),
+            (FaultyTrip::First, 315),
+        ] {
             let carried = run(Fault::Carried, trip, WorldKind::Rooms, seed).unwrap();
+            assert!(
+                carried.localised_after_m.is_some_and(|m| m < 1.0),
+                "{carried:?}"
+            );
             assert_eq!(carried.others_right, carried.others);
             assert_eq!((carried.false_alerts, carried.batches_not_merged), (0, 0));
         }

@@ -1,11 +1,10 @@
 //! The place of a trip that does not say where it is.
 
-use super::closure::{
-    self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureRule, Slack,
-};
+use super::closure::Slack;
+use super::confirmation::{Confirmation, TRUSTING, confirm, distinguished};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
-use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
+use super::partners::Placed;
 use super::route_map::RouteMap;
 use crate::geometry::{Pose2, Vector2};
 use crate::matching::{SearchParams, SearchWindow, search};
@@ -49,76 +48,9 @@ pub enum AnchorError {
 }
 
 /// Fewest keyframes that a place is told from.
-const KEYFRAMES_MIN: usize = 4;
+pub(super) const KEYFRAMES_MIN: usize = 4;
 const GRID_LEVELS: usize = 7;
-const POINTS_MAX: usize = 300;
-
-/// How a place is looked for, and what the scans must show at the one that looks most like theirs.
-pub(super) struct Confirmation {
-    /// Edge of a cell of the search, metres, …
-    resolution_m: f64,
-    /// … and points that are compared.
-    points_max: usize,
-    /// Least share of the points' score that a place must reach.
-    score_min: f64,
-    /// Another place is one like it if it reaches this share of its score.
-    rival_share: f64,
-    slack: Slack,
-    /// Of the compared scans so many must agree, …
-    agreeing_min: usize,
-    /// … and this share of them.
-    agreeing_share_min: f64,
-}
-
-/// For a trip that begins. No other place is like the one found, so a match that ends there is
-/// believed although much of the place has changed.
-const TRUSTING: Confirmation = Confirmation {
-    resolution_m: 0.1,
-    points_max: POINTS_MAX,
-    score_min: 0.4,
-    rival_share: 0.9,
-    slack: Slack {
-        distance_m: 0.8,
-        turn_rad: 0.3,
-        well_known: true,
-        contradiction_share_max: CONTRADICTION_SHARE_MAX,
-    },
-    agreeing_min: KEYFRAMES_MIN,
-    agreeing_share_min: 0.6,
-};
-
-/// For a trip that was lost, perhaps where the map has nothing to tell the place from others: it
-/// can wait until it has driven on. It is searched for again and again, so coarsely.
-pub(super) const STRICT: Confirmation = Confirmation {
-    resolution_m: 0.2,
-    points_max: 150,
-    score_min: TRUSTING.score_min,
-    rival_share: 0.8,
-    slack: Slack {
-        well_known: false,
-        contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,
-        ..TRUSTING.slack
-    },
-    agreeing_min: KEYFRAMES_MIN,
-    agreeing_share_min: 0.9,
-};
-
-/// For a lost trip of few keyframes: a short part of a corridor fits well in many places, so it must
-/// fit nearly everywhere.
-pub(super) const BRIEF: Confirmation = Confirmation {
-    score_min: 0.92,
-    ..STRICT
-};
-
-/// For a trip that comes from afar, by what it saw on its last metres: a lap may end where it only
-/// touches what it saw first.
-pub(super) const FROM_AFAR: Confirmation = Confirmation {
-    agreeing_min: 2,
-    ..STRICT
-};
-
-/// The scans do not show a place that so few of them agree with, as a share.
-const REFUTED_SHARE_MAX: f64 = 0.3;
+pub(super) const POINTS_MAX: usize = 300;
 
 /// Another place is farther away than this, metres, …
 const DISTINCT_DISTANCE_M: f64 = 0.7;
@@ -162,46 +94,10 @@ pub(super) fn locate(
         confirm(references, own, &best, confirmation)?;
         return Ok(best);
     };
-    distinguished(references, own, [&best, &rival]).ok_or_else(|| {
+    distinguished(references, own, [&best, &rival], confirmation).ok_or_else(|| {
         let first = own[0].pose;
         AnchorError::Ambiguous(best.compose(&first), rival.compose(&first))
     })
-}
-
-/// Which of two places that look alike from afar the scans show, one by one: nearly all agree with
-/// it, and few with the other.
-fn distinguished(
-    references: &[Placed<'_>],
-    own: &[Placed<'_>],
-    places: [&Pose2; 2],
-) -> Option<Pose2> {
-    let counts = places.map(|place| agreeing(references, own, place, &STRICT));
-    let is_shown = |count: &Count| count.confirms(own.len(), &STRICT);
-    let is_refuted = |count: &Count| {
-        count.compared > 0 && count.agreeing as f64 <= REFUTED_SHARE_MAX * count.compared as f64
-    };
-    match &counts {
-        [here, there] if is_shown(here) && is_refuted(there) => Some(*places[0]),
-        [there, here] if is_shown(here) && is_refuted(there) => Some(*places[1]),
-        _ => None,
-    }
-}
-
-/// How many scans agree with a place.
-#[derive(Debug, Default)]
-struct Count {
-    /// Scans that were compared …
-    compared: usize,
-    /// … and those of them that a closer match confirms.
-    agreeing: usize,
-}
-
-impl Count {
-    /// Whether they confirm the place of so many keyframes.
-    fn confirms(&self, keyframes: usize, confirmation: &Confirmation) -> bool {
-        self.agreeing >= confirmation.agreeing_min.min(keyframes)
-            && self.agreeing as f64 >= confirmation.agreeing_share_min * self.compared as f64
-    }
 }
 
 /// The place that looks most like the scans, and another that looks like them too.
@@ -245,62 +141,6 @@ fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
         .iter()
         .map(|p| (p.pose, p.keyframe.points.as_slice()));
     LocalMap::new(scans.collect())
-}
-
-/// Whether the trip's scans show the place found.
-pub(super) fn confirm(
-    references: &[Placed<'_>],
-    own: &[Placed<'_>],
-    map_from_own: &Pose2,
-    confirmation: &Confirmation,
-) -> Result<(), AnchorError> {
-    let count = agreeing(references, own, map_from_own, confirmation);
-    if count.confirms(own.len(), confirmation) {
-        return Ok(());
-    }
-    Err(AnchorError::Contradicted {
-        place: map_from_own.compose(&own[0].pose),
-        agreeing: count.agreeing,
-        compared: count.compared,
-    })
-}
-
-/// Compares each of the trip's scans with its partners at a place.
-fn agreeing(
-    references: &[Placed<'_>],
-    own: &[Placed<'_>],
-    map_from_own: &Pose2,
-    confirmation: &Confirmation,
-) -> Count {
-    let mut count = Count::default();
-    for keyframe in own {
-        if let Some(agrees) = agrees(references, keyframe, map_from_own, confirmation) {
-            count.compared += 1;
-            count.agreeing += usize::from(agrees);
-        }
-    }
-    count
-}
-
-/// Whether a scan shows what its partners at a place do; `None` if it has none.
-pub(super) fn agrees(
-    references: &[Placed<'_>],
-    own: &Placed<'_>,
-    map_from_own: &Pose2,
-    confirmation: &Confirmation,
-) -> Option<bool> {
-    let expected = Placed {
-        pose: map_from_own.compose(&own.pose),
-        ..*own
-    };
-    let (slack, rule) = (&confirmation.slack, ClosureRule::default());
-    let nearby = partners::within(PARTNER_DISTANCE_MAX_M, &expected.pose, references);
-    let chosen = partners::choose(&expected, &nearby);
-    let agrees = chosen.iter().any(|old| {
-        let old_from_new = old.pose.between(&expected.pose);
-        closure::measure(old, &expected, &old_from_new, slack, &rule).is_some()
-    });
-    (!chosen.is_empty()).then_some(agrees)
 }
 
 const NEARBY: SearchParams = SearchParams {

@@ -110,21 +110,40 @@ pub(super) struct Slack {
     pub contradiction_share_max: f64,
 }
 
-/// Matches a new scan with an old one, expected at `old_from_new`.
+/// Two scans that show the same place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    /// The robust estimate of `old_from_new`.
+    robust: Estimate,
+    /// The larger share of one scan's points in the other's free space.
+    pub contradiction_share: f64,
+}
+
+/// Whether a new scan, expected at `old_from_new`, shows the same place as an old one.
 ///
-/// `None` if they do not show the same place: too little overlap or agreement, a result beyond
-/// the slack, or one scan's points in the other's free space.
-pub(super) fn measure(
+/// `None` if not: too little overlap or agreement, a result beyond the slack, or one scan's points
+/// in the other's free space.
+pub(super) fn fit(
     old: &Placed<'_>,
     new: &Placed<'_>,
     old_from_new: &Pose2,
     slack: &Slack,
     rule: &ClosureRule,
-) -> Option<ClosureMeasurement> {
+) -> Option<Fit> {
     let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let mut alignment = Alignment::new(&cloud, &new.keyframe.points);
+    fit_aligned(&mut alignment, old, new, old_from_new, slack, rule)
+}
+
+fn fit_aligned(
+    alignment: &mut Alignment<'_>,
+    old: &Placed<'_>,
+    new: &Placed<'_>,
+    old_from_new: &Pose2,
+    slack: &Slack,
+    rule: &ClosureRule,
+) -> Option<Fit> {
     let sigma_m = range_sigma_m(old, new)?;
-    let points = &new.keyframe.points;
-    let mut alignment = Alignment::new(&cloud, points);
     let robust = alignment.align_from(old_from_new, sigma_m, None, &IcpParams::ROBUST);
     let moved = old_from_new.between(&robust.pose);
     // Two height bands may differ as much as two worlds do: then the scans must agree.
@@ -147,9 +166,29 @@ pub(super) fn measure(
     } else {
         slack.contradiction_share_max
     };
-    if !plausible || contradiction_share(old.keyframe, new.keyframe, &robust.pose)? > share_max {
+    if !plausible {
         return None;
     }
+    let contradiction_share = contradiction_share(old.keyframe, new.keyframe, &robust.pose)?;
+    (contradiction_share <= share_max).then_some(Fit {
+        robust,
+        contradiction_share,
+    })
+}
+
+/// Matches a new scan with an old one, expected at `old_from_new`; `None` if they do not [`fit`].
+pub(super) fn measure(
+    old: &Placed<'_>,
+    new: &Placed<'_>,
+    old_from_new: &Pose2,
+    slack: &Slack,
+    rule: &ClosureRule,
+) -> Option<ClosureMeasurement> {
+    let cloud = ReferenceCloud::new([(Pose2::IDENTITY, old.keyframe.points.as_slice())])?;
+    let sigma_m = range_sigma_m(old, new)?;
+    let points = &new.keyframe.points;
+    let mut alignment = Alignment::new(&cloud, points);
+    let Fit { robust, .. } = fit_aligned(&mut alignment, old, new, old_from_new, slack, rule)?;
     let contrast = alignment.contrast(&robust.pose, &IcpParams::ROBUST, BESIDE_A_PLACE_M);
     // The map of a short-sighted lidar, to which every wall is bare, would fall apart.
     let sees_far = corridor::length_m(points, &contrast.axis) >= corridor::SEEN_MIN_M;

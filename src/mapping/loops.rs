@@ -2,6 +2,7 @@
 
 use super::anchor;
 use super::closure::{self, ClosureMeasurement};
+use super::confirmation::{FROM_AFAR, confirm};
 use super::corridor;
 use super::drift::{DRIFT_FAR_M, DRIFT_SMALL_M, is_search_due, slack_after, slack_small};
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
@@ -112,7 +113,7 @@ impl RouteMap {
         let is_shown = |place: &Pose2| {
             let references = self.held_by(&new, place, &around);
             let map_from_own = place.compose(&new.pose.inverse());
-            anchor::confirm(&references, &stretch, &map_from_own, &anchor::FROM_AFAR).is_ok()
+            confirm(&references, &stretch, &map_from_own, &FROM_AFAR).is_ok()
         };
         if !is_shown(&found) {
             return None;

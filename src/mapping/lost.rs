@@ -9,6 +9,7 @@
 
 use super::anchor;
 use super::closure;
+use super::confirmation::{BRIEF, Comparison, STRICT, compare, confirm};
 use super::drift::{LOST_DRIFT_M, slack_after};
 use super::extend::Extension;
 use super::front_end::Motion;
@@ -66,8 +67,8 @@ impl RouteMap {
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let layer = self.keyframes[index].layer();
         let confirmation = match newest.len() < BRIEF_KEYFRAMES {
-            true => &anchor::BRIEF,
-            false => &anchor::STRICT,
+            true => &BRIEF,
+            false => &STRICT,
         };
         let located = anchor::locate(&self.placed_references(layer), &own, confirmation);
         let Ok(map_from_own) = located else {
@@ -92,7 +93,7 @@ impl RouteMap {
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
         let layer = own.first().and_then(|own| own.keyframe.layer());
         let references = self.placed_references(layer);
-        anchor::confirm(&references, &own, &Pose2::IDENTITY, &anchor::STRICT).is_ok()
+        confirm(&references, &own, &Pose2::IDENTITY, &STRICT).is_ok()
     }
 
     /// In how many of the comparisons of keyframes with references what is left of the place fits, as
@@ -164,7 +165,7 @@ impl RouteMap {
             .collect();
         let newest: Vec<usize> = untied.iter().take(KEYFRAMES_MAX).copied().collect();
         let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
-        let Ok(map_from_own) = anchor::locate(&others, &own, &anchor::STRICT) else {
+        let Ok(map_from_own) = anchor::locate(&others, &own, &STRICT) else {
             let was_never_tied = untied.len() == self.trip_up_to(index).len();
             let share = was_never_tied
                 .then(|| self.fitting_share(&newest, others))
@@ -185,9 +186,9 @@ impl RouteMap {
         let (mut disagreeing, mut right) = (0, 0);
         for &k in &untied {
             segment.push(k);
-            match anchor::agrees(&others, &self.placed(k), &map_from_own, &anchor::STRICT) {
-                Some(true) => (disagreeing, right) = (0, segment.len()),
-                Some(false) | None => disagreeing += 1,
+            match compare(&others, &self.placed(k), &map_from_own, &STRICT) {
+                Some(Comparison::Agrees(_)) => (disagreeing, right) = (0, segment.len()),
+                Some(Comparison::Differs) | None => disagreeing += 1,
             }
             if disagreeing >= DISAGREEING_MIN {
                 break;

@@ -11,6 +11,7 @@ mod clearance;
 mod clock;
 mod closure;
 mod companions;
+mod confirmation;
 mod corridor;
 mod drift;
 mod drive;
