@@ -17,7 +17,7 @@ const CONTRADICTION_SHARE_MAX: f64 = 0.35;
 /// … and not where a match has them if more than this does.
 const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.5;
 /// Wheels may have slipped if more than this share does, and did …
-const DOUBTED_SHARE: f64 = 0.08;
+const DOUBTED_SHARE: f64 = 0.04;
 /// … if another way along theirs leaves less, no more than this part of it, …
 const SLIPPED_PART_MAX: f64 = 0.3;
 /// … and ends as far as this from where they say, metres.
