@@ -22,7 +22,7 @@ const DOUBTED_SHARE: f64 = 0.04;
 const SLIPPED_PART_MAX: f64 = 0.3;
 /// … and ends as far as this from where they say, metres.
 const SLIPPED_MIN_M: f64 = 0.2;
-/// Such ways are looked for around these parts of theirs.
+/// Such ways are looked for around these parts of theirs, where less contradicts than with the whole.
 const PARTS_OF_WAY: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.5];
 /// Odometry is abrupt if it is faster by this factor than the trip has been, …
 const ABRUPT_FACTOR: f64 = 3.0;
@@ -92,6 +92,9 @@ impl Step<'_> {
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
         let others = PARTS_OF_WAY.iter().filter_map(|part| {
             let start = Pose2::new(part * way.x, part * way.y, way.theta);
+            if contradiction_share(self.last, self.new, &start)? >= share {
+                return None;
+            }
             let other = match_from(self.cloud, points, &start, sigma_m)?;
             Some((self.contradiction_share(&other)?, other))
         });
