@@ -1,7 +1,7 @@
 //! The place of a trip that does not say where it is.
 
 use super::closure::Slack;
-use super::confirmation::{Confirmation, TRUSTING, confirm, distinguished};
+use super::confirmation::{Confirmation, KEYFRAMES_MIN, TRUSTING, confirm, distinguished};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::Placed;
@@ -47,10 +47,8 @@ pub enum AnchorError {
     },
 }
 
-/// Fewest keyframes that a place is told from.
-pub(super) const KEYFRAMES_MIN: usize = 4;
 const GRID_LEVELS: usize = 7;
-pub(super) const POINTS_MAX: usize = 300;
+const POINTS_MAX: usize = 300;
 
 /// Another place is farther away than this, metres, …
 const DISTINCT_DISTANCE_M: f64 = 0.7;
@@ -91,7 +89,13 @@ pub(super) fn locate(
     }
     let (best, rival) = search_everywhere(references, own, confirmation)?;
     let Some(rival) = rival else {
-        confirm(references, own, &best, confirmation)?;
+        confirm(references, own, &best, confirmation).map_err(|count| {
+            AnchorError::Contradicted {
+                place: best.compose(&own[0].pose),
+                agreeing: count.agreeing,
+                compared: count.compared,
+            }
+        })?;
         return Ok(best);
     };
     distinguished(references, own, [&best, &rival], confirmation).ok_or_else(|| {

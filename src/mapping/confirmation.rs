@@ -1,11 +1,13 @@
 //! Whether scans show the place that a search found for them, one by one.
 
-use super::anchor::{AnchorError, KEYFRAMES_MIN, POINTS_MAX};
 use super::closure::{
     self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureRule, Slack,
 };
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
 use crate::geometry::Pose2;
+
+/// Fewest keyframes that a place is told from.
+pub(super) const KEYFRAMES_MIN: usize = 4;
 
 /// How a place is looked for, and what the scans must show at the one that looks most like theirs.
 pub(super) struct Confirmation {
@@ -30,7 +32,7 @@ pub(super) struct Confirmation {
 /// believed although much of the place has changed.
 pub(super) const TRUSTING: Confirmation = Confirmation {
     resolution_m: 0.1,
-    points_max: POINTS_MAX,
+    points_max: 300,
     score_min: 0.4,
     rival_share: 0.9,
     slack: Slack {
@@ -87,19 +89,27 @@ const REFUTED_CONTRAST_MIN: f64 = 4.0;
 /// … nor one that so few of them agree with, as a share.
 const REFUTED_SHARE_MAX: f64 = 0.3;
 
+/// Scans that do not show a place.
+#[derive(Debug)]
+pub(super) struct Unconfirmed {
+    /// Those that a closer match confirms …
+    pub agreeing: usize,
+    /// … of those that were compared.
+    pub compared: usize,
+}
+
 /// Whether the trip's scans show the place found.
 pub(super) fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     map_from_own: &Pose2,
     confirmation: &Confirmation,
-) -> Result<(), AnchorError> {
+) -> Result<(), Unconfirmed> {
     let count = agreeing(references, own, map_from_own, confirmation);
     if count.confirms(own.len(), confirmation) {
         return Ok(());
     }
-    Err(AnchorError::Contradicted {
-        place: map_from_own.compose(&own[0].pose),
+    Err(Unconfirmed {
         agreeing: count.agreeing(),
         compared: count.compared,
     })
