@@ -40,6 +40,7 @@ pub use corrections::Corrections;
 pub use estimate::{Combined, Estimate, Estimates};
 pub use map_fit::MapFit;
 pub use motion_fit::{MotionFit, fit_motions};
+pub(crate) use motion_terms::median;
 pub use motions::{Motions, ScanMotion, is_complete};
 pub use odometry_track::OdometryTrack;
 pub use range_scale::MapScan;

@@ -129,7 +129,7 @@ pub(super) fn excess(motions: &Motions, corrections: &Corrections) -> f64 {
 }
 
 /// The upper median; 0 of nothing.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

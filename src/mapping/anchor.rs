@@ -1,7 +1,9 @@
 //! The place of a trip that does not say where it is.
 
 use super::closure::Slack;
-use super::confirmation::{Confirmation, KEYFRAMES_MIN, TRUSTING, confirm, distinguished};
+use super::confirmation::{
+    Confirmation, KEYFRAMES_MIN, POINTS_MAX, TRUSTING, confirm, distinguished,
+};
 use super::drive::{Drive, InitialPose};
 use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::Placed;
@@ -48,7 +50,6 @@ pub enum AnchorError {
 }
 
 const GRID_LEVELS: usize = 7;
-const POINTS_MAX: usize = 300;
 
 /// Another place is farther away than this, metres, …
 const DISTINCT_DISTANCE_M: f64 = 0.7;
@@ -92,7 +93,7 @@ pub(super) fn locate(
         confirm(references, own, &best, confirmation).map_err(|count| {
             AnchorError::Contradicted {
                 place: best.compose(&own[0].pose),
-                agreeing: count.agreeing,
+                agreeing: count.agreeing(),
                 compared: count.compared,
             }
         })?;

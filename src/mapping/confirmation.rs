@@ -4,10 +4,13 @@ use super::closure::{
     self, CONTRADICTION_SHARE_MAX, CONTRADICTION_SHARE_MAX_FROM_AFAR, ClosureRule, Slack,
 };
 use super::partners::{self, PARTNER_DISTANCE_MAX_M, Placed};
+use crate::calibration::median;
 use crate::geometry::Pose2;
 
-/// Fewest keyframes that a place is told from.
+/// Fewest keyframes by which a place is found.
 pub(super) const KEYFRAMES_MIN: usize = 4;
+/// Most points of the scans that a search compares with a place.
+pub(super) const POINTS_MAX: usize = 300;
 
 /// How a place is looked for, and what the scans must show at the one that looks most like theirs.
 pub(super) struct Confirmation {
@@ -32,7 +35,7 @@ pub(super) struct Confirmation {
 /// believed although much of the place has changed.
 pub(super) const TRUSTING: Confirmation = Confirmation {
     resolution_m: 0.1,
-    points_max: 300,
+    points_max: POINTS_MAX,
     score_min: 0.4,
     rival_share: 0.9,
     slack: Slack {
@@ -89,30 +92,18 @@ const REFUTED_CONTRAST_MIN: f64 = 4.0;
 /// … nor one that so few of them agree with, as a share.
 const REFUTED_SHARE_MAX: f64 = 0.3;
 
-/// Scans that do not show a place.
-#[derive(Debug)]
-pub(super) struct Unconfirmed {
-    /// Those that a closer match confirms …
-    pub agreeing: usize,
-    /// … of those that were compared.
-    pub compared: usize,
-}
-
-/// Whether the trip's scans show the place found.
+/// Whether the trip's scans show the place found; if not, how many do.
 pub(super) fn confirm(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
     map_from_own: &Pose2,
     confirmation: &Confirmation,
-) -> Result<(), Unconfirmed> {
+) -> Result<(), Count> {
     let count = agreeing(references, own, map_from_own, confirmation);
-    if count.confirms(own.len(), confirmation) {
-        return Ok(());
+    match count.confirms(own.len(), confirmation) {
+        true => Ok(()),
+        false => Err(count),
     }
-    Err(Unconfirmed {
-        agreeing: count.agreeing(),
-        compared: count.compared,
-    })
 }
 
 /// Compares each of the trip's scans with its partners at a place.
@@ -196,9 +187,9 @@ pub(super) fn distinguished(
 
 /// How many scans agree with a place.
 #[derive(Debug, Default)]
-struct Count {
+pub(super) struct Count {
     /// Scans that were compared …
-    compared: usize,
+    pub compared: usize,
     /// … and how much those of them that agree contradict what they agree with, as shares of the
     /// points.
     contradiction_shares: Vec<f64>,
@@ -206,7 +197,7 @@ struct Count {
 
 impl Count {
     /// Scans that a closer match confirms.
-    fn agreeing(&self) -> usize {
+    pub fn agreeing(&self) -> usize {
         self.contradiction_shares.len()
     }
 
@@ -226,9 +217,7 @@ impl Count {
     }
 
     fn contradiction_median(&self) -> f64 {
-        let mut sorted = self.contradiction_shares.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+        median(self.contradiction_shares.clone())
     }
 }
 

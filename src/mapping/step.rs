@@ -83,7 +83,7 @@ impl Step<'_> {
     /// match stays where the wheels have it, but what is seen through doors and at the far end is
     /// then out of place. `None` if the wheels did not slip, or did not turn.
     fn without_slip(&self, by_wheels: &Motion) -> Option<Motion> {
-        let share = self.contradiction_share(by_wheels)?;
+        let share = self.contradiction_share(&by_wheels.measurement)?;
         let way = &self.odometry.motion;
         let have_turned = !self.is_silent && way.translation().norm() >= SLIPPED_MIN_M;
         if share <= DOUBTED_SHARE || !have_turned {
@@ -92,11 +92,11 @@ impl Step<'_> {
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
         let others = PARTS_OF_WAY.iter().filter_map(|part| {
             let start = Pose2::new(part * way.x, part * way.y, way.theta);
-            if contradiction_share(self.last, self.new, &start)? >= share {
+            if self.contradiction_share(&start)? >= share {
                 return None;
             }
             let other = match_from(self.cloud, points, &start, sigma_m)?;
-            Some((self.contradiction_share(&other)?, other))
+            Some((self.contradiction_share(&other.measurement)?, other))
         });
         let (least, other) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let apart = by_wheels.measurement.between(&other.measurement);
@@ -105,8 +105,8 @@ impl Step<'_> {
         slipped.then_some(other)
     }
 
-    fn contradiction_share(&self, motion: &Motion) -> Option<f64> {
-        contradiction_share(self.last, self.new, &motion.measurement)
+    fn contradiction_share(&self, last_from_base: &Pose2) -> Option<f64> {
+        contradiction_share(self.last, self.new, last_from_base)
     }
 
     fn is_unseen(&self, motion: &Motion) -> bool {
@@ -120,7 +120,7 @@ impl Step<'_> {
             true => CONTRADICTION_SHARE_MAX_IF_MATCHED,
             false => CONTRADICTION_SHARE_MAX,
         };
-        let share = self.contradiction_share(motion);
+        let share = self.contradiction_share(&motion.measurement);
         share.is_some_and(|share| share > share_max)
     }
 }
