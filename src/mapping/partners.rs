@@ -87,7 +87,7 @@ fn reach_share(new: &Placed<'_>, old: &Placed<'_>) -> f64 {
     for point in sampled {
         count += 1;
         let position = old_from_new.apply(&point.position);
-        let seen = views.look_at(&position, REACH_TOLERANCE_M);
+        let seen = views.look_at(&position, None, REACH_TOLERANCE_M);
         within += usize::from(matches!(seen, Visibility::Surface | Visibility::Free));
     }
     within as f64 / count.max(1) as f64

@@ -16,8 +16,9 @@ use crate::geometry::Pose2;
 const CONTRADICTION_SHARE_MAX: f64 = 0.35;
 /// … and not where a match has them if more than this does.
 const CONTRADICTION_SHARE_MAX_IF_MATCHED: f64 = 0.5;
-/// Wheels may have slipped if more than this share does, and did …
+/// Wheels may have slipped if more than this share does, and as many points as this, and did …
 const DOUBTED_SHARE: f64 = 0.04;
+const DOUBTED_POINTS: f64 = 8.0;
 /// … if another way along theirs leaves less, no more than this part of it, …
 const SLIPPED_PART_MAX: f64 = 0.3;
 /// … and ends as far as this from where they say, metres.
@@ -86,7 +87,7 @@ impl Step<'_> {
         let share = self.contradiction_share(&by_wheels.measurement)?;
         let way = &self.odometry.motion;
         let have_turned = !self.is_silent && way.translation().norm() >= SLIPPED_MIN_M;
-        if share <= DOUBTED_SHARE || !have_turned {
+        if share <= self.doubted_share() || !have_turned {
             return None;
         }
         let (points, sigma_m) = (&self.new.points, self.sigma_m());
@@ -103,6 +104,11 @@ impl Step<'_> {
         let slipped = least <= DOUBTED_SHARE.min(SLIPPED_PART_MAX * share)
             && apart.translation().norm() >= SLIPPED_MIN_M;
         slipped.then_some(other)
+    }
+
+    fn doubted_share(&self) -> f64 {
+        let points = self.last.points.len().min(self.new.points.len());
+        DOUBTED_SHARE.max(DOUBTED_POINTS / points as f64)
     }
 
     fn contradiction_share(&self, last_from_base: &Pose2) -> Option<f64> {

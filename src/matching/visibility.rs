@@ -5,6 +5,10 @@ use std::f64::consts::TAU;
 use crate::geometry::{Pose2, Transform2, Vector2, direction_rad, wrap_angle};
 use crate::scan::{LaserScan, SurfacePoint};
 
+/// Beams that graze a surface more than this, as the cosine of the angle to its normal, are taken
+/// to graze it by this: 78°.
+const INCIDENCE_COS_MIN: f64 = 0.2;
+
 /// What a scan says about a point; of several scans from one place the greatest holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Visibility {
@@ -64,12 +68,20 @@ impl<'a> View<'a> {
         }
     }
 
-    /// What the scan says about a point of its base frame.
+    /// What the scan says about a point of its base frame, and of a surface with this unit normal
+    /// in the same frame; `None` if it is not known.
     ///
-    /// Beside a depth edge the beam and its neighbours are taken together: a point is free only
-    /// before the nearest of them, occluded only behind the farthest. `tolerance_m` is the depth
-    /// by which two views of one surface may differ.
-    pub fn look_at(&self, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
+    /// Nearer than the lidar measures a point is unseen: some lidars look through what stands
+    /// there. Beside a depth edge the beam and its neighbours are taken together: a point is free only
+    /// before the nearest of them, occluded only behind the farthest. `tolerance_m` is the
+    /// distance by which two views of one surface may differ across it; along a beam that grazes
+    /// it they differ by more.
+    pub fn look_at(
+        &self,
+        point: &Vector2<f64>,
+        normal: Option<&Vector2<f64>>,
+        tolerance_m: f64,
+    ) -> Visibility {
         let in_lidar = self.lidar_from_base.apply(point);
         let range_m = in_lidar.norm();
         let Some(beam) = self.beam_towards(&in_lidar) else {
@@ -78,21 +90,27 @@ impl<'a> View<'a> {
         let Some(own_m) = self.scan.range_m(beam) else {
             return Visibility::Unseen;
         };
-        if range_m >= self.scan.lidar().range_max_m {
+        let lidar = self.scan.lidar();
+        if !(lidar.range_min_m..lidar.range_max_m).contains(&range_m) {
             return Visibility::Unseen;
         }
+        let incidence_cos = normal.map_or(1.0, |normal| {
+            let across = self.lidar_from_base.turn(normal);
+            (in_lidar.dot(&across) / range_m).abs()
+        });
+        let depth_m = tolerance_m / incidence_cos.max(INCIDENCE_COS_MIN);
         let (mut least_m, mut most_m) = (own_m, own_m);
         let beside = self.beams_beside(beam).into_iter();
         for neighbour_m in beside.filter_map(|b| self.scan.range_m(b)) {
             least_m = least_m.min(neighbour_m);
             most_m = most_m.max(neighbour_m);
         }
-        if range_m < least_m - tolerance_m {
-            match self.scan.lidar().is_clear_at(range_m) {
+        if range_m < least_m - depth_m {
+            match lidar.is_clear_at(range_m) {
                 true => Visibility::Free,
                 false => Visibility::Unseen,
             }
-        } else if range_m > most_m + tolerance_m {
+        } else if range_m > most_m + depth_m {
             Visibility::Occluded
         } else {
             Visibility::Surface
@@ -161,11 +179,18 @@ impl<'a> Views<'a> {
 
     /// What they say about a point of the base frame, as [`View::look_at`]: it is a surface if one
     /// of them ended there, else free if one passed through it.
-    pub fn look_at(&self, point: &Vector2<f64>, tolerance_m: f64) -> Visibility {
-        let by_others = self.others.iter();
-        let by_others =
-            by_others.map(|(to_its, view)| view.look_at(&to_its.apply(point), tolerance_m));
-        by_others.fold(self.own.look_at(point, tolerance_m), Visibility::max)
+    pub fn look_at(
+        &self,
+        point: &Vector2<f64>,
+        normal: Option<&Vector2<f64>>,
+        tolerance_m: f64,
+    ) -> Visibility {
+        let by_others = self.others.iter().map(|(to_its, view)| {
+            let normal = normal.map(|normal| to_its.turn(normal));
+            view.look_at(&to_its.apply(point), normal.as_ref(), tolerance_m)
+        });
+        let own = self.own.look_at(point, normal, tolerance_m);
+        by_others.fold(own, Visibility::max)
     }
 }
 
@@ -184,7 +209,8 @@ pub fn agreement(
     for point in points {
         let position = to_seen_by.apply(&point.position);
         let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
-        match seen_by.look_at(&position, allowed_m) {
+        let normal = point.normal.map(|normal| to_seen_by.turn(&normal));
+        match seen_by.look_at(&position, normal.as_ref(), allowed_m) {
             Visibility::Unseen => counts.unseen += 1,
             Visibility::Free => counts.free += 1,
             Visibility::Surface => counts.surface += 1,

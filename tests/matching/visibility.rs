@@ -35,7 +35,8 @@ fn arc_ahead(mount: Pose2) -> LaserScan {
 fn before_on_and_behind_a_wall() {
     let scan = arc_ahead(Pose2::IDENTITY);
     for (range_m, expected) in [
-        (0.5, Free),
+        (0.04, Unseen),
+        (0.06, Free),
         (3.89, Free),
         (3.91, Surface),
         (4.0, Surface),
@@ -44,8 +45,31 @@ fn before_on_and_behind_a_wall() {
         (9.99, Occluded),
         (10.01, Unseen),
     ] {
-        let seen = View::new(&scan).look_at(&at(0.1, range_m), 0.1);
+        let seen = View::new(&scan).look_at(&at(0.1, range_m), None, 0.1);
         assert_eq!(seen, expected, "{range_m} m");
+    }
+}
+
+/// A wall at a slant: two views of it that differ by 0.1 m across it differ by more along a beam.
+#[test]
+fn along_a_beam_that_grazes_a_surface_views_of_it_differ_by_more() {
+    for (incidence_deg, depth_m) in [(0.0, 0.1), (60.0, 0.2), (-60.0, 0.2), (90.0, 0.5)] {
+        let normal = at(PI + f64::to_radians(incidence_deg), 1.0);
+        for (apart_m, expected) in [
+            (-1.01, Free),
+            (-0.99, Surface),
+            (0.99, Surface),
+            (1.01, Occluded),
+        ] {
+            let point = at(0.0, 4.0 + apart_m * depth_m);
+            // The mount turns the normal with the point.
+            for mount in [Pose2::IDENTITY, Pose2::new(1.0, 0.5, FRAC_PI_2)] {
+                let scan = arc_ahead(mount);
+                let normal = mount.to_transform().turn(&normal);
+                let seen = View::new(&scan).look_at(&mount.transform(&point), Some(&normal), 0.1);
+                assert_eq!(seen, expected, "{incidence_deg}°, {apart_m} of {depth_m} m");
+            }
+        }
     }
 }
 
@@ -62,7 +86,7 @@ fn outside_the_field_of_view_nothing_is_known() {
         (180.0, Unseen),
         (-179.0, Unseen),
     ] {
-        let seen = View::new(&scan).look_at(&at(f64::to_radians(degrees), 2.0), 0.1);
+        let seen = View::new(&scan).look_at(&at(f64::to_radians(degrees), 2.0), None, 0.1);
         assert_eq!(seen, expected, "{degrees}°");
     }
 }
@@ -74,9 +98,9 @@ fn the_mount_is_where_the_beams_begin() {
     for (range_m, expected) in [(3.0, Free), (4.0, Surface), (5.0, Occluded)] {
         let point = mount.transform(&at(0.0, range_m));
         assert!((point - Vector2::new(1.0, 0.5 + range_m)).norm() < 1e-12);
-        assert_eq!(View::new(&scan).look_at(&point, 0.1), expected);
+        assert_eq!(View::new(&scan).look_at(&point, None, 0.1), expected);
     }
-    assert_eq!(View::new(&scan).look_at(&at(0.0, 3.0), 0.1), Unseen);
+    assert_eq!(View::new(&scan).look_at(&at(0.0, 3.0), None, 0.1), Unseen);
 }
 
 #[test]
@@ -86,10 +110,13 @@ fn no_return_is_no_evidence() {
     ranges[20] = None;
     let scan = LaserScan::new(geometry(-20.0 * degree, degree, Pose2::IDENTITY), ranges).unwrap();
     for range_m in [1.0, 4.0, 9.0] {
-        assert_eq!(View::new(&scan).look_at(&at(0.0, range_m), 0.1), Unseen);
+        assert_eq!(
+            View::new(&scan).look_at(&at(0.0, range_m), None, 0.1),
+            Unseen
+        );
     }
     // The beam beside it looks at its own evidence.
-    assert_eq!(View::new(&scan).look_at(&at(degree, 1.0), 0.1), Free);
+    assert_eq!(View::new(&scan).look_at(&at(degree, 1.0), None, 0.1), Free);
 }
 
 #[test]
@@ -99,7 +126,7 @@ fn beside_a_depth_edge_both_depths_count() {
     let ranges = (0..41).map(|k| Some(if k < 20 { 2.0 } else { 5.0 }));
     let scan = LaserScan::new(geometry(-20.0 * degree, degree, Pose2::IDENTITY), ranges).unwrap();
     let seen = |beam: f64, range_m: f64| {
-        View::new(&scan).look_at(&at((beam - 20.0) * degree, range_m), 0.1)
+        View::new(&scan).look_at(&at((beam - 20.0) * degree, range_m), None, 0.1)
     };
     // Far from the edge.
     assert_eq!(
@@ -135,7 +162,7 @@ fn a_full_turn_has_no_seam() {
             let nearest = beam.round().rem_euclid(360.0);
             let point = |range_m| at(angle_min_rad + beam * increment_rad, range_m);
             let seen =
-                [1.0, 3.5, 6.0].map(|range_m| View::new(&scan).look_at(&point(range_m), 0.1));
+                [1.0, 3.5, 6.0].map(|range_m| View::new(&scan).look_at(&point(range_m), None, 0.1));
             let near = !(9.0..=350.0).contains(&nearest);
             let edge = [9.0, 10.0, 349.0, 350.0].contains(&nearest);
             let between = match (edge, near) {
@@ -158,7 +185,7 @@ fn a_depth_edge_at_the_seam_of_a_full_turn_counts() {
     for beam in [0.0, 359.0] {
         let angle_rad = -PI + beam * TAU / beams as f64;
         assert_eq!(
-            View::new(&scan).look_at(&at(angle_rad, 3.5), 0.1),
+            View::new(&scan).look_at(&at(angle_rad, 3.5), None, 0.1),
             Surface,
             "beam {beam}"
         );
@@ -173,7 +200,7 @@ fn a_field_of_view_short_of_a_full_turn_has_no_neighbours_across_its_gap() {
     let lidar = geometry(-135.0 * degree, degree, Pose2::IDENTITY);
     let scan = LaserScan::new(lidar, ranges).unwrap();
     assert_eq!(
-        View::new(&scan).look_at(&at(135.0 * degree, 3.5), 0.1),
+        View::new(&scan).look_at(&at(135.0 * degree, 3.5), None, 0.1),
         Free
     );
 }
@@ -248,7 +275,7 @@ fn each_of_several_scans_is_looked_at_from_its_own_origin() {
         (-4.5, Surface),
         (-5.0, Occluded),
     ] {
-        let seen = views.look_at(&Vector2::new(x, 0.0), 0.1);
+        let seen = views.look_at(&Vector2::new(x, 0.0), None, 0.1);
         assert_eq!(seen, expected, "{x} m");
     }
     // Two that look the same way: a surface of either is one, and what is hidden from one alone
@@ -262,6 +289,10 @@ fn each_of_several_scans_is_looked_at_from_its_own_origin() {
         (5.0, Surface),
         (6.0, Occluded),
     ] {
-        assert_eq!(both.look_at(&Vector2::new(x, 0.0), 0.1), expected, "{x} m");
+        assert_eq!(
+            both.look_at(&Vector2::new(x, 0.0), None, 0.1),
+            expected,
+            "{x} m"
+        );
     }
 }
