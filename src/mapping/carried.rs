@@ -5,7 +5,7 @@
 //! late. A few keyframes later it is plain: those before the step agree among themselves, those
 //! after it do, and each contradicts those of the other side.
 
-use super::closure::contradiction_share;
+use super::closure::{DEPTH_TOLERANCE, contradiction_share};
 use super::route_map::{RouteMap, Weighting};
 use crate::graph::{EdgeKind, EdgeStatus};
 use crate::ids::EdgeId;
@@ -52,7 +52,12 @@ impl RouteMap {
             let nodes = self.graph.nodes();
             let [before, after] = [newest[a], newest[b]];
             let pose = nodes[before].pose.between(&nodes[after].pose);
-            contradiction_share(&self.keyframes[before], &self.keyframes[after], &pose)
+            contradiction_share(
+                &self.keyframes[before],
+                &self.keyframes[after],
+                &pose,
+                &DEPTH_TOLERANCE,
+            )
         };
         let mut across_min = share(SIDE - 1, SIDE)?;
         if across_min < CONTRADICTION_SHARE_MIN {

@@ -6,7 +6,8 @@ use super::partners::Placed;
 use crate::geometry::{Information, Pose2, angle_difference_rad};
 use crate::ids::EdgeId;
 use crate::matching::{
-    Alignment, BESIDE_A_PLACE_M, Estimate, IcpParams, ReferenceCloud, Termination, agreement,
+    Alignment, BESIDE_A_PLACE_M, DepthTolerance, Estimate, IcpParams, ReferenceCloud, Termination,
+    agreement,
 };
 
 /// Both measurements of one closure.
@@ -88,10 +89,13 @@ const LEFT_OVERLAP_MIN: f64 = 0.1;
 const LEFT_INLIER_SHARE_MIN: f64 = 0.75;
 /// … and fix the loosest direction by this share.
 const LEFT_FIXED_SHARE_MIN: f64 = 0.5;
-/// Depth tolerance of that comparison, metres.
-const DEPTH_TOLERANCE_M: f64 = 0.15;
-/// Turn error allowed for in that comparison, radians.
-const DEPTH_SIGMA_THETA_RAD: f64 = 0.005;
+/// By how much the depths of two scans of one place may differ. Not more where beams graze a
+/// surface: places that look alike would be harder to tell apart.
+pub(super) const DEPTH_TOLERANCE: DepthTolerance = DepthTolerance {
+    depth_m: 0.15,
+    sigma_theta_rad: 0.005,
+    is_across: false,
+};
 /// Fewest directions of motion that the points must fix.
 const OBSERVABLE_MIN: usize = 2;
 /// All of them.
@@ -169,7 +173,8 @@ fn fit_aligned(
     if !plausible {
         return None;
     }
-    let contradiction_share = contradiction_share(old.keyframe, new.keyframe, &robust.pose)?;
+    let contradiction_share =
+        contradiction_share(old.keyframe, new.keyframe, &robust.pose, &DEPTH_TOLERANCE)?;
     (contradiction_share <= share_max).then_some(Fit {
         robust,
         contradiction_share,
@@ -286,17 +291,11 @@ pub(super) fn contradiction_share(
     old: &Keyframe,
     new: &Keyframe,
     old_from_new: &Pose2,
+    tolerance: &DepthTolerance,
 ) -> Option<f64> {
     let share = |of: &Keyframe, seen_by: &Keyframe, pose: &Pose2| {
         let (points, views) = (&of.points, seen_by.views()?);
-        let seen = agreement(
-            points,
-            &views,
-            pose,
-            DEPTH_TOLERANCE_M,
-            DEPTH_SIGMA_THETA_RAD,
-        );
-        Some(seen.contradiction_share())
+        Some(agreement(points, &views, pose, tolerance).contradiction_share())
     };
     let new_in_old = share(new, old, old_from_new)?;
     let old_in_new = share(old, new, &old_from_new.inverse())?;

@@ -4,13 +4,20 @@
 //! show it: what one saw as free is full in the next. Then the scans are believed without the
 //! odometry, and where they say nothing either, nobody knows how the trip went on.
 
-use super::closure::contradiction_share;
+use super::closure::{self, contradiction_share};
 use super::front_end::{Motion, match_alone, match_from, measure_motion};
 use super::keyframe::Keyframe;
 use super::local_map::{LocalCloud, LocalMap};
 use super::odometry::OdometryMotion;
 use crate::geometry::Pose2;
+use crate::matching::DepthTolerance;
 
+/// By how much the depths of a step's scans may differ: more where beams graze a surface, since in
+/// narrow places that looks like a step which went wrong.
+const DEPTH_TOLERANCE: DepthTolerance = DepthTolerance {
+    is_across: true,
+    ..closure::DEPTH_TOLERANCE
+};
 /// Two scans of a step are not where the odometry has them if more than this share of one's points
 /// lies in the other's free space …
 const CONTRADICTION_SHARE_MAX: f64 = 0.35;
@@ -112,7 +119,7 @@ impl Step<'_> {
     }
 
     fn contradiction_share(&self, last_from_base: &Pose2) -> Option<f64> {
-        contradiction_share(self.last, self.new, last_from_base)
+        contradiction_share(self.last, self.new, last_from_base, &DEPTH_TOLERANCE)
     }
 
     fn is_unseen(&self, motion: &Motion) -> bool {

@@ -29,4 +29,4 @@ pub use likelihood::LikelihoodGrid;
 pub use point_grid::Neighbour;
 pub use prior::Prior;
 pub use search::{SearchHit, SearchParams, SearchWindow, search};
-pub use visibility::{Agreement, View, Views, Visibility, agreement};
+pub use visibility::{Agreement, DepthTolerance, View, Views, Visibility, agreement};

@@ -194,22 +194,32 @@ impl<'a> Views<'a> {
     }
 }
 
+/// By how much two views of one surface may differ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthTolerance {
+    /// Metres, beside what the turn error makes of the range (3 σ).
+    pub depth_m: f64,
+    /// Turn error, radians.
+    pub sigma_theta_rad: f64,
+    /// Whether it is meant across the surface: along a beam that grazes it views differ by more.
+    pub is_across: bool,
+}
+
 /// What the scans `seen_by` say about the points of another place.
-///
-/// The tolerance grows with range by the turn error `sigma_theta_rad` (3 σ).
 pub fn agreement(
     points: &[SurfacePoint],
     seen_by: &Views<'_>,
     seen_by_from_points: &Pose2,
-    tolerance_m: f64,
-    sigma_theta_rad: f64,
+    tolerance: &DepthTolerance,
 ) -> Agreement {
     let mut counts = Agreement::default();
     let to_seen_by = seen_by_from_points.to_transform();
     for point in points {
         let position = to_seen_by.apply(&point.position);
-        let allowed_m = tolerance_m + 3.0 * sigma_theta_rad * position.norm();
-        let normal = point.normal.map(|normal| to_seen_by.turn(&normal));
+        let turned_m = 3.0 * tolerance.sigma_theta_rad * position.norm();
+        let allowed_m = tolerance.depth_m + turned_m;
+        let normal = point.normal.filter(|_| tolerance.is_across);
+        let normal = normal.map(|normal| to_seen_by.turn(&normal));
         match seen_by.look_at(&position, normal.as_ref(), allowed_m) {
             Visibility::Unseen => counts.unseen += 1,
             Visibility::Free => counts.free += 1,

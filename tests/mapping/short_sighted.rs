@@ -68,6 +68,10 @@ fn a_room_seen_two_metres_far_is_drawn_once() {
     };
     for order in [
         ["niao20", "niao21", "niao22"],
+        ["niao20", "niao22", "niao21"],
+        ["niao21", "niao20", "niao22"],
+        ["niao21", "niao22", "niao20"],
+        ["niao22", "niao20", "niao21"],
         ["niao22", "niao21", "niao20"],
     ] {
         let mut map = RouteMap::new(Weighting::Robust);

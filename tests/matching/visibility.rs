@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
 
 use mapshift::geometry::{Pose2, Vector2};
-use mapshift::matching::{Agreement, View, Views, Visibility, agreement};
+use mapshift::matching::{Agreement, DepthTolerance, View, Views, Visibility, agreement};
 use mapshift::scan::{LaserScan, Lidar, SurfacePoint, surface_points};
 
 use Visibility::{Free, Occluded, Surface, Unseen};
@@ -19,6 +19,14 @@ fn geometry(angle_min_rad: f64, angle_increment_rad: f64, mount: Pose2) -> Arc<L
         range_sigma_m: 0.01,
         band: None,
     })
+}
+
+fn within(depth_m: f64, sigma_theta_rad: f64) -> DepthTolerance {
+    DepthTolerance {
+        depth_m,
+        sigma_theta_rad,
+        is_across: true,
+    }
 }
 
 fn at(angle_rad: f64, range_m: f64) -> Vector2<f64> {
@@ -225,7 +233,12 @@ fn agreement_counts_by_hand_and_widens_with_range() {
         at(6.0, 0.0),
         at(0.0, 3.0),
     ];
-    let counts = agreement(&points, &Views::new(&scan), &seen_by_from_points, 0.1, 0.0);
+    let counts = agreement(
+        &points,
+        &Views::new(&scan),
+        &seen_by_from_points,
+        &within(0.1, 0.0),
+    );
     let expected = Agreement {
         surface: 1,
         free: 3,
@@ -239,8 +252,7 @@ fn agreement_counts_by_hand_and_widens_with_range() {
         &points,
         &Views::new(&scan),
         &seen_by_from_points,
-        0.1,
-        0.005,
+        &within(0.1, 0.005),
     );
     assert_eq!((counts.free, counts.surface), (2, 2));
     assert_eq!(Agreement::default().contradiction_share(), 0.0);
@@ -250,7 +262,12 @@ fn agreement_counts_by_hand_and_widens_with_range() {
 fn a_scan_agrees_with_itself() {
     let scan = arc_ahead(Pose2::new(0.3, -0.1, 2.0));
     let points = surface_points(&scan);
-    let counts = agreement(&points, &Views::new(&scan), &Pose2::IDENTITY, 0.01, 0.0);
+    let counts = agreement(
+        &points,
+        &Views::new(&scan),
+        &Pose2::IDENTITY,
+        &within(0.01, 0.0),
+    );
     assert_eq!(counts.surface, points.len());
     assert_eq!(counts.contradiction_share(), 0.0);
 }
