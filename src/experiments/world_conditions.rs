@@ -113,7 +113,7 @@ pub(super) const CORRELATED: Condition = Condition {
 };
 
 /// Every condition, in the order of the table.
-pub(super) const CONDITIONS: [Condition; 14] = [
+pub(super) const CONDITIONS: [Condition; 15] = [
     PLAIN,
     Condition {
         name: "3 people walk",
@@ -136,6 +136,12 @@ pub(super) const CONDITIONS: [Condition; 14] = [
     Condition {
         name: "50 changes at once",
         changes: 50,
+        ..PLAIN
+    },
+    Condition {
+        name: "50 changes at once, every lap localised by search",
+        changes: 50,
+        trip_a_lap: true,
         ..PLAIN
     },
     Condition {

@@ -57,7 +57,8 @@ impl RouteMap {
             return Ok(());
         }
         let newest = &segment[segment.len().saturating_sub(KEYFRAMES_MAX)..];
-        let is_expected = match self.was_cut_before(segment[0]) {
+        let was_cut = self.was_cut_before(segment[0]);
+        let is_expected = match was_cut {
             true => self.agree_as_placed(newest),
             false => self.are_where_expected(newest),
         };
@@ -71,10 +72,15 @@ impl RouteMap {
             false => &STRICT,
         };
         let located = anchor::locate(&self.placed_references(layer), &own, confirmation);
-        let Ok(map_from_own) = located else {
-            return Ok(());
-        };
-        self.move_segment(&segment, &map_from_own, added)
+        let is_long = newest.len() == KEYFRAMES_MAX;
+        match located {
+            Ok(map_from_own) => self.move_segment(&segment, &map_from_own, added),
+            // Not carried, then: the place has changed.
+            Err(_) if was_cut && is_long && self.are_where_expected(newest) => {
+                self.rejoin(&segment, added)
+            }
+            Err(_) => Ok(()),
+        }
     }
 
     /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
