@@ -405,6 +405,18 @@ mod tests {
         assert!(score.found.hits > 0 && score.confirmed <= score.found.hits);
         assert_eq!(score.laps, LAPS.len());
         assert_eq!(study.correlations.len(), 1);
-        assert_eq!(world_runs(3), 3 * 44);
+        assert_eq!(world_runs(3), 3 * 48);
+    }
+
+    #[test]
+    fn a_trip_is_followed_while_half_of_what_it_sees_changes() {
+        let rebuilt = Condition {
+            changes: 50,
+            ..PLAIN
+        };
+        let Outcome { score, .. } = run(WorldKind::Hall, &rebuilt, 670).unwrap();
+        assert_eq!((score.changes, score.out_of_reach), (50, 0));
+        assert!(score.found.hits >= 48, "{score:?}");
+        assert_eq!(score.batches_not_merged, 0);
     }
 }
