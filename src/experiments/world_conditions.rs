@@ -103,6 +103,13 @@ pub(super) const PLAIN: Condition = Condition {
     pass_errors: PassErrors::NONE,
 };
 
+/// One vehicle, about half of what it sees changed between two laps of its trip.
+pub(super) const REBUILT: Condition = Condition {
+    name: "50 changes at once",
+    changes: 50,
+    ..PLAIN
+};
+
 /// One vehicle with correlated errors as in recordings, among people who stand still.
 pub(super) const CORRELATED: Condition = Condition {
     name: "as correlated as recordings",
@@ -133,16 +140,11 @@ pub(super) const CONDITIONS: [Condition; 15] = [
         walkers: 3,
         ..PLAIN
     },
-    Condition {
-        name: "50 changes at once",
-        changes: 50,
-        ..PLAIN
-    },
+    REBUILT,
     Condition {
         name: "50 changes at once, every lap localised by search",
-        changes: 50,
         trip_a_lap: true,
-        ..PLAIN
+        ..REBUILT
     },
     Condition {
         name: "nothing changes, 5 people, one of 3 lidars turned by 2°",

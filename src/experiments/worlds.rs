@@ -307,6 +307,7 @@ pub(super) fn recordings_of(
 
 #[cfg(test)]
 mod tests {
+    use super::super::world_conditions::REBUILT;
     use super::*;
     use crate::sim::PassErrors;
 
@@ -410,11 +411,7 @@ mod tests {
 
     #[test]
     fn a_trip_is_followed_while_half_of_what_it_sees_changes() {
-        let rebuilt = Condition {
-            changes: 50,
-            ..PLAIN
-        };
-        let Outcome { score, .. } = run(WorldKind::Hall, &rebuilt, 670).unwrap();
+        let Outcome { score, .. } = run(WorldKind::Hall, &REBUILT, 670).unwrap();
         assert_eq!((score.changes, score.out_of_reach), (50, 0));
         assert!(score.found.hits >= 48, "{score:?}");
         assert_eq!(score.batches_not_merged, 0);

@@ -68,14 +68,13 @@ impl<'a> View<'a> {
         }
     }
 
-    /// What the scan says about a point of its base frame, and of a surface with this unit normal
-    /// in the same frame; `None` if it is not known.
+    /// What the scan says about a point of its base frame.
     ///
     /// Nearer than the lidar measures a point is unseen: some lidars look through what stands
-    /// there. Beside a depth edge the beam and its neighbours are taken together: a point is free only
-    /// before the nearest of them, occluded only behind the farthest. `tolerance_m` is the
-    /// distance by which two views of one surface may differ across it; along a beam that grazes
-    /// it they differ by more.
+    /// there. Beside a depth edge the beam and its neighbours are taken together: a point is free
+    /// only before the nearest of them, occluded only behind the farthest. `tolerance_m` is the
+    /// distance by which two views of one surface may differ: along the beam, or across the surface
+    /// if its unit `normal` in the base frame is given, which is more along a beam that grazes it.
     pub fn look_at(
         &self,
         point: &Vector2<f64>,

@@ -25,7 +25,7 @@ fn within(depth_m: f64, sigma_theta_rad: f64) -> DepthTolerance {
     DepthTolerance {
         depth_m,
         sigma_theta_rad,
-        is_across: true,
+        is_across: false,
     }
 }
 
@@ -45,6 +45,7 @@ fn before_on_and_behind_a_wall() {
     for (range_m, expected) in [
         (0.04, Unseen),
         (0.06, Free),
+        (0.5, Free),
         (3.89, Free),
         (3.91, Surface),
         (4.0, Surface),
@@ -256,6 +257,28 @@ fn agreement_counts_by_hand_and_widens_with_range() {
     );
     assert_eq!((counts.free, counts.surface), (2, 2));
     assert_eq!(Agreement::default().contradiction_share(), 0.0);
+}
+
+#[test]
+fn across_a_surface_a_tolerance_is_meant_in_the_frame_of_who_looks() {
+    // 0.15 m before the wall, on a surface that the beam meets at 60°.
+    let moved = Pose2::new(1.0, 0.5, FRAC_PI_2);
+    let back = moved.inverse();
+    let slanted = SurfacePoint {
+        position: back.transform(&at(0.0, 3.85)),
+        normal: Some(back.to_transform().turn(&at(PI + PI / 3.0, 1.0))),
+        beam: 0,
+        range_m: 3.85,
+    };
+    let scan = arc_ahead(Pose2::IDENTITY);
+    for (is_across, free) in [(false, 1), (true, 0)] {
+        let tolerance = DepthTolerance {
+            is_across,
+            ..within(0.1, 0.0)
+        };
+        let counts = agreement(&[slanted], &Views::new(&scan), &moved, &tolerance);
+        assert_eq!((counts.free, counts.surface), (free, 1 - free));
+    }
 }
 
 #[test]
