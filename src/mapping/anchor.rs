@@ -49,12 +49,28 @@ pub enum AnchorError {
     },
 }
 
+impl AnchorError {
+    /// `map_from_base` of the trip's first scan at the place that looks most like the trip, if one does.
+    pub(super) fn best(&self) -> Option<&Pose2> {
+        match self {
+            Self::TooShort(_) | Self::TooFar(_) | Self::Unknown => None,
+            Self::Ambiguous(best, _) | Self::Contradicted { place: best, .. } => Some(best),
+        }
+    }
+}
+
 const GRID_LEVELS: usize = 7;
 
 /// Another place is farther away than this, metres, …
 const DISTINCT_DISTANCE_M: f64 = 0.7;
 /// … or turned by more, radians.
 const DISTINCT_TURN_RAD: f64 = 0.35;
+
+/// Whether two poses are one place to a search.
+pub(super) fn is_same(a: &Pose2, b: &Pose2) -> bool {
+    let apart = a.between(b);
+    apart.translation().norm() <= DISTINCT_DISTANCE_M && apart.theta.abs() <= DISTINCT_TURN_RAD
+}
 
 /// The pose of the drive's first scan in the map.
 pub(super) fn find(map: &RouteMap, drive: &Drive) -> Result<InitialPose, AnchorError> {

@@ -8,9 +8,9 @@
 //! past what the map knows and is tied to none of it: it went astray, and is searched for too.
 
 use super::anchor;
-use super::closure;
-use super::confirmation::{BRIEF, Comparison, STRICT, compare, confirm};
+use super::confirmation::{BRIEF, Comparison, STRICT, compare};
 use super::drift::{LOST_DRIFT_M, slack_after};
+use super::expected::EXPECTED_SHARE_MIN;
 use super::extend::Extension;
 use super::front_end::Motion;
 use super::odometry::OdometryMotion;
@@ -31,9 +31,6 @@ const SEARCH_GROWTH: f64 = 0.25;
 const SEARCH_STEP_MAX: usize = 40;
 /// Fewer keyframes fit in many places.
 const KEYFRAMES_MIN: usize = 8;
-/// A segment is where its odometry has it if what is left of the place fits in this share of the
-/// comparisons.
-const EXPECTED_SHARE_MIN: f64 = 0.6;
 /// A trip that has driven so far past what the map knows may have gone astray, metres.
 const ASTRAY_DRIFT_M: f64 = 12.0;
 /// It was right up to where so many of its keyframes, one after the other, do not agree.
@@ -75,49 +72,16 @@ impl RouteMap {
         let is_long = newest.len() == KEYFRAMES_MAX;
         match located {
             Ok(map_from_own) => self.move_segment(&segment, &map_from_own, added),
-            // Not carried, then: the place has changed.
-            Err(_) if was_cut && is_long && self.are_where_expected(newest) => {
+            // Not carried, then: the place has changed, or the height at which the lidar sees it.
+            Err(error)
+                if was_cut
+                    && is_long
+                    && (self.are_where_expected(newest) || self.are_best_here(newest, &error)) =>
+            {
                 self.rejoin(&segment, added)
             }
             Err(_) => Ok(()),
         }
-    }
-
-    /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
-    /// has changed: what is left of it fits.
-    fn are_where_expected(&self, keyframes: &[usize]) -> bool {
-        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
-        let share = self.fitting_share(keyframes, self.placed_references(layer));
-        share.is_some_and(|share| share >= EXPECTED_SHARE_MIN)
-    }
-
-    /// Whether keyframes after a step that is not believed agree with the map where they lie: the
-    /// step was right after all, and something beside the vehicle was moved. The newest say so, which
-    /// have left that behind.
-    fn agree_as_placed(&self, keyframes: &[usize]) -> bool {
-        let newest = &keyframes[keyframes.len().saturating_sub(KEYFRAMES_MIN)..];
-        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
-        let layer = own.first().and_then(|own| own.keyframe.layer());
-        let references = self.placed_references(layer);
-        confirm(&references, &own, &Pose2::IDENTITY, &STRICT).is_ok()
-    }
-
-    /// In how many of the comparisons of keyframes with references what is left of the place fits, as
-    /// a share; `None` if there are fewer than keyframes.
-    fn fitting_share(&self, keyframes: &[usize], mut references: Vec<Placed<'_>>) -> Option<f64> {
-        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
-        // Of another height band little fits in any case.
-        references.retain(|old| old.keyframe.layer() == layer);
-        let (mut compared, mut fitting) = (0, 0);
-        for &k in keyframes {
-            let new = self.placed(k);
-            for old in partners::choose(&new, &references) {
-                compared += 1;
-                fitting += usize::from(closure::what_is_left_fits(&old, &new));
-            }
-        }
-        let enough = compared >= keyframes.len().max(1);
-        enough.then(|| fitting as f64 / compared as f64)
     }
 
     /// Takes a lost segment for what its odometry says: ties it to what the trip drove before, and

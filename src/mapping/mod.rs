@@ -16,6 +16,7 @@ mod corridor;
 mod drift;
 mod drive;
 mod evidence;
+mod expected;
 mod extend;
 mod falsified;
 mod front_end;

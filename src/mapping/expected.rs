@@ -1,0 +1,73 @@
+//! Whether a segment of a trip that may be lost is where its odometry has it.
+
+use super::anchor::{self, AnchorError};
+use super::closure;
+use super::confirmation::{STRICT, TRUSTING, confirm};
+use super::partners::{self, Placed};
+use super::route_map::RouteMap;
+use crate::geometry::Pose2;
+
+/// A segment is where its odometry has it if what is left of the place fits in this share of the
+/// comparisons.
+pub(super) const EXPECTED_SHARE_MIN: f64 = 0.6;
+/// So many of its newest keyframes say whether the step before it was right.
+const NEWEST: usize = 8;
+
+impl RouteMap {
+    /// Whether keyframes of a lost segment are where the odometry has them, and it is the place that
+    /// has changed: what is left of it fits.
+    pub(super) fn are_where_expected(&self, keyframes: &[usize]) -> bool {
+        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
+        let share = self.fitting_share(keyframes, self.placed_references(layer));
+        share.is_some_and(|share| share >= EXPECTED_SHARE_MIN)
+    }
+
+    /// Whether keyframes after a step that is not believed agree with the map where they lie: the
+    /// step was right after all, and something beside the vehicle was moved. The newest say so, which
+    /// have left that behind.
+    pub(super) fn agree_as_placed(&self, keyframes: &[usize]) -> bool {
+        let newest = &keyframes[keyframes.len().saturating_sub(NEWEST)..];
+        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
+        let layer = own.first().and_then(|own| own.keyframe.layer());
+        let references = self.placed_references(layer);
+        confirm(&references, &own, &Pose2::IDENTITY, &STRICT).is_ok()
+    }
+
+    /// Whether keyframes after a step that is not believed agree one by one with the map where they
+    /// lie, though they contradict it, and no place looks more like them: a load has tilted the lidar, say.
+    pub(super) fn are_best_here(&self, keyframes: &[usize], elsewhere: &AnchorError) -> bool {
+        let own: Vec<Placed<'_>> = keyframes.iter().map(|&k| self.placed(k)).collect();
+        let is_here = |best: &Pose2| {
+            own.first()
+                .is_some_and(|own| anchor::is_same(best, &own.pose))
+        };
+        if !elsewhere.best().is_none_or(is_here) {
+            return false;
+        }
+        let layer = own.first().and_then(|own| own.keyframe.layer());
+        let references = self.placed_references(layer);
+        confirm(&references, &own, &Pose2::IDENTITY, &TRUSTING).is_ok()
+    }
+
+    /// In how many of the comparisons of keyframes with references what is left of the place fits, as
+    /// a share; `None` if there are fewer than keyframes.
+    pub(super) fn fitting_share(
+        &self,
+        keyframes: &[usize],
+        mut references: Vec<Placed<'_>>,
+    ) -> Option<f64> {
+        let layer = keyframes.first().and_then(|&k| self.keyframes[k].layer());
+        // Of another height band little fits in any case.
+        references.retain(|old| old.keyframe.layer() == layer);
+        let (mut compared, mut fitting) = (0, 0);
+        for &k in keyframes {
+            let new = self.placed(k);
+            for old in partners::choose(&new, &references) {
+                compared += 1;
+                fitting += usize::from(closure::what_is_left_fits(&old, &new));
+            }
+        }
+        let enough = compared >= keyframes.len().max(1);
+        enough.then(|| fitting as f64 / compared as f64)
+    }
+}
