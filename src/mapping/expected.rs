@@ -71,3 +71,31 @@ impl RouteMap {
         enough.then(|| fitting as f64 / compared as f64)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::route_map::Weighting;
+    use super::super::testing::{SCANS, drive_through, rooms};
+    use super::*;
+
+    #[test]
+    fn where_another_place_looks_more_like_it_a_segment_is_not_where_it_lies() {
+        let mut map = RouteMap::new(Weighting::Robust);
+        let known = drive_through(&rooms(), "known", 0.0, 0..SCANS, |_, motion| motion);
+        map.extend(&known).unwrap();
+        let segment: Vec<usize> = (0..NEWEST).collect();
+        let here = map.placed(segment[0]).pose;
+        let there = here.compose(&Pose2::new(2.0, 0.0, 0.0));
+        let are_best_beside = |elsewhere| map.are_best_here(&segment, &elsewhere);
+        let contradicted = |place| AnchorError::Contradicted {
+            place,
+            agreeing: 0,
+            compared: NEWEST,
+        };
+        assert!(are_best_beside(AnchorError::Unknown));
+        assert!(are_best_beside(contradicted(here)));
+        assert!(are_best_beside(AnchorError::Ambiguous(here, there)));
+        assert!(!are_best_beside(AnchorError::Ambiguous(there, here)));
+        assert!(!are_best_beside(contradicted(there)));
+    }
+}
