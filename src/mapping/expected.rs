@@ -2,7 +2,7 @@
 
 use super::anchor::{self, AnchorError};
 use super::closure;
-use super::confirmation::{STRICT, TRUSTING, confirm};
+use super::confirmation::{Confirmation, STRICT, TRUSTING, confirm};
 use super::partners::{self, Placed};
 use super::route_map::RouteMap;
 use crate::geometry::Pose2;
@@ -27,26 +27,23 @@ impl RouteMap {
     /// have left that behind.
     pub(super) fn agree_as_placed(&self, keyframes: &[usize]) -> bool {
         let newest = &keyframes[keyframes.len().saturating_sub(NEWEST)..];
-        let own: Vec<Placed<'_>> = newest.iter().map(|&k| self.placed(k)).collect();
-        let layer = own.first().and_then(|own| own.keyframe.layer());
-        let references = self.placed_references(layer);
-        confirm(&references, &own, &Pose2::IDENTITY, &STRICT).is_ok()
+        self.are_confirmed(newest, &STRICT)
     }
 
     /// Whether keyframes after a step that is not believed agree one by one with the map where they
     /// lie, though they contradict it, and no place looks more like them: a load has tilted the lidar, say.
     pub(super) fn are_best_here(&self, keyframes: &[usize], elsewhere: &AnchorError) -> bool {
+        let first = keyframes.first().map(|&k| self.placed(k).pose);
+        let is_here = |best: &Pose2| first.is_some_and(|first| anchor::is_same(best, &first));
+        elsewhere.best().is_none_or(is_here) && self.are_confirmed(keyframes, &TRUSTING)
+    }
+
+    /// Whether the map confirms keyframes where they lie.
+    fn are_confirmed(&self, keyframes: &[usize], confirmation: &Confirmation) -> bool {
         let own: Vec<Placed<'_>> = keyframes.iter().map(|&k| self.placed(k)).collect();
-        let is_here = |best: &Pose2| {
-            own.first()
-                .is_some_and(|own| anchor::is_same(best, &own.pose))
-        };
-        if !elsewhere.best().is_none_or(is_here) {
-            return false;
-        }
         let layer = own.first().and_then(|own| own.keyframe.layer());
         let references = self.placed_references(layer);
-        confirm(&references, &own, &Pose2::IDENTITY, &TRUSTING).is_ok()
+        confirm(&references, &own, &Pose2::IDENTITY, confirmation).is_ok()
     }
 
     /// In how many of the comparisons of keyframes with references what is left of the place fits, as
