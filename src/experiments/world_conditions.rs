@@ -24,7 +24,7 @@ pub(super) enum WorldKind {
 impl WorldKind {
     const ALL: [Self; 4] = [Self::Hall, Self::Racks, Self::Rooms, Self::Street];
     const FOR_NOISE: [Self; 2] = [Self::Hall, Self::Racks];
-    const FOR_SHORT_LIDARS: [Self; 3] = [Self::Hall, Self::Racks, Self::Rooms];
+    const INDOORS: [Self; 3] = [Self::Hall, Self::Racks, Self::Rooms];
 
     /// In tables.
     pub(super) fn name(self) -> &'static str {
@@ -37,6 +37,26 @@ impl WorldKind {
     }
 }
 
+/// Works in a building.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Works {
+    /// Doors that open or close, where there are doors.
+    pub doors: usize,
+    /// Walls that are taken down, and as many that are put up elsewhere.
+    pub walls: usize,
+    /// Whether all that stands free in one third moves. Which third depends on the seed: laps
+    /// begin in the first.
+    pub third: bool,
+}
+
+impl Works {
+    pub(super) const NONE: Self = Self {
+        doors: 0,
+        walls: 0,
+        third: false,
+    };
+}
+
 /// A simulated world with its vehicles and changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Condition {
@@ -44,6 +64,8 @@ pub(super) struct Condition {
     pub worlds: &'static [WorldKind],
     /// Changes of the world between the laps before and the laps after.
     pub changes: usize,
+    /// Works between the same laps.
+    pub works: Works,
     /// People who walk, in every lap.
     pub walkers: usize,
     /// People who stand still, different ones in every lap.
@@ -92,6 +114,7 @@ pub(super) const PLAIN: Condition = Condition {
     name: "one vehicle",
     worlds: &WorldKind::ALL,
     changes: 6,
+    works: Works::NONE,
     walkers: 0,
     bystanders: 0,
     vehicles: 1,
@@ -110,6 +133,17 @@ pub(super) const REBUILT: Condition = Condition {
     ..PLAIN
 };
 
+/// One vehicle, and much that was rebuilt between two trips.
+pub(super) const BUILDING_WORKS: Condition = works(
+    "12 doors swing, 4 walls move, a third rebuilt",
+    &WorldKind::INDOORS,
+    Works {
+        doors: 12,
+        walls: 4,
+        third: true,
+    },
+);
+
 /// One vehicle with correlated errors as in recordings, among people who stand still.
 pub(super) const CORRELATED: Condition = Condition {
     name: "as correlated as recordings",
@@ -120,7 +154,7 @@ pub(super) const CORRELATED: Condition = Condition {
 };
 
 /// Every condition, in the order of the table.
-pub(super) const CONDITIONS: [Condition; 15] = [
+pub(super) const CONDITIONS: [Condition; 19] = [
     PLAIN,
     Condition {
         name: "3 people walk",
@@ -146,6 +180,31 @@ pub(super) const CONDITIONS: [Condition; 15] = [
         trip_a_lap: true,
         ..REBUILT
     },
+    works(
+        "12 doors swing",
+        &[WorldKind::Rooms],
+        Works {
+            doors: 12,
+            ..Works::NONE
+        },
+    ),
+    works(
+        "4 walls move",
+        &WorldKind::INDOORS,
+        Works {
+            walls: 4,
+            ..Works::NONE
+        },
+    ),
+    works(
+        "a third rebuilt",
+        &WorldKind::ALL,
+        Works {
+            third: true,
+            ..Works::NONE
+        },
+    ),
+    BUILDING_WORKS,
     Condition {
         name: "nothing changes, 5 people, one of 3 lidars turned by 2°",
         changes: 0,
@@ -164,6 +223,18 @@ pub(super) const CONDITIONS: [Condition; 15] = [
     CORRELATED,
 ];
 
+/// Every lap is localised by search.
+const fn works(name: &'static str, worlds: &'static [WorldKind], works: Works) -> Condition {
+    Condition {
+        name,
+        worlds,
+        changes: 0,
+        works,
+        trip_a_lap: true,
+        ..PLAIN
+    }
+}
+
 const fn noisy(name: &'static str, range_sigma_m: f64) -> Condition {
     Condition {
         name,
@@ -176,7 +247,7 @@ const fn noisy(name: &'static str, range_sigma_m: f64) -> Condition {
 const fn short(name: &'static str, range_max_m: f64) -> Condition {
     Condition {
         name,
-        worlds: &WorldKind::FOR_SHORT_LIDARS,
+        worlds: &WorldKind::INDOORS,
         range_max_m: Some(range_max_m),
         ..PLAIN
     }

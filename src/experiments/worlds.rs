@@ -170,6 +170,7 @@ pub(super) struct Setting {
 impl Setting {
     pub(super) fn of(world: WorldKind, condition: &Condition, seed: u64) -> anyhow::Result<Self> {
         let third = condition.changes / 3;
+        let works = condition.works;
         let mut passing = BTreeSet::new();
         let mut scene = match world {
             WorldKind::Hall => Scene::of_hall(&Hall::generate(seed)?, seed),
@@ -177,7 +178,7 @@ impl Setting {
             WorldKind::Street => Scene::street(seed)?,
             WorldKind::Rooms => {
                 let mut rooms = Rooms::generate(seed)?;
-                rooms.swing_doors(third, LAPS_BEFORE, seed);
+                rooms.swing_doors(third + works.doors, LAPS_BEFORE, seed);
                 if condition.has_doors_ajar() {
                     let ajar = rooms.leave_ajar(LAPS, AJAR_EVERY, AJAR_SIGMA_RAD, seed);
                     passing.extend(ajar);
@@ -185,8 +186,15 @@ impl Setting {
                 rooms.scene
             }
         };
+        let mut first = Changes::new(&mut scene, 0, condition.path_noise_m, seed);
+        let walls = first.put_up_walls(works.walls);
         scene.walkers = condition.walkers;
         let mut changes = Changes::new(&mut scene, LAPS_BEFORE, condition.path_noise_m, seed);
+        changes.take_down_walls(&walls);
+        changes.put_up_walls(walls.len());
+        if works.third {
+            changes.rebuild_third(seed as usize % 3);
+        }
         changes.remove(third);
         changes.add(condition.changes - third, AREA_SHARE);
         for lap in LAPS {
@@ -307,7 +315,7 @@ pub(super) fn recordings_of(
 
 #[cfg(test)]
 mod tests {
-    use super::super::world_conditions::REBUILT;
+    use super::super::world_conditions::{BUILDING_WORKS, REBUILT};
     use super::*;
     use crate::sim::PassErrors;
 
@@ -406,7 +414,7 @@ mod tests {
         assert!(score.found.hits > 0 && score.confirmed <= score.found.hits);
         assert_eq!(score.laps, LAPS.len());
         assert_eq!(study.correlations.len(), 1);
-        assert_eq!(world_runs(3), 3 * 48);
+        assert_eq!(world_runs(3), 3 * 59);
     }
 
     #[test]
@@ -415,5 +423,22 @@ mod tests {
         assert_eq!((score.changes, score.out_of_reach), (50, 0));
         assert!(score.found.hits >= 48, "{score:?}");
         assert_eq!(score.batches_not_merged, 0);
+    }
+
+    #[test]
+    fn a_trip_is_localised_in_a_hall_that_was_rebuilt() {
+        let Outcome { score, .. } = run(WorldKind::Hall, &BUILDING_WORKS, 640).unwrap();
+        assert!(score.changes >= 25 && score.out_of_reach == 0, "{score:?}");
+        assert!(score.found.hits + 1 >= score.found.of, "{score:?}");
+        assert_eq!(score.open_true.hits, score.open_true.of, "{score:?}");
+        assert_eq!(score.batches_not_merged, 0);
+    }
+
+    #[test]
+    fn a_trip_is_not_placed_where_a_rebuilt_floor_looks_the_same_turned_by_half() {
+        let Outcome { score, .. } = run(WorldKind::Rooms, &BUILDING_WORKS, 656).unwrap();
+        // The place that is turned looks more like it than the right one.
+        assert!(score.batches_not_merged > 0);
+        assert_eq!(score.open_true.hits, score.open_true.of, "{score:?}");
     }
 }

@@ -143,6 +143,7 @@ fn search_everywhere(
         &SearchParams {
             score_min: confirmation.score_min,
             rival_share: confirmation.rival_share,
+            rival_unexplained_ratio: confirmation.rival_unexplained_ratio,
             distinct_distance_m: DISTINCT_DISTANCE_M,
             distinct_turn_rad: DISTINCT_TURN_RAD,
             wants_best_rival: true,
@@ -151,10 +152,14 @@ fn search_everywhere(
     .ok_or(AnchorError::Unknown)?;
     let own_from_centred = Pose2::new(middle.x, middle.y, 0.0);
     let to_map_from_own = |pose: &Pose2| pose.compose(&own_from_centred.inverse());
-    Ok((
-        to_map_from_own(&hit.pose),
-        hit.rival.map(|(rival, _)| to_map_from_own(&rival)),
-    ))
+    let best = to_map_from_own(&hit.pose);
+    let rival = hit.rival.and_then(|(rival, score)| {
+        let rival = to_map_from_own(&rival);
+        let scores_alike = score >= confirmation.rival_share * hit.score;
+        let is_alike = scores_alike || confirm(references, own, &rival, confirmation).is_ok();
+        is_alike.then_some(rival)
+    });
+    Ok((best, rival))
 }
 
 fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
@@ -170,6 +175,7 @@ const NEARBY: SearchParams = SearchParams {
     distinct_distance_m: 1.0,
     distinct_turn_rad: 0.2,
     rival_share: 0.9,
+    rival_unexplained_ratio: 1.0,
     wants_best_rival: false,
 };
 const NEARBY_RESOLUTION_M: f64 = 0.05;

@@ -20,8 +20,10 @@ pub(super) struct Confirmation {
     pub points_max: usize,
     /// Least share of the points' score that a place must reach.
     pub score_min: f64,
-    /// Another place is one like it if it reaches this share of its score.
+    /// Another place is one like it if it reaches this share of its score, …
     pub rival_share: f64,
+    /// … or if the scans confirm it too, and it leaves at most so many times as much unexplained.
+    pub rival_unexplained_ratio: f64,
     slack: Slack,
     /// Of the compared scans so many must agree, …
     agreeing_min: usize,
@@ -32,12 +34,16 @@ pub(super) struct Confirmation {
 }
 
 /// For a trip that begins. No other place is like the one found, so a match that ends there is
-/// believed although much of the place has changed.
+/// believed although much of the place has changed. Where a floor looks nearly the same turned by
+/// half a circle, and doors, walls and things have changed in half of what the scans show, the
+/// wrong place scored better in six of 40 trips: it left 0.80 to 0.88 of what the right one left
+/// unexplained. In halls the right one left 0.68 at most.
 pub(super) const TRUSTING: Confirmation = Confirmation {
     resolution_m: 0.1,
     points_max: POINTS_MAX,
     score_min: 0.4,
     rival_share: 0.9,
+    rival_unexplained_ratio: 4.0 / 3.0,
     slack: Slack {
         distance_m: 0.8,
         turn_rad: 0.3,
@@ -56,6 +62,7 @@ pub(super) const STRICT: Confirmation = Confirmation {
     points_max: 150,
     score_min: TRUSTING.score_min,
     rival_share: 0.8,
+    rival_unexplained_ratio: 1.0,
     slack: Slack {
         well_known: false,
         contradiction_share_max: CONTRADICTION_SHARE_MAX_FROM_AFAR,

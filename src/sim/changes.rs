@@ -12,15 +12,15 @@ use crate::geometry::{Pose2, Vector2};
 /// Clearance of a vehicle on either side of its path, metres.
 const PASSING_M: f64 = 0.5;
 /// New objects are at most this much farther from the route than they must be, metres.
-const NEAR_ROUTE_M: f64 = 2.0;
+pub(super) const NEAR_ROUTE_M: f64 = 2.0;
 /// Gap between an object and the circle round a new one, metres.
-const GAP_M: f64 = 0.2;
+pub(super) const GAP_M: f64 = 0.2;
 /// Step along the route at which the clearance is checked, metres.
-const ROUTE_STEP_M: f64 = 0.2;
+pub(super) const ROUTE_STEP_M: f64 = 0.2;
 /// Radius of a person who stands still, metres.
 const BYSTANDER_RADIUS_M: f64 = 0.25;
 /// Places that are tried for one object.
-const TRIES_MAX: usize = 2_000;
+pub(super) const TRIES_MAX: usize = 2_000;
 
 /// Makes changes before one lap.
 ///
@@ -28,10 +28,10 @@ const TRIES_MAX: usize = 2_000;
 /// the stated path noise. They do not overlap any object of any lap.
 #[derive(Debug)]
 pub struct Changes<'a> {
-    scene: &'a mut Scene,
-    lap: usize,
-    clearance_m: f64,
-    rng: ChaCha8Rng,
+    pub(super) scene: &'a mut Scene,
+    pub(super) lap: usize,
+    pub(super) clearance_m: f64,
+    pub(super) rng: ChaCha8Rng,
 }
 
 impl<'a> Changes<'a> {
@@ -135,11 +135,11 @@ impl<'a> Changes<'a> {
         candidates.get(place).copied()
     }
 
-    fn take(&mut self, object: usize) {
+    pub(super) fn take(&mut self, object: usize) {
         self.scene.objects[object].until_lap = Some(self.lap);
     }
 
-    fn push(&mut self, shape: Shape) -> usize {
+    pub(super) fn push(&mut self, shape: Shape) -> usize {
         self.scene.objects.push(SceneObject {
             from_lap: self.lap,
             ..SceneObject::lasting(shape)
@@ -148,7 +148,7 @@ impl<'a> Changes<'a> {
     }
 
     /// The shape at a random place where it may stand.
-    fn find_place(&mut self, shape: &Shape) -> Option<Shape> {
+    pub(super) fn find_place(&mut self, shape: &Shape) -> Option<Shape> {
         let all = World::new(self.scene.objects.iter().map(|o| o.shape.clone()));
         (0..TRIES_MAX).find_map(|_| self.try_place(&all, shape))
     }
@@ -170,7 +170,7 @@ impl<'a> Changes<'a> {
         (is_free && self.lets_pass(&placed)).then_some(placed)
     }
 
-    fn lets_pass(&self, shape: &Shape) -> bool {
+    pub(super) fn lets_pass(&self, shape: &Shape) -> bool {
         let steps = (self.scene.route.length_m() / ROUTE_STEP_M).ceil() as usize;
         (0..steps).all(|k| {
             let pose = self.scene.route.pose_at(k as f64 * ROUTE_STEP_M);
@@ -181,7 +181,7 @@ impl<'a> Changes<'a> {
 }
 
 /// Whether a place is visible from the route: not inside an object, nor behind a wall.
-fn is_visible(world: &World, eye: &Vector2<f64>, place: &Vector2<f64>) -> bool {
+pub(super) fn is_visible(world: &World, eye: &Vector2<f64>, place: &Vector2<f64>) -> bool {
     let way = place - eye;
     let hit = world.cast(eye, &way.normalize());
     hit.is_none_or(|hit| hit.range_m > way.norm())

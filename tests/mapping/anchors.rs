@@ -74,9 +74,9 @@ fn in_a_hall_of_the_same_walls_a_drive_is_refused_or_placed_by_the_walls() {
 }
 
 #[test]
-#[ignore = "known to fail: where everything between two walls was replaced, a drive lands 5.8 m along them"]
 fn in_a_hall_of_the_same_walls_no_drive_slides_along_them() {
-    refused_in_a_hall_of_the_same_walls(&[0]);
+    // Between two walls everything was replaced: one place is as good as another along them.
+    assert_eq!(refused_in_a_hall_of_the_same_walls(&[0]), 1);
 }
 
 /// How many drives are refused that begin at these scans of another hall; those that are not must
@@ -99,10 +99,11 @@ fn refused_in_a_hall_of_the_same_walls(begins: &[usize]) -> usize {
             assert!(largest(&shifts_m) < 0.05, "{}", largest(&shifts_m));
         } else {
             let reason = refusal(&mut map, &before, drive);
-            assert!(
-                matches!(reason, AnchorError::Contradicted { .. }),
-                "{reason}"
+            let expected = matches!(
+                reason,
+                AnchorError::Contradicted { .. } | AnchorError::Ambiguous(..)
             );
+            assert!(expected, "{reason}");
             refused += 1;
         }
     }
