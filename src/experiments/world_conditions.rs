@@ -44,8 +44,8 @@ pub(super) struct Works {
     pub doors: usize,
     /// Walls that are taken down, and as many that are put up elsewhere.
     pub walls: usize,
-    /// Whether all that stands free in one third moves. Which third depends on the seed: laps
-    /// begin in the first.
+    /// Whether all that stands free in one third moves. Which third depends on the seed; laps
+    /// begin in the second.
     pub third: bool,
 }
 
@@ -135,7 +135,7 @@ pub(super) const REBUILT: Condition = Condition {
 
 /// One vehicle, and much that was rebuilt between two trips.
 pub(super) const BUILDING_WORKS: Condition = works(
-    "12 doors swing, 4 walls move, a third rebuilt",
+    "doors, walls and a third rebuilt at once",
     &WorldKind::INDOORS,
     Works {
         doors: 12,
