@@ -34,7 +34,6 @@ const SEARCH: SearchParams = SearchParams {
     distinct_distance_m: f64::INFINITY,
     distinct_turn_rad: f64::INFINITY,
     rival_share: 1.0,
-    rival_unexplained_ratio: 1.0,
     wants_best_rival: true,
 };
 

@@ -24,7 +24,7 @@ pub(super) enum WorldKind {
 impl WorldKind {
     const ALL: [Self; 4] = [Self::Hall, Self::Racks, Self::Rooms, Self::Street];
     const FOR_NOISE: [Self; 2] = [Self::Hall, Self::Racks];
-    const INDOORS: [Self; 3] = [Self::Hall, Self::Racks, Self::Rooms];
+    pub(super) const INDOORS: [Self; 3] = [Self::Hall, Self::Racks, Self::Rooms];
 
     /// In tables.
     pub(super) fn name(self) -> &'static str {
@@ -46,14 +46,14 @@ pub(super) struct Works {
     pub walls: usize,
     /// Whether all that stands free in one third moves. Which third depends on the seed; laps
     /// begin in the second.
-    pub third: bool,
+    pub rebuilds_third: bool,
 }
 
 impl Works {
     pub(super) const NONE: Self = Self {
         doors: 0,
         walls: 0,
-        third: false,
+        rebuilds_third: false,
     };
 }
 
@@ -140,7 +140,7 @@ pub(super) const BUILDING_WORKS: Condition = works(
     Works {
         doors: 12,
         walls: 4,
-        third: true,
+        rebuilds_third: true,
     },
 );
 
@@ -200,7 +200,7 @@ pub(super) const CONDITIONS: [Condition; 19] = [
         "a third rebuilt",
         &WorldKind::ALL,
         Works {
-            third: true,
+            rebuilds_third: true,
             ..Works::NONE
         },
     ),

@@ -9,7 +9,7 @@ use super::local_map::{LocalMap, SEARCH_REACH_M};
 use super::partners::Placed;
 use super::route_map::RouteMap;
 use crate::geometry::{Pose2, Vector2};
-use crate::matching::{SearchParams, SearchWindow, search};
+use crate::matching::{LikelihoodGrid, SearchHit, SearchParams, SearchWindow, search};
 
 /// Where the first trip of a route starts if it does not say.
 pub(super) const ORIGIN: InitialPose = InitialPose {
@@ -66,6 +66,10 @@ const DISTINCT_DISTANCE_M: f64 = 0.7;
 /// … or turned by more, radians.
 const DISTINCT_TURN_RAD: f64 = 0.35;
 
+/// A weaker place is another one if it is farther away than this, metres: matches that begin there
+/// cannot end at the better one.
+const WEAKER_DISTANCE_M: f64 = 2.0;
+
 /// Whether two poses are one place to a search.
 pub(super) fn is_same(a: &Pose2, b: &Pose2) -> bool {
     let apart = a.between(b);
@@ -121,7 +125,8 @@ pub(super) fn locate(
     })
 }
 
-/// The place that looks most like the scans, and another that looks like them too.
+/// The place that looks most like the scans, and another that looks like them too: similar in its
+/// score, or hardly worse and confirmed by the scans.
 fn search_everywhere(
     references: &[Placed<'_>],
     own: &[Placed<'_>],
@@ -143,7 +148,6 @@ fn search_everywhere(
         &SearchParams {
             score_min: confirmation.score_min,
             rival_share: confirmation.rival_share,
-            rival_unexplained_ratio: confirmation.rival_unexplained_ratio,
             distinct_distance_m: DISTINCT_DISTANCE_M,
             distinct_turn_rad: DISTINCT_TURN_RAD,
             wants_best_rival: true,
@@ -152,14 +156,39 @@ fn search_everywhere(
     .ok_or(AnchorError::Unknown)?;
     let own_from_centred = Pose2::new(middle.x, middle.y, 0.0);
     let to_map_from_own = |pose: &Pose2| pose.compose(&own_from_centred.inverse());
-    let best = to_map_from_own(&hit.pose);
-    let rival = hit.rival.and_then(|(rival, score)| {
-        let rival = to_map_from_own(&rival);
-        let scores_alike = score >= confirmation.rival_share * hit.score;
-        let is_alike = scores_alike || confirm(references, own, &rival, confirmation).is_ok();
-        is_alike.then_some(rival)
+    let similar = hit.rival.map(|(rival, _)| to_map_from_own(&rival));
+    let rival = similar.or_else(|| {
+        let weaker = search_weaker(&grid, &centred, &hit, confirmation)?;
+        let weaker = to_map_from_own(&weaker);
+        let is_confirmed = confirm(references, own, &weaker, confirmation).is_ok();
+        is_confirmed.then_some(weaker)
     });
-    Ok((best, rival))
+    Ok((to_map_from_own(&hit.pose), rival))
+}
+
+/// A place elsewhere that leaves hardly more of the points unexplained than the one found, which has
+/// no rival of a similar score. `None` also where so many places do that a search would take too long.
+fn search_weaker(
+    grid: &LikelihoodGrid,
+    points: &[Vector2<f64>],
+    found: &SearchHit,
+    confirmation: &Confirmation,
+) -> Option<Pose2> {
+    let unexplained_max = confirmation.rival_unexplained_ratio * (1.0 - found.score);
+    let rival_share = (1.0 - unexplained_max).max(confirmation.score_min) / found.score;
+    if rival_share >= confirmation.rival_share {
+        return None;
+    }
+    let params = SearchParams {
+        // Just enough to find the same place again.
+        score_min: 0.99 * found.score,
+        rival_share,
+        distinct_distance_m: WEAKER_DISTANCE_M,
+        distinct_turn_rad: DISTINCT_TURN_RAD,
+        wants_best_rival: true,
+    };
+    let hit = search(grid, points, &SearchWindow::everywhere(grid), &params)?;
+    hit.rival.map(|(rival, _)| rival)
 }
 
 fn placed_map<'a>(placed: &[Placed<'a>]) -> LocalMap<'a> {
@@ -175,7 +204,6 @@ const NEARBY: SearchParams = SearchParams {
     distinct_distance_m: 1.0,
     distinct_turn_rad: 0.2,
     rival_share: 0.9,
-    rival_unexplained_ratio: 1.0,
     wants_best_rival: false,
 };
 const NEARBY_RESOLUTION_M: f64 = 0.05;

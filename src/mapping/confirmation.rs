@@ -22,7 +22,8 @@ pub(super) struct Confirmation {
     pub score_min: f64,
     /// Another place is one like it if it reaches this share of its score, …
     pub rival_share: f64,
-    /// … or if the scans confirm it too, and it leaves at most so many times as much unexplained.
+    /// … or if the scans confirm it too, and it leaves at most so many times as many points
+    /// unexplained, as shares: one minus the score. 1 if only scores count.
     pub rival_unexplained_ratio: f64,
     slack: Slack,
     /// Of the compared scans so many must agree, …
@@ -34,16 +35,13 @@ pub(super) struct Confirmation {
 }
 
 /// For a trip that begins. No other place is like the one found, so a match that ends there is
-/// believed although much of the place has changed. Where a floor looks nearly the same turned by
-/// half a circle and about half of what the scans show has changed, the wrong place scored better
-/// in 6 of 50 simulated worlds, and left 0.81 to 0.89 of what the right one left unexplained. In
-/// halls, stores and streets rebuilt in part the right one left 0.68 of what the next one left, or
-/// less.
+/// believed although much of the place has changed.
 pub(super) const TRUSTING: Confirmation = Confirmation {
     resolution_m: 0.1,
     points_max: POINTS_MAX,
     score_min: 0.4,
     rival_share: 0.9,
+    // Where much has changed, a wrong place may explain a little more than the right one by chance.
     rival_unexplained_ratio: 4.0 / 3.0,
     slack: Slack {
         distance_m: 0.8,

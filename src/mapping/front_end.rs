@@ -258,7 +258,6 @@ const BEST_START: SearchParams = SearchParams {
     distinct_distance_m: f64::INFINITY,
     distinct_turn_rad: f64::INFINITY,
     rival_share: 1.0,
-    rival_unexplained_ratio: 1.0,
     wants_best_rival: false,
 };
 /// Nothing does.
@@ -267,7 +266,6 @@ const ALONE: SearchParams = SearchParams {
     distinct_distance_m: 0.7,
     distinct_turn_rad: 0.35,
     rival_share: 0.9,
-    rival_unexplained_ratio: 1.0,
     wants_best_rival: false,
 };
 

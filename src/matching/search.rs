@@ -24,11 +24,8 @@ pub struct SearchParams {
     pub distinct_distance_m: f64,
     /// … or turned by more than this, radians.
     pub distinct_turn_rad: f64,
-    /// Another place is looked for down to this share of the best score, …
+    /// Another place is looked for down to this share of the best score.
     pub rival_share: f64,
-    /// … and as long as it leaves at most so many times as much unexplained as the best does: what
-    /// is missing from a score of 1. With 1 only the share counts.
-    pub rival_unexplained_ratio: f64,
     /// Whether the best such place is wanted; any is found sooner.
     pub wants_best_rival: bool,
 }
@@ -40,8 +37,7 @@ pub struct SearchHit {
     pub pose: Pose2,
     /// Mean likelihood of the scan's points, in [0, 1].
     pub score: f64,
-    /// A pose elsewhere that is about as good as was stated, and its score: the best or any, as was
-    /// wanted.
+    /// A pose elsewhere that reaches the stated share of the score: the best or any, as was wanted.
     pub rival: Option<(Pose2, f64)>,
 }
 
@@ -111,22 +107,16 @@ pub fn search(
         cells * grid.resolution_m() > params.distinct_distance_m
             || angle_difference_rad(heading_rad, pose.theta) > params.distinct_turn_rad
     };
-    let wanted = match params.wants_best_rival {
-        true => Wanted::Best,
-        false => Wanted::Any,
-    };
-    let rival_above = |floor: f64| {
-        // Nothing beats the best: a rival that must is not looked for.
-        let floor = Some(floor.max(0.0) as u32).filter(|&floor| floor < best.bound);
-        let rival = |floor| descend(grid, &rotations, reach, floor, wanted, elsewhere);
-        floor.map_or(Ok(None), rival)
-    };
-    let score = f64::from(best.bound);
-    let near_floor = params.rival_share * score;
-    let floor = near_floor.min(full - params.rival_unexplained_ratio * (full - score));
-    let rival = match rival_above(floor) {
-        Err(Exhausted) if floor < near_floor => rival_above(near_floor).ok()?,
-        found => found.ok()?,
+    let rival_floor = (params.rival_share * f64::from(best.bound)) as u32;
+    // Nothing beats the best: a rival that must is not looked for.
+    let rival = if rival_floor < best.bound {
+        let wanted = match params.wants_best_rival {
+            true => Wanted::Best,
+            false => Wanted::Any,
+        };
+        descend(grid, &rotations, reach, rival_floor, wanted, elsewhere).ok()?
+    } else {
+        None
     };
     Some(SearchHit {
         pose,
@@ -312,7 +302,6 @@ mod tests {
         distinct_distance_m: 0.5,
         distinct_turn_rad: 0.3,
         rival_share: 0.9,
-        rival_unexplained_ratio: 1.0,
         wants_best_rival: true,
     };
 
@@ -367,37 +356,6 @@ mod tests {
         let (rival, score) = hit.rival.unwrap();
         assert!(score >= 0.9 * hit.score);
         assert!(((rival.x - hit.pose.x).abs() - 8.0).abs() < 0.3);
-    }
-
-    #[test]
-    fn a_place_that_leaves_hardly_more_unexplained_is_a_rival_if_that_is_asked() {
-        // The scan shows one corner whole, the other but for the ends of its walls, and things that
-        // the reference has nowhere.
-        let reference: Vec<_> = corner(0.0, 0.0).chain(corner(8.0, 0.0).take(24)).collect();
-        let grid = LikelihoodGrid::new(reference.iter().copied(), 0.1, 0.15, 6).unwrap();
-        let new = (0..20).map(|k| Vector2::new(0.7 + 0.21 * f64::from(k % 5), f64::from(k) * 0.37));
-        let points: Vec<_> = corner(0.0, 0.0).chain(new).collect();
-        let rival = |rival_unexplained_ratio| {
-            let params = SearchParams {
-                rival_unexplained_ratio,
-                ..PARAMS
-            };
-            let hit = search(&grid, &points, &SearchWindow::everywhere(&grid), &params).unwrap();
-            hit.rival.map(|(pose, score)| (pose, score, hit.score))
-        };
-        assert!(rival(1.0).is_none());
-        let (pose, score, best_score) = rival(4.0 / 3.0).unwrap();
-        assert!((pose.x - 8.0).abs() < 0.3, "{pose:?}");
-        assert!(score < 0.9 * best_score && 1.0 - score <= 4.0 / 3.0 * (1.0 - best_score));
-        // Where nearly everything is explained, the share is what counts.
-        let whole: Vec<_> = corner(0.0, 0.0).collect();
-        let params = SearchParams {
-            rival_unexplained_ratio: 4.0 / 3.0,
-            rival_share: 0.8,
-            ..PARAMS
-        };
-        let hit = search(&grid, &whole, &SearchWindow::everywhere(&grid), &params).unwrap();
-        assert!(hit.rival.is_some());
     }
 
     #[test]

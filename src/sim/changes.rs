@@ -12,26 +12,27 @@ use crate::geometry::{Pose2, Vector2};
 /// Clearance of a vehicle on either side of its path, metres.
 const PASSING_M: f64 = 0.5;
 /// New objects are at most this much farther from the route than they must be, metres.
-pub(super) const NEAR_ROUTE_M: f64 = 2.0;
+const NEAR_ROUTE_M: f64 = 2.0;
 /// Gap between an object and the circle round a new one, metres.
-pub(super) const GAP_M: f64 = 0.2;
+const GAP_M: f64 = 0.2;
 /// Step along the route at which the clearance is checked, metres.
-pub(super) const ROUTE_STEP_M: f64 = 0.2;
+const ROUTE_STEP_M: f64 = 0.2;
 /// Radius of a person who stands still, metres.
 const BYSTANDER_RADIUS_M: f64 = 0.25;
 /// Places that are tried for one object.
-pub(super) const TRIES_MAX: usize = 2_000;
+const TRIES_MAX: usize = 2_000;
 
 /// Makes changes before one lap.
 ///
-/// New objects stand free, near the route and visible from it, and leave room for vehicles whose laps stray by
-/// the stated path noise. They do not overlap any object of any lap.
+/// New objects stand near the route and visible from it, and leave room for vehicles whose laps stray by the stated
+/// path noise. They stand free and do not overlap any object of any lap; walls take away what stands free in
+/// their way.
 #[derive(Debug)]
 pub struct Changes<'a> {
-    pub(super) scene: &'a mut Scene,
-    pub(super) lap: usize,
-    pub(super) clearance_m: f64,
-    pub(super) rng: ChaCha8Rng,
+    scene: &'a mut Scene,
+    lap: usize,
+    clearance_m: f64,
+    rng: ChaCha8Rng,
 }
 
 impl<'a> Changes<'a> {
@@ -124,22 +125,26 @@ impl<'a> Changes<'a> {
     }
 
     fn choose(&mut self) -> Option<usize> {
-        let before = self.lap.checked_sub(1)?;
+        self.lap.checked_sub(1)?;
         let candidates: Vec<usize> = (0..self.scene.objects.len())
-            .filter(|&k| {
-                let object = &self.scene.objects[k];
-                object.is_there(before) && object.is_there(self.lap) && object.stands_free()
-            })
+            .filter(|&k| self.gives_way(k))
             .collect();
         let place = self.rng.random_range(0..candidates.len().max(1));
         candidates.get(place).copied()
     }
 
-    pub(super) fn take(&mut self, object: usize) {
+    /// Whether an object can go: it stands free, and was there until now.
+    fn gives_way(&self, object: usize) -> bool {
+        let object = &self.scene.objects[object];
+        let was_there = object.is_there(self.lap.saturating_sub(1));
+        object.stands_free() && was_there && object.is_there(self.lap)
+    }
+
+    fn take(&mut self, object: usize) {
         self.scene.objects[object].until_lap = Some(self.lap);
     }
 
-    pub(super) fn push(&mut self, shape: Shape) -> usize {
+    fn push(&mut self, shape: Shape) -> usize {
         self.scene.objects.push(SceneObject {
             from_lap: self.lap,
             ..SceneObject::lasting(shape)
@@ -148,7 +153,7 @@ impl<'a> Changes<'a> {
     }
 
     /// The shape at a random place where it may stand.
-    pub(super) fn find_place(&mut self, shape: &Shape) -> Option<Shape> {
+    fn find_place(&mut self, shape: &Shape) -> Option<Shape> {
         let all = World::new(self.scene.objects.iter().map(|o| o.shape.clone()));
         (0..TRIES_MAX).find_map(|_| self.try_place(&all, shape))
     }
@@ -170,7 +175,7 @@ impl<'a> Changes<'a> {
         (is_free && self.lets_pass(&placed)).then_some(placed)
     }
 
-    pub(super) fn lets_pass(&self, shape: &Shape) -> bool {
+    fn lets_pass(&self, shape: &Shape) -> bool {
         let steps = (self.scene.route.length_m() / ROUTE_STEP_M).ceil() as usize;
         (0..steps).all(|k| {
             let pose = self.scene.route.pose_at(k as f64 * ROUTE_STEP_M);
@@ -181,7 +186,7 @@ impl<'a> Changes<'a> {
 }
 
 /// Whether a place is visible from the route: not inside an object, nor behind a wall.
-pub(super) fn is_visible(world: &World, eye: &Vector2<f64>, place: &Vector2<f64>) -> bool {
+fn is_visible(world: &World, eye: &Vector2<f64>, place: &Vector2<f64>) -> bool {
     let way = place - eye;
     let hit = world.cast(eye, &way.normalize());
     hit.is_none_or(|hit| hit.range_m > way.norm())
@@ -198,5 +203,6 @@ fn random_shape(rng: &mut ChaCha8Rng, area_m2: f64) -> Shape {
     Shape::rectangle(&Pose2::IDENTITY, aspect * width_m, width_m)
 }
 
+mod rebuilding;
 #[cfg(test)]
 mod tests;

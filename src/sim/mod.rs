@@ -13,7 +13,6 @@ mod lidar;
 mod pass_errors;
 mod racks;
 mod random;
-mod rebuilding;
 mod rooms;
 mod route;
 mod scene;

@@ -15,7 +15,6 @@ const PARAMS: SearchParams = SearchParams {
     distinct_distance_m: 0.7,
     distinct_turn_rad: 0.35,
     rival_share: 0.9,
-    rival_unexplained_ratio: 1.0,
     wants_best_rival: true,
 };
 

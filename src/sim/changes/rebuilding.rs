@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use rand::RngExt;
 
-use super::changes::{Changes, GAP_M, NEAR_ROUTE_M, ROUTE_STEP_M, TRIES_MAX, is_visible};
-use super::{Scene, Shape, World};
+use super::{Changes, GAP_M, NEAR_ROUTE_M, ROUTE_STEP_M, TRIES_MAX, is_visible};
 use crate::geometry::{Pose2, Vector2};
+use crate::sim::{Scene, Shape, World};
 
 /// Partition walls are so long, metres.
 const WALL_LENGTH_M: Range<f64> = 3.0..6.0;
@@ -18,19 +18,20 @@ const WALL_STEP_M: f64 = 0.1;
 const PLACES_MAX: usize = 200;
 
 impl Changes<'_> {
-    /// Puts up partition walls near the route, half of them along it and half across. What stands
+    /// Puts up partition walls near the route, along it or across as there is room. What stands
     /// free in their way goes. Returns their indices in [`Scene::objects`]: fewer than `count`
     /// where there is no room for more.
     pub fn put_up_walls(&mut self, count: usize) -> Vec<usize> {
         let mut walls = Vec::new();
         for _ in 0..count {
             let objects = 0..self.scene.objects.len();
-            let (free, fixed): (Vec<_>, Vec<_>) = objects.partition(|&k| self.gives_way(k));
-            let fixed = World::new(fixed.iter().map(|&k| self.scene.objects[k].shape.clone()));
-            let Some(wall) = (0..TRIES_MAX).find_map(|_| self.try_wall(&fixed)) else {
+            // A wall keeps clear of what other laps have, too.
+            let (gives_way, others): (Vec<_>, Vec<_>) = objects.partition(|&k| self.gives_way(k));
+            let others = World::new(others.iter().map(|&k| self.scene.objects[k].shape.clone()));
+            let Some(wall) = (0..TRIES_MAX).find_map(|_| self.try_wall(&others)) else {
                 break;
             };
-            for object in free {
+            for object in gives_way {
                 if wall.touches(&self.scene.objects[object].shape) {
                     self.take(object);
                 }
@@ -48,35 +49,26 @@ impl Changes<'_> {
     }
 
     /// Moves all that stands free in one third of the world, of three along x, to other places in
-    /// that third. Returns how many things went and how many came: fewer where there is no room.
-    pub fn rebuild_third(&mut self, third: usize) -> (usize, usize) {
+    /// that third. Returns the new indices in [`Scene::objects`]: fewer than have gone where there is
+    /// no room.
+    pub fn rebuild_third(&mut self, third: usize) -> Vec<usize> {
         let part_m = third_of(self.scene, third);
         let is_inside = |shape: &Shape| part_m.contains(&shape.bounding_circle().0.x);
         let goes: Vec<usize> = (0..self.scene.objects.len())
             .filter(|&k| self.gives_way(k) && is_inside(&self.scene.objects[k].shape))
             .collect();
-        let mut came = 0;
-        for &object in &goes {
+        let mut came = Vec::new();
+        for object in goes {
             self.take(object);
             let shape = self.scene.objects[object].shape.clone();
             let place = (0..PLACES_MAX).find_map(|_| self.find_place(&shape).filter(is_inside));
-            if let Some(shape) = place {
-                self.push(shape);
-                came += 1;
-            }
+            came.extend(place.map(|shape| self.push(shape)));
         }
-        (goes.len(), came)
+        came
     }
 
-    /// Whether an object can go: it stands free, and is there until now.
-    fn gives_way(&self, object: usize) -> bool {
-        let object = &self.scene.objects[object];
-        let was_there = object.is_there(self.lap.saturating_sub(1));
-        object.stands_free() && was_there && object.is_there(self.lap)
-    }
-
-    /// A wall at a random place, in sight of the route and clear of what is `fixed`.
-    fn try_wall(&mut self, fixed: &World) -> Option<Wall> {
+    /// A wall at a random place, in sight of the route and clear of `others`.
+    fn try_wall(&mut self, others: &World) -> Option<Wall> {
         let way_m = self.rng.random_range(0.0..self.scene.route.length_m());
         let length_m = self.rng.random_range(WALL_LENGTH_M);
         let near_m = self.clearance_m + self.rng.random_range(0.0..NEAR_ROUTE_M);
@@ -91,8 +83,8 @@ impl Changes<'_> {
             length_m,
         };
         let eye = vehicle.translation();
-        let is_clear = wall.points().all(|point| is_visible(fixed, &eye, &point))
-            && fixed.shapes().all(|shape| !wall.is_near(shape))
+        let is_clear = wall.points().all(|point| is_visible(others, &eye, &point))
+            && others.shapes().all(|shape| !wall.is_near(shape))
             && self.lets_pass(&wall.shape());
         is_clear.then_some(wall)
     }
@@ -185,7 +177,7 @@ mod tests {
             let mut changes = Changes::new(&mut scene, 2, 0.5, 5);
             changes.take_down_walls(&first);
             let second = changes.put_up_walls(3);
-            assert!(!first.is_empty() && !second.is_empty(), "{name}");
+            assert_eq!((first.len(), second.len()), (3, 3), "{name}");
             for (walls, lap) in [(&first, 0), (&second, 2)] {
                 for &wall in walls {
                     let there = &scene.objects[wall];
@@ -225,7 +217,7 @@ mod tests {
             let mut went_in_all = 0;
             for third in 0..3 {
                 let mut scene = original.clone();
-                let (went, came) = Changes::new(&mut scene, 2, 0.5, 6).rebuild_third(third);
+                let came = Changes::new(&mut scene, 2, 0.5, 6).rebuild_third(third);
                 let part_m = third_of(&original, third);
                 let is_inside = |shape: &Shape| part_m.contains(&shape.bounding_circle().0.x);
                 for object in &scene.objects[..original.objects.len()] {
@@ -237,7 +229,9 @@ mod tests {
                     new.iter().all(|o| o.from_lap == 2 && is_inside(&o.shape)),
                     "{name}"
                 );
-                assert_eq!(new.len(), came);
+                assert_eq!(came.len(), new.len());
+                let went = scene.objects.iter().filter(|o| o.until_lap == Some(2));
+                let (went, came) = (went.count(), came.len());
                 assert!(came <= went && 2 * came > went, "{name}: {came} of {went}");
                 went_in_all += went;
             }
