@@ -67,7 +67,7 @@ impl Changes<'_> {
         came
     }
 
-    /// A wall at a random place, in sight of the route and clear of `others`.
+    /// A wall at a random place, visible from the route and clear of `others`.
     fn try_wall(&mut self, others: &World) -> Option<Wall> {
         let way_m = self.rng.random_range(0.0..self.scene.route.length_m());
         let length_m = self.rng.random_range(WALL_LENGTH_M);
